@@ -1,0 +1,34 @@
+# `make run` and `make test` do all set-up themselves, on a fresh machine too.
+PYTHON ?= python3
+VENV ?= .venv
+SCENARIO ?=
+
+.PHONY: help setup run test lint bench clean
+
+help:
+	@echo "make run     set up, then hang a novel mug after one demonstration; writes out/run.{html,mcap,png,json}"
+	@echo "make test    set up, then style, types and tests"
+	@echo "make bench   set up, then 20 randomised trials of the main job; writes out/bench_pipeline.json"
+	@echo "make setup   only set up: system libraries, $(VENV), locked dependencies"
+
+setup: $(VENV)/.complete
+
+$(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/system_libraries.sh
+	@PYTHON="$(PYTHON)" VENV="$(VENV)" scripts/setup.sh
+
+run: setup
+	$(VENV)/bin/poil run $(SCENARIO)
+
+test: setup lint
+	$(VENV)/bin/pytest
+
+lint: setup
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+
+bench: setup
+	$(VENV)/bin/poil bench pipeline --tasks hang_mug --trials 20 --json out/bench_pipeline.json
+
+clean:
+	rm -rf $(VENV) out

@@ -1,0 +1,22 @@
+"""Hangs a mug in closed loop: the diagram of the README."""
+
+from pathlib import Path
+
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.diagrams.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
+from poil_drake.diagrams.html_recording import MakeMeshcat
+from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
+from poil_drake.diagrams.planning import PlanScenario
+
+scenario = LoadScenario(filename=default_scenario_file(), data="{poil: {eta: 2.0}}")
+demonstration = Path("out/demo.mcap")
+RecordDemonstration(scenario, demonstration)
+plan = PlanScenario(scenario, demonstration)
+meshcat = MakeMeshcat()
+print(meshcat.web_url())
+loop = MakeClosedLoop(scenario, plan, meshcat=meshcat)
+simulator = Simulator(loop.diagram)
+simulator.AdvanceTo(20.0)
+loop.Close()

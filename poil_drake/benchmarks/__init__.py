@@ -1,0 +1,1 @@
+"""Published studies and measurements; each prints a table and writes JSON."""

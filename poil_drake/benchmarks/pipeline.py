@@ -1,0 +1,209 @@
+"""The main job over many randomised trials: success, causes of failure, errors, speed."""
+
+import json
+import multiprocessing
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from poil_drake.diagrams.planning import PlanScenario
+from poil_drake.diagrams.randomization import ObjectDirective
+from poil_drake.diagrams.run_report import OutputPaths
+from poil_drake.diagrams.run_summary import ErrorStatistics
+from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.diagrams.skill_run import ExecutePlan, RecordScenarioDemonstration
+from poil_drake.errors import InvalidValueError, PoilError
+
+TASKS = {"hang_mug": None}
+"""Task -> scenario name in the package's scenario file; None is the default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One randomised run.
+
+    Attributes:
+        task: The task.
+        seed: Drew object, pose and noise.
+        object_model: The object's model file.
+        success: Whether the object hung at the end.
+        cause: Why it did not; empty on success.
+        final_error: Mean distance of the points to the reference's end at release [m].
+        tracking_errors: Median and 95th percentile of the distance of tracked points from the
+            truth [m]; NaN without tracks.
+        worst_tracking_error: The largest of them [m].
+        real_time_factor: Simulated over wall-clock time of the closed loop.
+        split: Share of that wall-clock time by what it went to.
+        simulated: Simulated time [s].
+    """
+
+    task: str
+    seed: int
+    object_model: str
+    success: bool
+    cause: str
+    final_error: float = np.nan
+    tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    worst_tracking_error: float = np.nan
+    real_time_factor: float = np.nan
+    split: dict[str, float] | None = None
+    simulated: float = np.nan
+
+
+def run_pipeline_benchmark(
+    *, tasks: Sequence[str], trials: int, jobs: int, tracker: str | None, json_path: Path
+) -> list[Trial]:
+    """Runs the trials, prints a table and writes every figure as JSON.
+
+    Each trial runs in a process of its own, so that none can disturb the next.
+
+    Args:
+        tasks: Names in `TASKS`.
+        trials: Seeds 0 to trials - 1.
+        jobs: Trials run side by side; speeds are only comparable with one.
+        tracker: In place of the scenario's.
+        json_path: Where the figures go.
+
+    Raises:
+        InvalidValueError: if a task is unknown.
+    """
+    unknown = sorted(set(tasks) - set(TASKS))
+    if unknown:
+        raise InvalidValueError(
+            f"There is no task '{unknown[0]}'.", remedy=f"Choose from: {', '.join(TASKS)}."
+        )
+    results = []
+    with tempfile.TemporaryDirectory() as folder:
+        demonstrations = {}
+        for task in tasks:
+            demonstrations[task] = Path(folder) / f"{task}.mcap"
+            RecordScenarioDemonstration(
+                ChooseScenario(scenario_name=TASKS[task]), demonstrations[task]
+            )
+        arguments = [
+            (task, seed, tracker, str(demonstrations[task]))
+            for task in tasks
+            for seed in range(trials)
+        ]
+        pool = ProcessPoolExecutor(
+            jobs, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1
+        )
+        with pool, tqdm(total=len(arguments), desc="trials") as bar:
+            for trial in pool.map(_run_trial, *zip(*arguments, strict=True)):
+                results.append(trial)
+                tqdm.write(_row(trial))
+                bar.update()
+                _write(results, json_path)
+    print(_table(summarize(results)))
+    return results
+
+
+def _write(trials: Sequence[Trial], path: Path) -> None:
+    """Writes what is known so far, so that an interrupted benchmark loses nothing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figures = {"summary": summarize(trials), "trials": [asdict(trial) for trial in trials]}
+    path.write_text(json.dumps(_nan_free(figures), indent=2))
+
+
+def summarize(trials: Sequence[Trial]) -> dict[str, object]:
+    """Returns the figures over all trials.
+
+    Errors are [m]; percentiles of the trials' own medians and 95th percentiles are given beside
+    the largest, so that one bad trial cannot hide.
+    """
+    finished = [trial for trial in trials if np.isfinite(trial.simulated)]
+    medians = [trial.tracking_errors[0] for trial in finished]
+    p95s = [trial.tracking_errors[1] for trial in finished]
+    factors = [trial.real_time_factor for trial in finished]
+    names = sorted({name for trial in finished for name in trial.split or {}})
+    return {
+        "trials": len(trials),
+        "successes": sum(trial.success for trial in trials),
+        "causes": dict(Counter(trial.cause for trial in trials if not trial.success)),
+        "final_error_median": _percentile([t.final_error for t in finished], 50),
+        "tracking_error_median": _percentile(medians, 50),
+        "tracking_error_median_worst_trial": _percentile(medians, 100),
+        "tracking_error_p95_median_trial": _percentile(p95s, 50),
+        "tracking_error_p95_worst_trial": _percentile(p95s, 100),
+        "real_time_factor_median": _percentile(factors, 50),
+        "real_time_factor_p5": _percentile(factors, 5),
+        "split": {
+            name: float(np.mean([(t.split or {}).get(name, 0.0) for t in finished]))
+            for name in names
+        },
+    }
+
+
+def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
+    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
+    model = Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem
+    try:
+        plan = PlanScenario(scenario, demonstration)
+        summary = ExecutePlan(
+            plan, scenario, outputs=OutputPaths(), show=False, show_progress=False
+        )
+    except Exception as error:
+        problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
+        cause = f"{type(error).__name__}: {problem}"
+        return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
+    tracking = summary.tracking_error or ErrorStatistics.of(np.zeros(0))
+    return Trial(
+        task=task,
+        seed=seed,
+        object_model=model,
+        success=summary.success,
+        cause="" if summary.success else summary.reason,
+        final_error=summary.mean_error,
+        tracking_errors=(tracking.median, tracking.percentile_95),
+        worst_tracking_error=tracking.maximum,
+        real_time_factor=summary.timing.real_time_factor,
+        split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
+        simulated=summary.timing.simulated,
+    )
+
+
+def _percentile(values: Sequence[float], percent: float) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.percentile(known, percent)) if known else float("nan")
+
+
+def _row(trial: Trial) -> str:
+    median, p95 = (1e3 * error for error in trial.tracking_errors)
+    return (
+        f"{trial.task} seed {trial.seed:2d} {trial.object_model:10s} "
+        f"{'hangs ' if trial.success else 'FAILED'} error {1e3 * trial.final_error:4.1f} mm "
+        f"tracking {median:4.1f}/{p95:4.1f} mm rtf {trial.real_time_factor:4.2f} {trial.cause}"
+    )
+
+
+def _table(summary: dict[str, object]) -> str:
+    lines = []
+    for name, value in summary.items():
+        if isinstance(value, float) and "error" in name:
+            value = f"{1e3 * value:.2f} mm"
+        elif isinstance(value, float):
+            value = f"{value:.2f}"
+        elif isinstance(value, dict):
+            value = ", ".join(
+                f"{key} {item:.0%}" if isinstance(item, float) else f"{item} x {key}"
+                for key, item in value.items()
+            )
+        lines.append(f"{name.replace('_', ' '):36s} {value}")
+    return "\n".join(lines)
+
+
+def _nan_free(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _nan_free(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_nan_free(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value

@@ -1,0 +1,1 @@
+"""Reference trajectories, Point-set BCSDM and its stability tools. No pydrake."""

@@ -1,0 +1,60 @@
+"""What the arm's joints may do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointLimits(SharedOnCopy):
+    """Limits of n joints.
+
+    Attributes:
+        lower: (n,) smallest positions [rad].
+        upper: (n,) largest positions [rad].
+        velocity: (n,) largest speeds [rad/s].
+        acceleration: (n,) largest accelerations [rad/s^2].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    def __post_init__(self) -> None:
+        n = np.size(self.lower)
+        for name in ("lower", "upper", "velocity", "acceleration"):
+            value = frozen_array(
+                getattr(self, name), name=f"JointLimits.{name}", shape=(n,), finite=False
+            )
+            object.__setattr__(self, name, value)
+        ordered = np.all(self.lower < self.upper)
+        if not ordered or not np.all(self.velocity > 0.0) or not np.all(self.acceleration > 0.0):
+            raise InvalidValueError(
+                f"These joint limits leave no room to move: {self}.",
+                remedy="Give lower < upper, and positive speeds and accelerations.",
+            )
+
+    def velocity_bounds(
+        self, positions: np.ndarray, *, margin: float, braking_gain: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the lowest and highest velocities (n,) [rad/s] allowed at `positions` (n,).
+
+        A joint may approach its limit no faster than `braking_gain` times the distance left to
+        `margin` before it, so that it brakes smoothly and stops there. Beyond the margin it may
+        only move back. Standing still is always allowed.
+
+        Args:
+            positions: Joint positions [rad].
+            margin: Distance kept from the position limits [rad].
+            braking_gain: Speed per distance left [1/s].
+        """
+        highest = braking_gain * (self.upper - margin - positions)
+        lowest = braking_gain * (self.lower + margin - positions)
+        return (
+            np.minimum(np.maximum(lowest, -self.velocity), 0.0),
+            np.minimum(np.maximum(highest, 0.0), self.velocity),
+        )

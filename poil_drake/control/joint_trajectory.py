@@ -1,0 +1,74 @@
+"""Timed joint-space motions and how to follow them with velocity commands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrajectory(SharedOnCopy):
+    """A joint motion, linear between samples.
+
+    Attributes:
+        times: (T,) sample times [s], strictly increasing from 0, T >= 2.
+        positions: (T, J) joint positions [rad].
+        velocities: (T, J) joint velocities [rad/s].
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+
+    def __post_init__(self) -> None:
+        times = frozen_array(self.times, name="JointTrajectory.times", shape=("T",))
+        if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
+            raise InvalidValueError(
+                f"JointTrajectory.times has {times.size} samples that do not increase from 0.",
+                remedy="Pass at least two strictly increasing times, the first of them 0.",
+            )
+        positions = frozen_array(
+            self.positions, name="JointTrajectory.positions", shape=(times.size, "J")
+        )
+        velocities = frozen_array(
+            self.velocities, name="JointTrajectory.velocities", shape=positions.shape
+        )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "velocities", velocities)
+
+    @property
+    def duration(self) -> float:
+        """The motion's duration [s]."""
+        return float(self.times[-1])
+
+    def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
+        if time <= 0.0:
+            return self.positions[0], np.zeros(self.positions.shape[1])
+        if time >= self.times[-1]:
+            return self.positions[-1], np.zeros(self.positions.shape[1])
+        after = int(np.searchsorted(self.times, time, side="right"))
+        ratio = (time - self.times[after - 1]) / (self.times[after] - self.times[after - 1])
+        blend = np.array([1.0 - ratio, ratio])
+        return (
+            blend @ self.positions[after - 1 : after + 1],
+            blend @ self.velocities[after - 1 : after + 1],
+        )
+
+
+def follow_joint_trajectory(
+    trajectory: JointTrajectory, time: float, positions: np.ndarray, gain: float
+) -> np.ndarray:
+    """Returns the joint velocity (J,) [rad/s] that follows a trajectory: feedforward + P feedback.
+
+    Args:
+        trajectory: The motion.
+        time: Time since its start [s].
+        positions: (J,) measured joint positions [rad].
+        gain: Feedback gain [1/s].
+    """
+    wanted, velocity = trajectory.sample(time)
+    return velocity + gain * (wanted - positions)

@@ -1,0 +1,47 @@
+"""The reference that the controller follows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class PointTrajectory(SharedOnCopy):
+    """N points over T samples.
+
+    Attributes:
+        times: (T,) sample times [s], strictly increasing from 0, T >= 2.
+        positions: (T, N, 3) positions [m, world].
+        velocities: (T, N, 3) velocities [m/s, world]; the last sample's are zero, because the
+            terminal analysis of POIL (section III-B) needs the field to be pure contraction there.
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+
+    def __post_init__(self) -> None:
+        times = frozen_array(self.times, name="PointTrajectory.times", shape=("T",))
+        if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
+            raise InvalidValueError(
+                f"PointTrajectory.times has {times.size} samples that do not increase from 0.",
+                remedy="Pass at least two strictly increasing times, the first of them 0.",
+            )
+        T = times.size
+        positions = frozen_array(
+            self.positions, name="PointTrajectory.positions", shape=(T, "N", 3)
+        )
+        velocities = frozen_array(
+            self.velocities, name="PointTrajectory.velocities", shape=positions.shape
+        )
+        if np.any(velocities[-1] != 0.0):
+            raise InvalidValueError(
+                "The last sample of PointTrajectory.velocities is not zero.",
+                remedy="Set velocities[-1] = 0: the reference must end at rest.",
+            )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "velocities", velocities)

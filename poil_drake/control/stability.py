@@ -1,0 +1,69 @@
+"""The stability analysis of POIL, section III-B: what the field does around its goal.
+
+The setting of the paper: a rigid object whose points x_i = R x_i^b are centred, the target is
+R = I, the reference is at rest, and eta = 1. Angular velocities are in the body's frame, so that
+R' = R [omega].
+"""
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import vee
+
+
+def moment_matrix(points: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+    """Returns W = sum_i w_i x_i x_i^T (3, 3) [m^2] of points (N, 3) about their centroid."""
+    w = np.ones(len(points)) if weights is None else weights
+    x = points - (w / w.sum()) @ points
+    return (x * w[:, None]).T @ x
+
+
+def point_inertia(W: np.ndarray) -> np.ndarray:
+    """Returns A = tr(W) I - W (3, 3) [m^2], the inertia of the points with unit mass each."""
+    return np.trace(W) * np.eye(3) - W
+
+
+def rotation_potential(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Returns D(R) = tr(W) - tr(W R) [m^2] of rotations (..., 3, 3)."""
+    return np.trace(W) - np.einsum("ij,...ji->...", W, R)
+
+
+def rotation_velocity(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Returns omega(R) = A^-1 (R^T W - W R)^vee (..., 3) [1/s], body frame, at rotations R.
+
+    The closed form of the least-squares fit of POIL eq. 3 to v_i = x_i^b - R x_i^b.
+    """
+    skew_part = vee(np.swapaxes(R, -1, -2) @ W - W @ R)
+    return np.linalg.solve(point_inertia(W), skew_part[..., None])[..., 0]
+
+
+def potential_rate(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Returns D' = -omega^T A omega [m^2/s] at rotations (..., 3, 3): never positive."""
+    omega = rotation_velocity(W, R)
+    return -np.einsum("...i,ij,...j->...", omega, point_inertia(W), omega)
+
+
+def critical_rotations(W: np.ndarray) -> np.ndarray:
+    """Returns where omega vanishes besides the goal: (3, 3, 3), rotations by pi.
+
+    The k-th turns about the k-th principal axis of W, in order of rising eigenvalues. For distinct
+    eigenvalues there are no others (theorem 1 of POIL).
+    """
+    eigenvalues, axes = np.linalg.eigh(W)
+    if np.min(np.diff(eigenvalues)) <= 1e-9 * eigenvalues[-1]:
+        raise InvalidValueError(
+            f"W has the eigenvalues {eigenvalues}, of which two agree: its critical rotations are "
+            "not isolated.",
+            remedy="Choose points without rotational symmetry.",
+        )
+    outer = np.einsum("ik,jk->kij", axes, axes)
+    return 2.0 * outer - np.eye(3)
+
+
+def potential_hessian(W: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Returns H(R) = tr(W R) I - W R (3, 3) [m^2], the Hessian of D at a critical rotation R.
+
+    D(R exp([xi])) = D(R) + xi^T H xi / 2 to second order. At a critical rotation W R is symmetric.
+    """
+    WR = W @ R
+    return np.trace(WR) * np.eye(3) - WR

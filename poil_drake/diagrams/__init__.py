@@ -1,0 +1,1 @@
+"""Scenario schema, station, closed loop."""

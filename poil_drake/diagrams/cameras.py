@@ -1,0 +1,128 @@
+"""Cameras of the simulated station, and whole frames taken with them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.lcm import LcmBuses
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, RgbdSensor
+
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.systems.depth_noise_system import DepthNoiseSystem
+
+
+def AddCameras(
+    *,
+    builder: DiagramBuilder,
+    cameras: Mapping[str, CameraConfig],
+    lcm_buses: LcmBuses,
+    noise: StereoDepthNoiseConfig,
+    seed: int,
+) -> dict[str, RgbdSensor]:
+    """Adds the cameras, and noise on their depth, and exports their images.
+
+    Nothing renders by itself: an image is rendered when somebody evaluates its port, so consumers
+    sample in their own periodic events.
+
+    Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
+    invalid) and `<name>.label_image` (ImageLabel16I).
+
+    Returns:
+        The sensors by name.
+
+    Raises:
+        ScenarioError: when a camera is named differently inside and outside, or delays its images.
+    """
+    sensors = {}
+    for index, (name, config) in enumerate(cameras.items()):
+        if config.name != name:
+            raise ScenarioError(
+                f"The camera under the key '{name}' is named '{config.name}'.",
+                remedy=f"Write 'name: {name}' in cameras.{name}.",
+            )
+        if config.output_delay > 0:
+            raise ScenarioError(
+                f"cameras.{name}.output_delay is {config.output_delay} s.",
+                remedy="Leave it at 0 and set poil.latency, which delays what the tracker gives.",
+            )
+        ApplyCameraConfig(config, builder, lcm_buses=lcm_buses)
+        sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
+        depth = builder.AddNamedSystem(
+            f"depth_noise_{name}",
+            DepthNoiseSystem(
+                width=config.width,
+                height=config.height,
+                config=noise,
+                seed=seed,
+                camera_index=index,
+            ),
+        )
+        builder.Connect(sensor.depth_image_32F_output_port(), depth.GetInputPort("depth_image"))
+        builder.ExportOutput(sensor.color_image_output_port(), f"{name}.rgb_image")
+        builder.ExportOutput(depth.GetOutputPort("noisy_depth_image"), f"{name}.depth_image")
+        builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
+        sensors[name] = sensor
+    return sensors
+
+
+def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> CameraModel:
+    """Returns the pinhole model of a camera at a pose; Drake's camera frame is optical already."""
+    return CameraModel(
+        name=name,
+        width=info.width(),
+        height=info.height(),
+        K=info.intrinsic_matrix(),
+        X_WC=X_WC.GetAsMatrix4(),
+    )
+
+
+def SensorCameraModel(
+    *, diagram: Diagram, context: Context, name: str, sensor: RgbdSensor
+) -> CameraModel:
+    """Returns a simulated camera's model, at the pose that it has now."""
+    core = sensor.default_color_render_camera().core()
+    sensor_context = diagram.GetSubsystemContext(sensor, context)
+    X_WB = sensor.body_pose_in_world_output_port().Eval(sensor_context)
+    return MakeCameraModel(
+        name=name, info=core.intrinsics(), X_WC=X_WB @ core.sensor_pose_in_camera_body()
+    )
+
+
+def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
+    """Renders one camera's image now, copied from Drake's cache.
+
+    Args:
+        diagram: The diagram that exports the camera's ports.
+        context: The diagram's own context.
+        name: The camera's name.
+        labels: Whether to render the label image, too.
+    """
+    rgba = diagram.GetOutputPort(f"{name}.rgb_image").Eval(context).data
+    depth = diagram.GetOutputPort(f"{name}.depth_image").Eval(context).data
+    label = None
+    if labels:
+        label = np.array(
+            diagram.GetOutputPort(f"{name}.label_image").Eval(context).data[:, :, 0],
+            dtype=np.int16,
+        )
+    return RgbdImage(
+        rgb=np.array(rgba[:, :, :3]),
+        depth=np.array(depth[:, :, 0]),
+        stamp=context.get_time(),
+        label=label,
+    )
+
+
+def MakeFrame(
+    models: tuple[CameraModel, ...],
+    images: tuple[RgbdImage, ...],
+    label_ids: Mapping[str, tuple[int, ...]],
+) -> MultiViewFrame:
+    """Returns the frame of all cameras; labels are named only where the images have them."""
+    labelled = all(image.label is not None for image in images)
+    return MultiViewFrame(
+        cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}
+    )

@@ -1,0 +1,317 @@
+"""The closed loop: station, cameras, tracker, propagator, Point-set BCSDM, inverse kinematics."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+
+from poil_drake.control.point_set_bcsdm import BcsdmConfig
+from poil_drake.diagrams.closed_loop_wires import (
+    GROUND_TRUTH_WIRES,
+    LOGGER_WIRES,
+    LOOP_WIRES,
+    PERCEPTION_WIRES,
+    SNAPSHOT_WIRES,
+    VISUALIZER_WIRES,
+)
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario_tracker import GROUND_TRUTH, MakeScenarioTracker
+from poil_drake.diagrams.station import MakeStation, Station
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.systems.arm_plant import MakePandaKinematics
+from poil_drake.systems.differential_ik import DifferentialIk, DifferentialIkConfig
+from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
+from poil_drake.systems.fk_propagator import FkPropagator
+from poil_drake.systems.ground_truth_tracker import (
+    GroundTruthTracker,
+    GroundTruthTrackerConfig,
+)
+from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
+from poil_drake.systems.motion_source import MotionSource, MotionSourceConfig
+from poil_drake.systems.part_detector import PartDetector
+from poil_drake.systems.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
+from poil_drake.systems.point_set_visualizer import (
+    PointSetVisualizer,
+    PointSetVisualizerConfig,
+)
+from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
+from poil_drake.systems.skill_phases import Phase, SkillConfig
+from poil_drake.systems.skill_sequencer import SkillSequencer
+from poil_drake.systems.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
+from poil_drake.systems.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """The closed loop and its named parts.
+
+    Attributes:
+        diagram: The whole, ready for a Simulator.
+        station: The robot and its surroundings.
+        detector: Finds the part; None with the ground-truth tracker.
+        tracker: `PointTracker` or `GroundTruthTracker`.
+        propagator: Brings the tracked points up to now.
+        controller: Point-set BCSDM.
+        inverse_kinematics: From the gripper's twist to joint velocities.
+        sequencer: The skill's phases.
+        motion: What moves the arm in each phase.
+    """
+
+    diagram: Diagram
+    station: Station
+    detector: PartDetector | None
+    tracker: PointTracker | GroundTruthTracker
+    propagator: FkPropagator
+    controller: PointSetBcsdm
+    inverse_kinematics: DifferentialIk
+    sequencer: SkillSequencer
+    motion: MotionSource
+
+    def Close(self) -> None:
+        """Ends the tracker's worker thread. The diagram cannot be simulated any further."""
+        if isinstance(self.tracker, PointTracker):
+            self.tracker.close()
+
+
+def MakeClosedLoop(
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    *,
+    meshcat: Meshcat | None = None,
+    hardware: bool = False,
+    log: RunLogWriter | None = None,
+    album: SnapshotAlbum | None = None,
+    disturbances: Sequence[Pulse] = (),
+    stopwatch: Stopwatch | None = None,
+) -> ClosedLoop:
+    """Builds the diagram that executes a plan.
+
+    Args:
+        scenario: The station and the task.
+        plan: What `transfer` and grasp selection found.
+        meshcat: Shows the scene, the points and the reference there.
+        hardware: Whether the station is the real robot.
+        log: Where to log every signal and the images. Whoever opened it closes it after the run.
+        album: Where to keep pictures of the run.
+        disturbances: Pushes on bodies of the simulated plant.
+        stopwatch: Where to note how long rendering and tracking take.
+
+    Raises:
+        PoilError: if the station, the detector or the tracker cannot be built.
+    """
+    builder = DiagramBuilder()
+    truth = scenario.poil.tracker == GROUND_TRUTH
+    station = builder.AddNamedSystem(
+        "station",
+        MakeStation(scenario, meshcat=meshcat, hardware=hardware, cameras=not truth),
+    )
+    parts = {"station": station, **_add_control(builder, scenario, plan, stopwatch)}
+    if truth:
+        parts["tracker"] = _add_ground_truth_tracker(builder, scenario, plan, station)
+    else:
+        parts |= _add_perception(builder, scenario, plan, station, hardware, stopwatch)
+    if meshcat is not None:
+        parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
+    if log is not None:
+        parts["logger"] = _add_logger(builder, scenario, plan, log)
+    if album is not None and not truth:
+        parts["snapshots"] = builder.AddNamedSystem(
+            "snapshots",
+            SnapshotRecorder(
+                album=album,
+                num_points=len(plan.target_points),
+                period=scenario.poil.rates.tracker,
+                offset=scenario.poil.rates.control,
+            ),
+        )
+    _connect_by_name(builder, parts)
+    if disturbances:
+        injector = builder.AddNamedSystem(
+            "disturbances", DisturbanceInjector(plant=station.plant(), pulses=disturbances)
+        )
+        builder.Connect(injector.get_output_port(0), station.GetInputPort("applied_spatial_force"))
+    return ClosedLoop(
+        diagram=builder.Build(),
+        station=station,
+        detector=parts.get("detector"),
+        tracker=parts["tracker"],
+        propagator=parts["propagator"],
+        controller=parts["controller"],
+        inverse_kinematics=parts["inverse_kinematics"],
+        sequencer=parts["sequencer"],
+        motion=parts["motion"],
+    )
+
+
+def _add_control(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    stopwatch: Stopwatch | None,
+) -> dict[str, LeafSystem]:
+    poil = scenario.poil
+    period = poil.rates.control
+    kinematics = MakePandaKinematics()
+    ik = DifferentialIkConfig()
+    ik = replace(ik, resolution=replace(ik.resolution, nominal_posture=tuple(plan.nominal_posture)))
+    systems = {
+        "propagator": FkPropagator(
+            num_points=len(plan.target_points),
+            kinematics=kinematics,
+            period=period,
+            max_age=_MISSED_TRACKS * poil.rates.tracker + poil.latency,
+            stopwatch=stopwatch,
+        ),
+        "controller": PointSetBcsdm(
+            reference=plan.reference,
+            period=period,
+            config=PointSetBcsdmConfig(
+                bcsdm=BcsdmConfig(eta=poil.eta),
+                max_angular_speed=poil.max_angular_speed,
+                max_linear_speed=poil.max_linear_speed,
+            ),
+        ),
+        "inverse_kinematics": DifferentialIk(
+            kinematics=kinematics, period=period, config=ik, stopwatch=stopwatch
+        ),
+        "sequencer": SkillSequencer(
+            config=SkillConfig(
+                pregrasp_width=plan.pregrasp_width, release_width=plan.pregrasp_width
+            ),
+            period=period,
+            stopwatch=stopwatch,
+        ),
+        "motion": MotionSource(
+            approach=plan.approach,
+            descent=plan.descent,
+            config=MotionSourceConfig(
+                lift_distance=plan.lift_height, retreat_distance=plan.retreat_distance
+            ),
+            period=period,
+        ),
+    }
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
+    return systems
+
+
+def _add_ground_truth_tracker(
+    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, station: Station
+) -> GroundTruthTracker:
+    poil = scenario.poil
+    return builder.AddNamedSystem(
+        "tracker",
+        GroundTruthTracker(
+            body_index=station.object_body().index(),
+            num_points=len(plan.target_points),
+            query_points=plan.target_points,
+            config=GroundTruthTrackerConfig(period=poil.rates.tracker, latency=poil.latency),
+        ),
+    )
+
+
+def _add_perception(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    station: Station,
+    hardware: bool,
+    stopwatch: Stopwatch | None,
+) -> dict[str, LeafSystem]:
+    poil = scenario.poil
+    cameras = station.camera_models(station.CreateDefaultContext())
+    detector = PartDetector(
+        detector=make_detector(poil.detector),
+        cameras=cameras,
+        object_label=poil.object,
+        part_label=poil.part,
+        period=poil.rates.tracker,
+        label_ids=station.label_ids,
+    )
+    tracker = PointTracker(
+        tracker=MakeScenarioTracker(poil),
+        cameras=cameras,
+        num_points=len(plan.target_points),
+        query_points=plan.target_points,
+        config=PointTrackerConfig(
+            period=poil.rates.tracker, latency=poil.latency, blocking=not hardware
+        ),
+        stopwatch=stopwatch,
+    )
+    return {
+        "detector": builder.AddNamedSystem("detector", detector),
+        "tracker": builder.AddNamedSystem("tracker", tracker),
+    }
+
+
+def _add_visualizer(
+    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, meshcat: Meshcat
+) -> PointSetVisualizer:
+    config = PointSetVisualizerConfig(period=scenario.poil.rates.logger)
+    return builder.AddNamedSystem(
+        "visualizer",
+        PointSetVisualizer(
+            meshcat=meshcat, reference=plan.reference, phase_names=_PHASE_NAMES, config=config
+        ),
+    )
+
+
+def _add_logger(
+    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, log: RunLogWriter
+) -> McapLogger:
+    return builder.AddNamedSystem(
+        "logger",
+        McapLogger(
+            log=log,
+            num_points=len(plan.target_points),
+            joint_names=ARM_JOINTS,
+            phase_names=_PHASE_NAMES,
+            statuses={
+                "controller": ("status", "tau", "potential", "mean_error"),
+                "ik": ("status", "scale"),
+                "tracker": ("status", "age"),
+                "hand": ("width_commanded", "width_measured"),
+            },
+            reference=plan.reference,
+            config=McapLoggerConfig(period=scenario.poil.rates.logger),
+        ),
+    )
+
+
+_MISSED_TRACKS = 4
+"""Points are carried along by forward kinematics for so many tracker periods."""
+
+_PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
+
+
+def _connect_by_name(builder: DiagramBuilder, parts: dict[str, LeafSystem | Station]) -> None:
+    wires = list(LOOP_WIRES)
+    if "detector" in parts:
+        wires += PERCEPTION_WIRES
+        for camera in parts["station"].camera_names:
+            for image in ("rgb_image", "depth_image"):
+                port = f"{camera}.{image}"
+                wires.append((f"station.{port}", f"tracker.{port}"))
+                wires.append((f"station.{port}", f"detector.{port}"))
+            wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
+    else:
+        wires += GROUND_TRUTH_WIRES
+    if "visualizer" in parts:
+        wires += VISUALIZER_WIRES
+    if "logger" in parts:
+        wires += LOGGER_WIRES
+        if "detector" in parts:
+            wires.append(("tracker.frame", "logger.frame"))
+    if "snapshots" in parts:
+        wires += SNAPSHOT_WIRES
+    robot = parts["station"].scenario.poil.robot
+    for source, target in wires:
+        source, target = (
+            end.replace("station.panda.", f"station.{robot}.") for end in (source, target)
+        )
+        (giver, output), (taker, input_) = source.split(".", 1), target.split(".", 1)
+        builder.Connect(parts[giver].GetOutputPort(output), parts[taker].GetInputPort(input_))

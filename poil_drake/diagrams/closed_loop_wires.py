@@ -1,0 +1,80 @@
+"""The wires of the closed loop, each end as "<system>.<port>"."""
+
+LOOP_WIRES = [
+    # From                                   to
+    ("tracker.tracked_points", "propagator.tracked_points"),
+    ("station.panda.position_measured", "propagator.panda.position_measured"),
+    ("sequencer.holding", "propagator.holding"),
+    ("propagator.points", "controller.points"),
+    ("propagator.confidence", "controller.confidence"),
+    ("propagator.gripper_pose", "controller.gripper_pose"),
+    ("controller.spatial_velocity", "motion.field_velocity"),
+    ("sequencer.phase", "motion.phase"),
+    ("sequencer.phase_start", "motion.phase_start"),
+    ("station.panda.position_measured", "motion.panda.position_measured"),
+    ("propagator.gripper_pose", "motion.gripper_pose"),
+    ("inverse_kinematics.velocity", "motion.ik_velocity"),
+    ("motion.spatial_velocity", "inverse_kinematics.spatial_velocity"),
+    ("station.panda.position_measured", "inverse_kinematics.panda.position_measured"),
+    ("motion.velocity", "station.panda.velocity"),
+    ("inverse_kinematics.command_time", "station.panda.velocity_time"),
+    ("tracker.status", "sequencer.tracker_status"),
+    ("controller.status", "sequencer.controller_status"),
+    ("controller.tau", "sequencer.tau"),
+    ("controller.mean_error", "sequencer.mean_error"),
+    ("controller.goal_error", "sequencer.goal_error"),
+    ("motion.motion_done", "sequencer.motion_done"),
+    ("inverse_kinematics.status", "sequencer.ik_status"),
+    ("station.hand.width_measured", "sequencer.hand.width_measured"),
+    ("station.panda.status", "sequencer.panda.status"),
+    ("sequencer.hand.width", "station.hand.width"),
+]
+
+PERCEPTION_WIRES = [
+    ("detector.masks", "tracker.masks"),
+    ("propagator.object_motion", "tracker.object_motion"),
+    ("sequencer.detect_request", "detector.request"),
+]
+
+GROUND_TRUTH_WIRES = [("station.body_poses", "tracker.body_poses")]
+
+VISUALIZER_WIRES = [
+    ("tracker.tracked_points", "visualizer.tracked_points"),
+    ("propagator.points", "visualizer.points"),
+    ("propagator.confidence", "visualizer.confidence"),
+    ("propagator.gripper_pose", "visualizer.gripper_pose"),
+    ("controller.target_points", "visualizer.target_points"),
+    ("controller.mean_error", "visualizer.mean_error"),
+    ("motion.spatial_velocity", "visualizer.spatial_velocity"),
+    ("sequencer.phase", "visualizer.phase"),
+]
+
+LOGGER_WIRES = [
+    ("tracker.tracked_points", "logger.tracked_points"),
+    ("tracker.status", "logger.tracker.status"),
+    ("propagator.age", "logger.tracker.age"),
+    ("propagator.points", "logger.points"),
+    ("propagator.confidence", "logger.confidence"),
+    ("propagator.gripper_pose", "logger.gripper_pose"),
+    ("controller.target_points", "logger.target_points"),
+    ("controller.status", "logger.controller.status"),
+    ("controller.tau", "logger.controller.tau"),
+    ("controller.potential", "logger.controller.potential"),
+    ("controller.mean_error", "logger.controller.mean_error"),
+    ("motion.spatial_velocity", "logger.spatial_velocity"),
+    ("motion.velocity", "logger.panda.velocity"),
+    ("inverse_kinematics.status", "logger.ik.status"),
+    ("inverse_kinematics.scale", "logger.ik.scale"),
+    ("sequencer.phase", "logger.phase"),
+    ("sequencer.hand.width", "logger.hand.width_commanded"),
+    ("station.hand.width_measured", "logger.hand.width_measured"),
+    ("station.panda.position_measured", "logger.panda.position_measured"),
+    ("station.panda.velocity_measured", "logger.panda.velocity_measured"),
+    ("station.panda.torque_external", "logger.panda.torque_external"),
+]
+
+SNAPSHOT_WIRES = [
+    ("tracker.frame", "snapshots.frame"),
+    ("propagator.points", "snapshots.points"),
+    ("controller.target_points", "snapshots.target_points"),
+]

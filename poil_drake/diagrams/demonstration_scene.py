@@ -1,0 +1,223 @@
+"""The scene of a simulated demonstration: the scenario's, without its robot."""
+
+import copy
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import CalcObb, GeometryId, QueryObject, Role
+from pydrake.lcm import DrakeLcmParams
+from pydrake.manipulation import ApplyNamedPositionsAsDefaults
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import ModelDirective, Parser
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import ApplyLcmBusConfig
+
+from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage, SensorCameraModel
+from poil_drake.diagrams.labels import AssignLabels
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario_models import (
+    AddModels,
+    AddPackages,
+    AddScenarioPlant,
+    RequireModel,
+)
+from poil_drake.errors import ScenarioError
+from poil_drake.geometry.rigid_transform import inverse
+from poil_drake.perception.images import MultiViewFrame
+
+
+class DemonstrationScene:
+    """The scenario's table, fixture and cameras, and the demonstration's object; no robot.
+
+    Nothing is simulated: the object is put where it shall be, and pictures are taken.
+
+    Args:
+        scenario: Its robot is left out, and its object is replaced by `demonstration_object`.
+        cameras: False leaves out cameras and renderer.
+        package_xmls: Further `package.xml` files, for directives with `package://...`.
+
+    Raises:
+        ScenarioError: when the scenario does not fit together.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        cameras: bool = True,
+        package_xmls: Sequence[str | Path] = (),
+    ):
+        poil = scenario.poil
+        builder = DiagramBuilder()
+        self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
+        parser = Parser(self._plant)
+        AddPackages(parser, package_xmls)
+        AddModels(parser, demonstration_directives(scenario))
+        for role, name in (("object", poil.object), ("fixture", poil.fixture)):
+            RequireModel(self._plant, name, role)
+        others = {k: v for k, v in scenario.initial_position.items() if k != poil.robot}
+        ApplyNamedPositionsAsDefaults(others, self._plant)
+        parts = {poil.part: poil.part, **poil.parts}
+        self._label_ids = AssignLabels(
+            plant=self._plant, scene_graph=self._scene_graph, parts={poil.object: parts}
+        )
+        self._plant.Finalize()
+        self._sensors = {}
+        if cameras:
+            # The cameras' configuration names buses, but a recording is nobody else's business.
+            silent = {name: DrakeLcmParams(lcm_url="memq://null") for name in scenario.lcm_buses}
+            self._sensors = AddCameras(
+                builder=builder,
+                cameras=scenario.cameras,
+                lcm_buses=ApplyLcmBusConfig(silent, builder),
+                noise=poil.depth_noise,
+                seed=scenario.random_seed,
+            )
+        builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self.object_name, self.fixture_name = poil.object, poil.fixture
+        self.part_link = parts[poil.part]
+        if not self._object_body().is_floating_base_body():
+            raise ScenarioError(
+                f"The object '{poil.object}' is welded to something.",
+                remedy="Do not weld the object in the directives: it shall move.",
+            )
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """The names of the cameras."""
+        return tuple(self._sensors)
+
+    def put_object(self, X_WO: np.ndarray) -> None:
+        """Puts the object at a (4, 4) pose in the world [m]."""
+        plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._plant.SetFreeBodyPose(plant_context, self._object_body(), RigidTransform(X_WO))
+
+    def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
+        """Takes a picture with every camera at a time [s], which seeds the noise."""
+        self._context.SetTime(time)
+        models = tuple(
+            SensorCameraModel(
+                diagram=self._diagram, context=self._context, name=name, sensor=sensor
+            )
+            for name, sensor in self._sensors.items()
+        )
+        images = tuple(
+            ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
+            for name in self._sensors
+        )
+        return MakeFrame(models, images, self._label_ids)
+
+    def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Returns the boxes around a part's collision geometries, wherever they are now.
+
+        Args:
+            model: The model instance.
+            part: A link, or a regular expression on the names of geometries.
+
+        Returns:
+            For each the (4, 4) pose of its middle in the world and its (3,) half sizes [m]. Empty
+            where there is no such part.
+        """
+        found = []
+        for geometry_id in self._collision_geometries(model, part):
+            box = CalcObb(self._scene_graph.model_inspector().GetShape(geometry_id))
+            if box is not None:
+                X_WG = self._query().GetPoseInWorld(geometry_id)
+                found.append(((X_WG @ box.pose()).GetAsMatrix4(), box.half_width()))
+        return found
+
+    def object_boxes(self, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Returns the boxes around a part of the object, in the object's frame."""
+        body = self._object_body()
+        plant_context = self._plant.GetMyContextFromRoot(self._context)
+        X_OW = inverse(body.EvalPoseInWorld(plant_context).GetAsMatrix4())
+        return [(X_OW @ X_WB, half) for X_WB, half in self.boxes(self.object_name, part)]
+
+    def model_position(self, model: str) -> np.ndarray:
+        """Returns the position of a model's first body in the world [m]."""
+        instance = self._plant.GetModelInstanceByName(model)
+        body = self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+        plant_context = self._plant.GetMyContextFromRoot(self._context)
+        return body.EvalPoseInWorld(plant_context).translation()
+
+    def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
+        """Returns the distance [m] between a part of the object, put at X_WO, and another."""
+        self.put_object(X_WO)
+        query = self._query()
+        return min(
+            query.ComputeSignedDistancePairClosestPoints(a, b).distance
+            for a in self._collision_geometries(self.object_name, object_part)
+            for b in self._collision_geometries(model, part)
+        )
+
+    def penetration(self, X_WO: np.ndarray) -> float:
+        """Returns how deep the object, put at X_WO, intersects anything else [m]; 0 if nowhere."""
+        self.put_object(X_WO)
+        instance = self._plant.GetModelInstanceByName(self.object_name)
+        own = {
+            geometry_id
+            for index in self._plant.GetBodyIndices(instance)
+            for geometry_id in self._plant.GetCollisionGeometriesForBody(
+                self._plant.get_body(index)
+            )
+        }
+        pairs = self._query().ComputePointPairPenetration()
+        return max((p.depth for p in pairs if (p.id_A in own) != (p.id_B in own)), default=0.0)
+
+    def _query(self) -> QueryObject:
+        return self._diagram.GetOutputPort("query_object").Eval(self._context)
+
+    def _object_body(self) -> RigidBody:
+        instance = self._plant.GetModelInstanceByName(self.object_name)
+        return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+
+    def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
+        """Returns those of a link or, where no link is named so, those whose names match."""
+        inspector = self._scene_graph.model_inspector()
+        instance = self._plant.GetModelInstanceByName(model)
+        bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(instance)]
+        named = [body for body in bodies if body.name() == part]
+        geometries = [
+            geometry_id
+            for body in named or bodies
+            for geometry_id in inspector.GetGeometries(
+                self._plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity
+            )
+        ]
+        if named:
+            return geometries
+        pattern = re.compile(part)
+        return [g for g in geometries if pattern.fullmatch(inspector.GetName(g).split("::")[-1])]
+
+
+def demonstration_directives(scenario: Scenario) -> list[ModelDirective]:
+    """Returns the scenario's directives without the robot, and with the demonstration's object."""
+    poil = scenario.poil
+    kept = []
+    for directive in scenario.directives:
+        if _mentions(directive, poil.robot):
+            continue
+        directive = copy.deepcopy(directive)
+        if directive.add_model is not None and directive.add_model.name == poil.object:
+            directive.add_model.file = poil.demonstration_object
+            # The default pose names a link of the other object; this one is put elsewhere anyway.
+            directive.add_model.default_free_body_pose = {}
+        kept.append(directive)
+    return kept
+
+
+def _mentions(directive: ModelDirective, model: str) -> bool:
+    """Returns whether a directive adds the model, or joins something to it."""
+    if directive.add_model is not None:
+        return directive.add_model.name == model
+    frames: list[str | None] = []
+    if directive.add_weld is not None:
+        frames = [directive.add_weld.parent, directive.add_weld.child]
+    elif directive.add_frame is not None:
+        frames = [directive.add_frame.X_PF.base_frame]
+    return any((frame or "").split("::")[0] == model for frame in frames)

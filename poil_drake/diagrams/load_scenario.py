@@ -1,0 +1,124 @@
+"""Finds and reads scenarios from YAML files and text."""
+
+import copy
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydrake.common.yaml import yaml_load
+
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.typed_yaml import merge_yaml
+from poil_drake.errors import ScenarioError
+
+DEFAULT_SCENARIO_NAME = "HangMug"
+"""The scenario of the default file that runs when none is named."""
+
+
+def default_scenario_file() -> Path:
+    """Returns the path of the scenario file that comes with the package."""
+    return Path(str(files("poil_drake") / "models" / "scenarios" / "hang_mug.yaml"))
+
+
+def LoadScenario(
+    *,
+    filename: str | Path | None = None,
+    data: str | None = None,
+    scenario_name: str | None = None,
+    defaults: Scenario | None = None,
+) -> Scenario:
+    """Reads a scenario from a file and then, over it, from text.
+
+    Args:
+        filename: A YAML file whose top-level keys are names of scenarios. None: no file, only
+            `defaults` and `data`.
+        data: YAML text that changes single values of the scenario, e.g.
+            "{poil: {eta: 2.0}, random_seed: 3}". Directives are replaced, not added to.
+        scenario_name: Which scenario of the file; may be left out where the file has just one,
+            or one named "HangMug".
+        defaults: What the file and the text change.
+
+    Raises:
+        ScenarioError: in one line, what is wrong, where, and what would be right.
+    """
+    scenario = copy.deepcopy(defaults) if defaults is not None else Scenario()
+    if filename is not None:
+        path = Path(filename)
+        node = _named_scenario(_read(path), scenario_name, path)
+        scenario = merge_yaml(
+            node=_anchored(node, path.resolve().parent), schema=Scenario, default=scenario
+        )
+    if data is not None:
+        node = _parse(data, "the scenario text")
+        scenario = merge_yaml(node=_anchored(node, Path.cwd()), schema=Scenario, default=scenario)
+    return scenario
+
+
+def _read(path: Path) -> Any:
+    try:
+        text = path.read_text()
+    except OSError as error:
+        raise ScenarioError(
+            f"The scenario file '{path}' cannot be read ({error.strerror}).",
+            remedy=f"Give an existing file, e.g. the package's own: {default_scenario_file()}",
+        ) from error
+    return _parse(text, f"'{path}'")
+
+
+def _parse(text: str, source: str) -> Any:
+    if not text.strip():
+        return {}
+    try:
+        node = yaml_load(data=text)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise ScenarioError(
+            f"{source} is not valid YAML: {reason}.", remedy="Correct the YAML."
+        ) from error
+    return {} if node is None else node
+
+
+def _named_scenario(document: Any, name: str | None, path: Path) -> Any:
+    if not isinstance(document, dict) or not document:
+        raise ScenarioError(
+            f"'{path}' holds no scenarios.",
+            remedy="Its top-level keys must be names of scenarios, e.g. 'HangMug:'.",
+        )
+    names = ", ".join(document)
+    if name is None:
+        name = next(iter(document)) if len(document) == 1 else DEFAULT_SCENARIO_NAME
+    if name not in document:
+        raise ScenarioError(
+            f"'{path}' holds no scenario named '{name}'.",
+            remedy=f"Choose one of: {names} (option --scenario_name).",
+        )
+    return document[name] if document[name] is not None else {}
+
+
+def _anchored(node: Any, directory: Path) -> Any:
+    """Makes relative paths of models and demonstrations absolute."""
+    if not isinstance(node, dict):
+        return node
+    node = copy.deepcopy(node)
+    for directive in node.get("directives") or []:
+        for key in ("add_model", "add_directives"):
+            entry = directive.get(key) if isinstance(directive, dict) else None
+            if isinstance(entry, dict) and isinstance(entry.get("file"), str):
+                entry["file"] = _url(entry["file"], directory)
+    poil = node.get("poil")
+    if isinstance(poil, dict):
+        if isinstance(poil.get("demonstration"), str):
+            poil["demonstration"] = str(directory / Path(poil["demonstration"]).expanduser())
+        if isinstance(poil.get("demonstration_object"), str):
+            poil["demonstration_object"] = _url(poil["demonstration_object"], directory)
+        randomization = poil.get("randomization")
+        if isinstance(randomization, dict) and isinstance(randomization.get("models"), list):
+            randomization["models"] = [
+                _url(m, directory) if isinstance(m, str) else m for m in randomization["models"]
+            ]
+    return node
+
+
+def _url(path: str, directory: Path) -> str:
+    return path if "://" in path else f"file://{(directory / Path(path).expanduser()).resolve()}"

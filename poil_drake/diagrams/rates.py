@@ -1,0 +1,36 @@
+"""The one table of periods of everything that runs periodically."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from poil_drake.errors import ScenarioError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rates:
+    """Periods [s]. The defaults are exact in binary, so simultaneous events stay simultaneous.
+
+    In a scenario file they may be written as fractions, e.g. `tracker: 1/8`.
+
+    Attributes:
+        plant: The simulated plant's time step: short enough for a cup in a grip.
+        control: Propagator, vector field, differential inverse kinematics and sequencer: well
+            above the 100 Hz that the robot's driver needs.
+        tracker: From one capture of images to the next: about what a tracker manages.
+        logger: Run log and Meshcat: smooth to look at.
+    """
+
+    plant: float = 1 / 512
+    control: float = 1 / 256
+    tracker: float = 1 / 8
+    logger: float = 1 / 32
+
+    def __post_init__(self) -> None:
+        for slow, fast in (("control", "plant"), ("tracker", "control"), ("logger", "control")):
+            a, b = getattr(self, slow), getattr(self, fast)
+            if not (a > 0 and b > 0) or Fraction(a) % Fraction(b) != 0:
+                raise ScenarioError(
+                    f"rates: the period '{slow}' = {a} s is not a whole multiple of '{fast}' "
+                    f"= {b} s, exactly.",
+                    remedy="Use fractions whose denominators are powers of two, e.g. 1/256.",
+                )

@@ -1,0 +1,116 @@
+"""Samples a running closed loop for its summary. Nothing in the loop depends on it."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from poil_drake.diagrams.closed_loop import ClosedLoop
+from poil_drake.diagrams.station import GetObjectPose
+from poil_drake.diagrams.task_success import HangingJudge, TouchedBodies
+from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.skill_phases import Fault, Phase
+
+_VECTORS = {
+    # Name in the record       system, port
+    "points": ("propagator", "points"),
+    "confidence": ("propagator", "confidence"),
+    "target_points": ("controller", "target_points"),
+    "mean_error": ("controller", "mean_error"),
+    "goal_error": ("controller", "goal_error"),
+    "potential": ("controller", "potential"),
+    "tau": ("controller", "tau"),
+    "controller_status": ("controller", "status"),
+    "ik_scale": ("inverse_kinematics", "scale"),
+    "joint_velocities": ("motion", "velocity"),
+    "phase": ("sequencer", "phase"),
+}
+
+
+@dataclass
+class RunRecorder:
+    """Collects samples of a closed loop; `sample` is called between steps of the simulation.
+
+    Attributes:
+        loop: The closed loop.
+        query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
+        judge: Tells whether the object hangs.
+        times: Times of the samples [s].
+        signals: Name -> one row a sample.
+        tracks: Every track that was released.
+        truths: For each of these, (N, 3) where the points truly were at its stamp [m, world].
+    """
+
+    loop: ClosedLoop
+    query_points: np.ndarray
+    judge: HangingJudge
+    times: list[float] = field(default_factory=list)
+    signals: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    tracks: list[TrackedPoints] = field(default_factory=list)
+    truths: list[np.ndarray] = field(default_factory=list)
+    _poses: dict[float, np.ndarray] = field(default_factory=dict)
+
+    def sample(self, root: Context) -> None:
+        """Takes one sample.
+
+        Args:
+            root: The root context of the loop's diagram.
+        """
+        loop = self.loop
+        self.times.append(root.get_time())
+        for name, (system, port) in _VECTORS.items():
+            value = np.array(self._evaluate(root, system, port))
+            self.signals.setdefault(name, []).append(value)
+        station = loop.station.GetMyContextFromRoot(root)
+        self._poses[root.get_time()] = GetObjectPose(loop.station, station).GetAsMatrix4()
+        self._sample_track(root)
+        if self.phase >= Phase.RELEASE:
+            touched = TouchedBodies(
+                loop.station.plant(),
+                loop.station.GetOutputPort("query_object").Eval(station).inspector(),
+                loop.station.GetOutputPort("contact_results").Eval(station),
+                loop.station.scenario.poil.object,
+            )
+            self.judge.observe(root.get_time(), touched)
+
+    @property
+    def phase(self) -> Phase:
+        """The phase at the last sample."""
+        return Phase(int(self.signals["phase"][-1][0]))
+
+    def fault(self, root: Context) -> Fault:
+        """Returns the fault that the sequencer reports."""
+        return Fault(int(self._evaluate(root, "sequencer", "fault")[0]))
+
+    def signal(self, name: str) -> np.ndarray:
+        """Returns one signal, a row (or, for scalars, an entry) for each sample."""
+        rows = np.array(self.signals[name])
+        return rows[:, 0] if rows.shape[1] == 1 else rows
+
+    def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the stamps (S,) [s] of all tracks and the (S, N) distances to the truth [m].
+
+        NaN where a point was not observed.
+        """
+        errors = np.full((len(self.tracks), len(self.query_points)), np.nan)
+        for row, track, truth in zip(errors, self.tracks, self.truths, strict=True):
+            distances = np.linalg.norm(track.positions - truth, axis=1)
+            row[:] = np.where(track.confidence > 0.0, distances, np.nan)
+        return np.array([track.stamp for track in self.tracks]), errors
+
+    def _evaluate(self, root: Context, system: str, port: str) -> Any:
+        part = getattr(self.loop, system)
+        return part.GetOutputPort(port).Eval(part.GetMyContextFromRoot(root))
+
+    def _sample_track(self, root: Context) -> None:
+        track = self._evaluate(root, "tracker", "tracked_points")
+        if self.tracks and track.stamp <= self.tracks[-1].stamp:
+            return
+        now = self._poses.get(track.stamp)
+        if now is None:
+            return
+        start = self._poses[min(self._poses)]
+        self.tracks.append(track)
+        self.truths.append(transform_points(now @ inverse(start), self.query_points))

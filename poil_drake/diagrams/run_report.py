@@ -1,0 +1,199 @@
+"""What is written when a run is over: figures, one line, one picture."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from poil_drake.diagrams.run_recorder import RunRecorder
+from poil_drake.diagrams.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.summary_picture import SummaryData, make_summary_picture
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.systems.arm_plant import MakePandaKinematics
+from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
+from poil_drake.systems.snapshot_recorder import SnapshotAlbum
+from poil_drake.systems.stopwatch import Stopwatch
+
+REQUIRED_HANGING_TIME = 2.0
+"""For how long [s, simulated] an object must hang, after release and retreat, to count."""
+
+_PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
+_PICTURED_PHASES = (
+    Phase.WAIT,
+    Phase.GRASP,
+    Phase.FOLLOW,
+    Phase.RELEASE,
+    Phase.SETTLE,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputPaths:
+    """Where the outputs of a run go; None leaves one out.
+
+    Attributes:
+        html: The Meshcat recording.
+        mcap: The log.
+        png: The one-page picture.
+        json: The figures.
+    """
+
+    html: Path | None = None
+    mcap: Path | None = None
+    png: Path | None = None
+    json: Path | None = None
+
+    @classmethod
+    def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
+        """Returns the usual files in a directory, but for those given."""
+        usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
+        return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
+
+    def remove(self) -> None:
+        """Removes the files, where there are any."""
+        for path in vars(self).values():
+            if path is not None:
+                path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What is known when a run is over.
+
+    Attributes:
+        plan: What was executed.
+        scenario: Where.
+        recorder: The run's samples.
+        fault: Why the skill was given up.
+        simulated: Simulated time [s].
+        wall: Wall-clock time [s] of the closed loop.
+        stopwatch: What that time went to.
+        stopped: Why it ended before its time: an exception, or somebody; empty if it did not.
+        final_state: Positions and velocities of the simulated plant at the end.
+    """
+
+    plan: ExecutionPlan
+    scenario: Scenario
+    recorder: RunRecorder
+    fault: Fault
+    simulated: float
+    wall: float
+    stopwatch: Stopwatch
+    stopped: str
+    final_state: np.ndarray
+
+
+def WriteReport(
+    report: Report, *, outputs: OutputPaths, album: SnapshotAlbum | None = None
+) -> RunSummary:
+    """Judges a run and writes its picture and its figures.
+
+    Args:
+        report: What is known.
+        outputs: Where the outputs go, or went.
+        album: Pictures of the run.
+    """
+    summary = summarize(report, outputs)
+    if outputs.json is not None:
+        summary.write_json(outputs.json)
+    if outputs.png is not None:
+        make_summary_picture(outputs.png, _picture_data(report, summary, album))
+    return summary
+
+
+def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
+    """Returns what a run came to."""
+    recorder = report.recorder
+    success, reason = _judge(report)
+    error, potential = recorder.signal("goal_error"), recorder.signal("potential")
+    following = recorder.signal("phase") == Phase.FOLLOW
+    _, errors = recorder.tracking_errors()
+    held = error[following] if following.any() else np.full(1, np.nan)
+    driven = potential[following] if following.any() else np.full(1, np.nan)
+    written = {} if outputs is None else vars(outputs)
+    return RunSummary(
+        success=success,
+        reason=reason,
+        scenario=report.scenario.poil.object,
+        seed=report.scenario.random_seed,
+        timing=RunTiming(simulated=report.simulated, wall=report.wall, parts=_split(report)),
+        phases=phase_spans(np.array(recorder.times), recorder.signal("phase"), _PHASE_NAMES),
+        mean_error=float(held[-1]),
+        initial_potential=float(driven[0]),
+        final_potential=float(driven[-1]),
+        tracking_error=ErrorStatistics.of(errors),
+        outputs={kind: str(path) for kind, path in written.items() if path is not None},
+        tracker=report.scenario.poil.tracker,
+        final_state_digest=hashlib.sha256(report.final_state.tobytes()).hexdigest(),
+        figures={"hanging_time_s": recorder.judge.hanging_time(report.simulated)},
+    )
+
+
+def _judge(report: Report) -> tuple[bool, str]:
+    poil, judge = report.scenario.poil, report.recorder.judge
+    if report.stopped:
+        return False, report.stopped
+    if report.fault is not Fault.NONE:
+        return False, f"{FAULT_TEXT[report.fault]} (in phase '{_last_phase(report)}')"
+    if report.recorder.phase is not Phase.DONE:
+        return False, f"the time was up in phase '{report.recorder.phase.name.lower()}'"
+    hung = judge.hanging_time(report.simulated)
+    if hung >= REQUIRED_HANGING_TIME:
+        return True, f"the {poil.object} hangs on the {poil.fixture} (for {hung:.1f} s so far)"
+    touched = ", ".join(sorted(judge.last_touched)) or "nothing"
+    return False, f"the {poil.object} does not hang on the {poil.fixture}: it touches {touched}"
+
+
+def _last_phase(report: Report) -> str:
+    """Returns the phase in which the fault came."""
+    phases = [phase for phase in report.recorder.signal("phase") if phase != Phase.FAULT]
+    return Phase(int(phases[-1])).name.lower() if phases else "wait"
+
+
+def _split(report: Report) -> dict[str, float]:
+    """Returns wall-clock time [s] by kind of work; "tracking" runs beside the rest."""
+    total = {
+        name: float(report.stopwatch.durations(name).sum())
+        for name in ("rendering", "waiting", "control", "reporting")
+    }
+    # What is left is what Drake does: physics, geometry, events, and publishing.
+    physics = max(report.wall - sum(total.values()), 0.0)
+    tracking = float(report.stopwatch.durations("tracking").sum())
+    return {**total, "physics": physics, "tracking": tracking}
+
+
+def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | None) -> SummaryData:
+    recorder = report.recorder
+    points = recorder.signal("points").reshape(len(recorder.times), -1, 3)
+    targets = recorder.signal("target_points").reshape(points.shape)
+    stamps, errors = recorder.tracking_errors()
+    starts = [
+        span.start
+        for span in summary.phases
+        if span.name in {p.name.lower() for p in _PICTURED_PHASES}
+    ]
+    limits = MakePandaKinematics().velocity_limits
+    timing = summary.timing
+    return SummaryData(
+        title=f"{report.scenario.poil.object} on {report.scenario.poil.fixture}",
+        success=summary.success,
+        reason=summary.reason,
+        subtitle=(
+            f"tracker {report.scenario.poil.tracker}, {timing.simulated:.1f} s simulated at "
+            f"{timing.real_time_factor:.2f} x real time"
+        ),
+        times=np.array(recorder.times),
+        point_errors=np.linalg.norm(points - targets, axis=2),
+        potential=recorder.signal("potential"),
+        tau=recorder.signal("tau"),
+        reference_duration=float(report.plan.reference.times[-1]),
+        joint_velocities=recorder.signal("joint_velocities"),
+        velocity_limits=limits,
+        phases=summary.phases,
+        tracking_times=stamps,
+        tracking_errors=errors,
+        snapshots=() if album is None else album.nearest_to([*starts, report.simulated]),
+    )

@@ -1,0 +1,211 @@
+"""What a run came to: one line for people, one JSON file for programs."""
+
+import dataclasses
+import json
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_LIBRARIES = ("poil-drake", "drake", "numpy", "scipy", "torch", "open3d", "pin", "ompl")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseSpan:
+    """A phase of the skill, from its start to its end [s, simulated]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorStatistics:
+    """Size of an error over a run [m]; NaN where nothing was measured.
+
+    Attributes:
+        count: Number of samples that are finite.
+        median: Median.
+        percentile_95: What 95 percent of the samples do not exceed.
+        maximum: Largest.
+        final: Last.
+    """
+
+    count: int
+    median: float
+    percentile_95: float
+    maximum: float
+    final: float
+
+    @classmethod
+    def of(cls, errors: np.ndarray) -> "ErrorStatistics":
+        """Returns the statistics of errors [m] of any shape; those not finite are left out."""
+        values = np.asarray(errors, dtype=float).ravel()
+        values = values[np.isfinite(values)]
+        if values.size == 0:
+            return cls(
+                count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan, final=math.nan
+            )
+        median, percentile_95 = np.percentile(values, [50.0, 95.0])
+        return cls(
+            count=values.size,
+            median=float(median),
+            percentile_95=float(percentile_95),
+            maximum=float(values.max()),
+            final=float(values[-1]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTiming:
+    """How long a run took.
+
+    Attributes:
+        simulated: Simulated time [s].
+        wall: Wall-clock time that the simulation took [s].
+        parts: Wall-clock time by kind of work [s], e.g. rendering, tracking, physics, control. Work
+            on another thread counts here, too, so the parts may add up to more than `wall`.
+        stages: Wall-clock time of each stage of the job [s], e.g. transfer, grasp, execution.
+    """
+
+    simulated: float
+    wall: float
+    parts: Mapping[str, float] = field(default_factory=dict)
+    stages: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time per wall-clock time; 1 is real time. NaN where nothing was simulated."""
+        return self.simulated / self.wall if self.wall > 0.0 else math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSummary:
+    """What a run came to.
+
+    Attributes:
+        success: Whether the task succeeded.
+        reason: Why, in one clause, e.g. "the mug hung for 2.0 s".
+        scenario: The scenario's name.
+        seed: The seed of all randomness.
+        timing: How long it took.
+        phases: The skill's phases in order.
+        mean_error: Mean distance of the points from the reference's end when it was given up or
+            reached [m].
+        initial_potential: D of POIL eq. 4 where the field took over [m^2].
+        final_potential: D where it ended [m^2].
+        tracking_error: The tracker against the truth; None where the truth is not known.
+        outputs: What was written, kind -> path.
+        versions: Library -> version.
+        tracker: The tracker's name.
+        final_state_digest: SHA-256 of the simulated plant's final positions and velocities, to the
+            last bit: two runs of one scenario with one seed have the same.
+        figures: Anything else that was measured, name (with its unit) -> value.
+    """
+
+    success: bool
+    reason: str
+    scenario: str = ""
+    seed: int = 0
+    timing: RunTiming
+    phases: Sequence[PhaseSpan] = ()
+    mean_error: float = math.nan
+    initial_potential: float = math.nan
+    final_potential: float = math.nan
+    tracking_error: ErrorStatistics | None = None
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=lambda: library_versions())
+    tracker: str = ""
+    final_state_digest: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+    def closing_line(self) -> str:
+        """Returns the one line that ends a run's output."""
+        timing = self.timing
+        clauses = [self.reason]
+        if math.isfinite(self.mean_error):
+            clauses.append(f"mean point error {self.mean_error * 1e3:.1f} mm")
+        if self.tracking_error is not None and self.tracking_error.count:
+            clauses.append(f"tracking error {self.tracking_error.median * 1e3:.1f} mm (median)")
+        if timing.wall > 0.0:
+            clauses.append(
+                f"{timing.simulated:.1f} s simulated in {timing.wall:.1f} s "
+                f"({timing.real_time_factor:.2f}x real time)"
+            )
+        return f"{'SUCCESS' if self.success else 'FAILURE'}: {'; '.join(clauses)}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything as JSON can hold it; what is not finite becomes None."""
+        values = dataclasses.asdict(
+            dataclasses.replace(
+                self,
+                phases=list(self.phases),
+                outputs=dict(self.outputs),
+                versions=dict(self.versions),
+                figures=dict(self.figures),
+                timing=dataclasses.replace(
+                    self.timing, parts=dict(self.timing.parts), stages=dict(self.timing.stages)
+                ),
+            )
+        )
+        values["timing"]["real_time_factor"] = self.timing.real_time_factor
+        return _plain(values)
+
+    def write_json(self, path: str | Path) -> Path:
+        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
+        path.write_text(text + "\n", encoding="utf-8")
+        return path
+
+
+def phase_spans(
+    times: np.ndarray, phases: np.ndarray, names: Sequence[str]
+) -> tuple[PhaseSpan, ...]:
+    """Returns the phases in a log of their indices.
+
+    Args:
+        times: (T,) sample times [s].
+        phases: (T,) indices of phases, as logged.
+        names: The phases' names, by index.
+    """
+    times, indices = np.asarray(times), np.asarray(phases).astype(int).ravel()
+    if times.size == 0:
+        return ()
+    first = np.flatnonzero(np.r_[True, np.diff(indices) != 0])
+    ends = np.r_[times[first[1:]], times[-1]]
+    return tuple(
+        PhaseSpan(name=names[indices[i]], start=float(times[i]), end=float(end))
+        for i, end in zip(first, ends, strict=True)
+    )
+
+
+def library_versions() -> dict[str, str]:
+    """Returns the versions of Python and of the libraries that results depend on."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return str(value)

@@ -1,0 +1,30 @@
+"""The tracker that a scenario asks for."""
+
+from dataclasses import replace
+
+from poil_drake.diagrams.scenario import PoilConfig
+from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
+from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
+
+GROUND_TRUTH = "ground_truth"
+"""The tracker's name that stands for the simulator's own poses: a labelled baseline."""
+
+DEFAULT_TRACKER = "rigid_flow"
+"""Follows the demonstration where the loop runs on the simulator's own poses."""
+
+
+def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
+    """Returns the tracker of images that a scenario asks for.
+
+    The ground-truth baseline sees no images; demonstrations are then followed by the default.
+
+    Raises:
+        InvalidValueError: if there is no tracker of that name.
+    """
+    name = DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
+    if name in TRACKERS and TRACKERS[name][1] is RigidFlowConfig:
+        config = RigidFlowConfig()
+        model = replace(config.model, support_points=poil.num_support_points)
+        return make_tracker(name, replace(config, model=model))
+    return make_tracker(name)

@@ -1,0 +1,63 @@
+"""Typed errors. Each says what was wrong and what to do about it."""
+
+
+class PoilError(Exception):
+    """Base of every error that poil_drake raises on purpose.
+
+    Args:
+        problem: What was wrong: the thing, the value, what was expected.
+        remedy: What the reader can do about it.
+    """
+
+    def __init__(self, problem: str, *, remedy: str):
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(f"{problem} {remedy}")
+
+    def __reduce__(self) -> tuple:
+        """Keeps both parts when the error crosses a process boundary."""
+        return (_rebuild, (type(self), self.problem, self.remedy))
+
+
+def _rebuild(cls: type[PoilError], problem: str, remedy: str) -> PoilError:
+    return cls(problem, remedy=remedy)
+
+
+class InvalidValueError(PoilError, ValueError):
+    """A value has the wrong shape, type or range."""
+
+
+class ScenarioError(PoilError):
+    """A scenario file is missing, or has a wrong key or value."""
+
+
+class DemonstrationError(PoilError):
+    """A demonstration file is missing, damaged or incomplete."""
+
+
+class DetectionError(PoilError):
+    """An object or part could not be found in the images."""
+
+
+class TransferError(PoilError):
+    """The demonstrated motion could not be carried over to the target object."""
+
+
+class TrackingError(PoilError):
+    """The tracker cannot start, or has lost the object."""
+
+
+class NoFeasibleGraspError(PoilError):
+    """No grasp candidate passed the feasibility checks."""
+
+
+class PlanningError(PoilError):
+    """No collision-free approach to the grasp was found."""
+
+
+class StationError(PoilError):
+    """The simulation or hardware station cannot be built or has failed."""
+
+
+class MissingDependencyError(PoilError, ImportError):
+    """An optional library, a system library or a model's weights are missing."""

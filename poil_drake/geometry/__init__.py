@@ -1,0 +1,1 @@
+"""Rigid fits, sampling, unprojection and point clouds. No pydrake."""

@@ -1,0 +1,128 @@
+"""Point clouds, and thinning and cleaning them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud(SharedOnCopy):
+    """Points with, where known, normals and colours.
+
+    Attributes:
+        points: (P, 3) positions [m].
+        normals: (P, 3) unit normals, or None.
+        colors: (P, 3) uint8 RGB, or None.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray | None = None
+    colors: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        points = frozen_array(self.points, name="PointCloud.points", shape=("P", 3))
+        object.__setattr__(self, "points", points)
+        if self.normals is not None:
+            normals = frozen_array(self.normals, name="PointCloud.normals", shape=points.shape)
+            object.__setattr__(self, "normals", normals)
+        if self.colors is not None:
+            colors = frozen_array(
+                self.colors, name="PointCloud.colors", shape=points.shape, dtype=np.uint8
+            )
+            object.__setattr__(self, "colors", colors)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def select(self, which: np.ndarray) -> "PointCloud":
+        """Returns the points of a mask (P,) bool or of indices (M,)."""
+        return PointCloud(
+            self.points[which],
+            None if self.normals is None else self.normals[which],
+            None if self.colors is None else self.colors[which],
+        )
+
+    def transformed(self, X_AB: np.ndarray) -> "PointCloud":
+        """Returns the cloud, given in frame B, expressed in frame A; X_AB is (4, 4)."""
+        R = X_AB[:3, :3]
+        return PointCloud(
+            self.points @ R.T + X_AB[:3, 3],
+            None if self.normals is None else self.normals @ R.T,
+            self.colors,
+        )
+
+
+def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
+    """Returns one cloud of all points; normals and colours are kept where every cloud has them."""
+    if not clouds:
+        raise InvalidValueError("There are no clouds to join.", remedy="Pass at least one.")
+    normals = [c.normals for c in clouds if c.normals is not None]
+    colors = [c.colors for c in clouds if c.colors is not None]
+    return PointCloud(
+        np.concatenate([c.points for c in clouds]),
+        np.concatenate(normals) if len(normals) == len(clouds) else None,
+        np.concatenate(colors) if len(colors) == len(clouds) else None,
+    )
+
+
+def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
+    """Returns one point for each occupied voxel: the mean of the points in it.
+
+    Normals are averaged and made unit again; where they cancel out (two faces of a thin wall in
+    one voxel), the first point's normal stands. Voxels come in lexicographic order.
+
+    Args:
+        cloud: The cloud.
+        voxel_size: Edge of a voxel [m], positive.
+    """
+    if voxel_size <= 0.0:
+        raise InvalidValueError(
+            f"The voxel size is {voxel_size} m.", remedy="Pass a positive length."
+        )
+    if len(cloud) == 0:
+        return cloud
+    cells = np.floor(cloud.points / voxel_size).astype(np.int64)
+    cells -= cells.min(axis=0)
+    # One number for each voxel, in lexicographic order: sorted ten times as fast as rows of three.
+    numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, first, inverse, counts = np.unique(
+        numbers, return_index=True, return_inverse=True, return_counts=True
+    )
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = [np.bincount(inverse, values[:, k], minlength=len(counts)) for k in range(3)]
+        return np.stack(sums, axis=1) / counts[:, None]
+
+    normals = None
+    if cloud.normals is not None:
+        normals = mean(cloud.normals)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(length > 1e-3, normals, cloud.normals[first])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    colors = None
+    if cloud.colors is not None:
+        colors = np.round(mean(cloud.colors)).astype(np.uint8)
+    return PointCloud(mean(cloud.points), normals, colors)
+
+
+def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: float) -> np.ndarray:
+    """Returns which points (P,) bool lie about as near to their neighbours as most points do.
+
+    A point is an outlier where its mean distance to its neighbours is more than `deviations`
+    standard deviations above the mean over the cloud.
+
+    Args:
+        points: (P, 3) [m].
+        neighbours: How many neighbours to look at; with no more points than that, all are kept.
+        deviations: How many standard deviations to allow.
+    """
+    if len(points) <= neighbours:
+        return np.ones(len(points), dtype=bool)
+    distances, _ = cKDTree(points).query(points, k=neighbours + 1)
+    mean = distances[:, 1:].mean(axis=1)
+    return mean <= mean.mean() + deviations * mean.std()

@@ -1,0 +1,129 @@
+"""Rigid transforms as (4, 4) arrays, and the exponential and logarithm of rotations.
+
+Every function takes any number of leading dimensions.
+"""
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+
+
+def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Returns the (..., 4, 4) transform of rotations (..., 3, 3) and translations (..., 3) [m]."""
+    rotation = np.asarray(rotation, dtype=float)
+    translation = np.asarray(translation, dtype=float)
+    if rotation.shape[-2:] != (3, 3) or translation.shape[-1:] != (3,):
+        raise InvalidValueError(
+            f"The rotation has shape {rotation.shape} and the translation {translation.shape}.",
+            remedy="Pass a (..., 3, 3) rotation matrix and a (..., 3) translation.",
+        )
+    leading = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    X = np.zeros((*leading, 4, 4))
+    X[..., :3, :3] = rotation
+    X[..., :3, 3] = translation
+    X[..., 3, 3] = 1.0
+    return X
+
+
+def inverse(X: np.ndarray) -> np.ndarray:
+    """Returns the inverse of rigid transforms (..., 4, 4): X_BA of X_AB."""
+    R_transposed = X[..., :3, :3].swapaxes(-1, -2)
+    X_BA = np.zeros(X.shape)
+    X_BA[..., :3, :3] = R_transposed
+    X_BA[..., :3, 3:] = -(R_transposed @ X[..., :3, 3:])
+    X_BA[..., 3, 3] = 1.0
+    return X_BA
+
+
+def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns points (..., 3) carried by a transform.
+
+    Args:
+        X: (4, 4) X_AB, or (T, ..., 4, 4) to carry a set (N, 3) by each of many transforms.
+        points: (..., 3) p_B [m]. Where X has leading dimensions, (..., N, 3).
+
+    Returns:
+        p_A [m]: (..., 3) for one transform, (T, ..., N, 3) for many.
+    """
+    R = X[..., :3, :3]
+    if X.ndim == 2:
+        return points @ R.T + X[:3, 3]
+    return points @ np.swapaxes(R, -1, -2) + X[..., None, :3, 3]
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """Returns [v] (..., 3, 3) with [v] u = v x u, for v (..., 3)."""
+    v = np.asarray(v, dtype=float)
+    S = np.zeros((*v.shape, 3))
+    S[..., 0, 1] = -v[..., 2]
+    S[..., 0, 2] = v[..., 1]
+    S[..., 1, 0] = v[..., 2]
+    S[..., 1, 2] = -v[..., 0]
+    S[..., 2, 0] = -v[..., 1]
+    S[..., 2, 1] = v[..., 0]
+    return S
+
+
+def vee(S: np.ndarray) -> np.ndarray:
+    """Returns the vector (..., 3) of the skew part of S (..., 3, 3): the inverse of `skew`."""
+    return 0.5 * np.stack(
+        [
+            S[..., 2, 1] - S[..., 1, 2],
+            S[..., 0, 2] - S[..., 2, 0],
+            S[..., 1, 0] - S[..., 0, 1],
+        ],
+        axis=-1,
+    )
+
+
+def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
+    """Returns the rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad].
+
+    Rodrigues' formula, R = I + (sin t / t) [w] + ((1 - cos t) / t^2) [w]^2 with t = |w|, in which
+    both factors are written with sinc, so that they keep full precision at t = 0.
+    """
+    w = np.asarray(rotation_vector, dtype=float)
+    angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
+    S = skew(w)
+    # (1 - cos t) / t^2 = sinc(t / 2)^2 / 2 has no cancellation.
+    return (
+        np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (S @ S)
+    )
+
+
+def rotation_log(rotation: np.ndarray) -> np.ndarray:
+    """Returns the rotation vectors (..., 3) [rad], no longer than pi, of matrices (..., 3, 3).
+
+    Goes through the unit quaternion with the largest divisor (Shepperd's method), which is accurate
+    for every angle, pi included. At exactly pi one of the two opposite vectors is returned.
+    """
+    R = np.asarray(rotation, dtype=float)
+    # Four times the outer product q q^T of the quaternion q = (w, x, y, z).
+    Q = np.empty((*R.shape[:-2], 4, 4))
+    r00, r11, r22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    Q[..., 0, 0] = 1.0 + r00 + r11 + r22
+    Q[..., 1, 1] = 1.0 + r00 - r11 - r22
+    Q[..., 2, 2] = 1.0 - r00 + r11 - r22
+    Q[..., 3, 3] = 1.0 - r00 - r11 + r22
+    Q[..., 0, 1] = Q[..., 1, 0] = R[..., 2, 1] - R[..., 1, 2]
+    Q[..., 0, 2] = Q[..., 2, 0] = R[..., 0, 2] - R[..., 2, 0]
+    Q[..., 0, 3] = Q[..., 3, 0] = R[..., 1, 0] - R[..., 0, 1]
+    Q[..., 1, 2] = Q[..., 2, 1] = R[..., 0, 1] + R[..., 1, 0]
+    Q[..., 1, 3] = Q[..., 3, 1] = R[..., 0, 2] + R[..., 2, 0]
+    Q[..., 2, 3] = Q[..., 3, 2] = R[..., 1, 2] + R[..., 2, 1]
+    largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(Q, largest[..., None, None], axis=-2)[..., 0, :]
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    vector = q[..., 1:]
+    length = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    # atan2 takes the quaternion at any scale. Below 1e-150 the vector part is zero to rounding.
+    angle = 2.0 * np.arctan2(length, q[..., :1])
+    return vector * np.where(length > 1e-150, angle / np.maximum(length, 1e-150), 0.0)
+
+
+def rotation_angle(rotation: np.ndarray) -> np.ndarray:
+    """Returns the angles (...) in [0, pi] [rad] of rotation matrices (..., 3, 3)."""
+    R = np.asarray(rotation, dtype=float)
+    sine = np.linalg.norm(vee(R), axis=-1)
+    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    return np.arctan2(sine, cosine)

@@ -1,0 +1,1 @@
+"""Grasp candidates, feasibility of their rollouts, approach paths. No pydrake."""

@@ -1,0 +1,1 @@
+"""Robot, objects, fixtures and scenarios."""

@@ -1,0 +1,120 @@
+"""Textured triangle meshes of a mug's body and handle, as .obj text."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.models.mug_family import MugParameters
+from poil_drake.models.mug_shape import handle_center_line, wall_profile
+
+BODY_SEGMENTS = 40
+"""Facets around the body."""
+
+HANDLE_SECTIONS = 26
+"""Cross-sections along the handle."""
+
+HANDLE_SEGMENTS = 10
+"""Facets around the handle's tube."""
+
+DECORATED_FRACTION = 0.75
+"""The upper part of the texture image (v from 1 down to 1 - this) wraps the outside of the body;
+the rest holds the plain base colour for the inside and the underside."""
+
+
+@dataclass(frozen=True, eq=False)
+class TexturedMesh:
+    """A triangle mesh with one normal and one texture coordinate per vertex.
+
+    Attributes:
+        vertices: (V, 3) positions [m].
+        normals: (V, 3) unit outward normals.
+        uv: (V, 2) texture coordinates in [0, 1].
+        faces: (F, 3) vertex indices, counter-clockwise seen from outside.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    faces: np.ndarray
+
+    def to_obj(self, *, material_library: str, material: str) -> str:
+        """Returns the mesh in Wavefront .obj format."""
+        lines = [f"mtllib {material_library}", f"usemtl {material}"]
+        lines += ["v {:.5f} {:.5f} {:.5f}".format(*v) for v in self.vertices]
+        lines += ["vt {:.4f} {:.4f}".format(*t) for t in self.uv]
+        lines += ["vn {:.3f} {:.3f} {:.3f}".format(*n) for n in self.normals]
+        lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in self.faces + 1]
+        return "\n".join(lines) + "\n"
+
+
+def body_mesh(mug: MugParameters) -> TexturedMesh:
+    """Returns the revolved body: outside (decorated), rim, inside and bottom."""
+    outside, inside = wall_profile(mug)
+    plain_v = (1 - DECORATED_FRACTION) / 2
+    decorated = 1 - DECORATED_FRACTION * (1 - outside[:, 1] / mug.height)
+    decorated[:2] = plain_v
+    return _join(_revolve(outside, decorated), _revolve(inside, np.full(len(inside), plain_v)))
+
+
+def handle_mesh(mug: MugParameters) -> TexturedMesh:
+    """Returns the tube swept along the handle's centre line."""
+    line = handle_center_line(mug, HANDLE_SECTIONS)
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    side = np.array([0.0, 1.0, 0.0])
+    outward = np.cross(side, tangent)
+    angle = np.linspace(0, 2 * np.pi, HANDLE_SEGMENTS + 1)
+    normals = np.cos(angle)[None, :, None] * outward[:, None] + np.sin(angle)[None, :, None] * side
+    vertices = line[:, None] + mug.handle_radius * normals
+    # The decoration runs along the handle at the scale that it has around the body.
+    length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+    around = 2 * np.pi * mug.radius
+    u = np.linspace(0, length / around, len(line))
+    v = 1 - DECORATED_FRACTION * (0.3 + 0.4 * angle / (2 * np.pi))
+    uv = np.stack(np.broadcast_arrays(u[:, None], v[None, :]), axis=-1)
+    return _grid(vertices, normals, uv)
+
+
+def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
+    """Revolves a polyline of (radius, height), whose right-hand side is outside."""
+    edges = np.diff(profile, axis=0)
+    edge_normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    edge_normals /= np.linalg.norm(edge_normals, axis=1, keepdims=True)
+    point_normals = np.vstack([edge_normals[:1], edge_normals]) + np.vstack(
+        [edge_normals, edge_normals[-1:]]
+    )
+    point_normals /= np.linalg.norm(point_normals, axis=1, keepdims=True)
+    angle = np.linspace(0, 2 * np.pi, BODY_SEGMENTS + 1)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    def turn(radial: np.ndarray, axial: np.ndarray) -> np.ndarray:
+        xy = radial[:, None, None] * around
+        z = np.broadcast_to(axial[:, None, None], (*xy.shape[:2], 1))
+        return np.concatenate([xy, z], axis=2)
+
+    uv = np.stack(np.broadcast_arrays(angle[None] / (2 * np.pi), v[:, None]), axis=-1)
+    return _grid(
+        turn(profile[:, 0], profile[:, 1]), turn(point_normals[:, 0], point_normals[:, 1]), uv
+    )
+
+
+def _grid(vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> TexturedMesh:
+    """Joins a (R, C) grid of vertices by triangles, leaving out those without area."""
+    rows, columns = vertices.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    c, d = index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    flat = vertices.reshape(-1, 3)
+    p, q, r = (flat[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
+    return TexturedMesh(flat, normals.reshape(-1, 3), uv.reshape(-1, 2), faces[area > 1e-10])
+
+
+def _join(first: TexturedMesh, second: TexturedMesh) -> TexturedMesh:
+    return TexturedMesh(
+        np.vstack([first.vertices, second.vertices]),
+        np.vstack([first.normals, second.normals]),
+        np.vstack([first.uv, second.uv]),
+        np.vstack([first.faces, second.faces + len(first.vertices)]),
+    )

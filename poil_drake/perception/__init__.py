@@ -1,0 +1,1 @@
+"""Cameras, images, part detectors and point trackers. No pydrake."""

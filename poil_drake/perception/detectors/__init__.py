@@ -1,0 +1,1 @@
+"""Part detectors behind one protocol."""

@@ -1,0 +1,34 @@
+"""What every part detector offers."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.perception.images import MultiViewFrame
+
+
+@dataclass(frozen=True, eq=False)
+class PartMasks(SharedOnCopy):
+    """Where an object and its functional part are seen.
+
+    Attributes:
+        object_masks: V arrays (H, W) bool, one for each view; all False where not seen.
+        part_masks: V arrays (H, W) bool, subsets of `object_masks`.
+    """
+
+    object_masks: tuple[np.ndarray, ...]
+    part_masks: tuple[np.ndarray, ...]
+
+
+class PartDetector(Protocol):
+    """Finds an object and its functional part in the views of one instant."""
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        """Returns the masks of the object and of the part in each view.
+
+        Raises:
+            DetectionError: if a label is unknown, or the part is seen in no view.
+        """
+        ...

@@ -1,0 +1,122 @@
+"""Cameras and RGB-D images."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel(SharedOnCopy):
+    """A pinhole camera at a known pose.
+
+    Attributes:
+        name: The camera's name in the scenario.
+        width: Image width [px].
+        height: Image height [px].
+        K: (3, 3) intrinsic matrix [px]; pixel centres are at integer coordinates.
+        X_WC: (4, 4) pose of the camera's OpenCV optical frame (+z into the image, +x right,
+            +y down) in the world [m].
+    """
+
+    name: str
+    width: int
+    height: int
+    K: np.ndarray
+    X_WC: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InvalidValueError(
+                f"CameraModel '{self.name}' is {self.width} x {self.height} pixels.",
+                remedy="Width and height must be at least 1.",
+            )
+        object.__setattr__(self, "K", frozen_array(self.K, name="CameraModel.K", shape=(3, 3)))
+        X_WC = frozen_array(self.X_WC, name="CameraModel.X_WC", shape=(4, 4))
+        R = X_WC[:3, :3]
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
+            raise InvalidValueError(
+                f"CameraModel.X_WC of '{self.name}' does not hold a rotation matrix.",
+                remedy="Pass a rigid transform with an orthonormal, right-handed rotation.",
+            )
+        object.__setattr__(self, "X_WC", X_WC)
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdImage(SharedOnCopy):
+    """One camera's colour and depth image of one instant.
+
+    Attributes:
+        rgb: (H, W, 3) uint8 colour.
+        depth: (H, W) float32 depth along the optical axis [m]; 0 where invalid.
+        stamp: Time of capture [s].
+        label: (H, W) int16 render labels, or None. Only a simulator gives them.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    stamp: float
+    label: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        rgb = frozen_array(self.rgb, name="RgbdImage.rgb", shape=("H", "W", 3), dtype=np.uint8)
+        size = rgb.shape[:2]
+        object.__setattr__(self, "rgb", rgb)
+        object.__setattr__(
+            self,
+            "depth",
+            frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32),
+        )
+        if self.label is not None:
+            object.__setattr__(
+                self,
+                "label",
+                frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16),
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class MultiViewFrame(SharedOnCopy):
+    """What all cameras saw at one instant.
+
+    Attributes:
+        cameras: The cameras' models, V of them.
+        images: Their images, in the same order.
+        label_ids: Which render labels stand for what: "<object>" for the whole object,
+            "<object>/<part>" for a part. An object's own labels include those of its parts.
+            Empty where the images carry no labels.
+    """
+
+    cameras: tuple[CameraModel, ...]
+    images: tuple[RgbdImage, ...]
+    label_ids: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.cameras or len(self.cameras) != len(self.images):
+            raise InvalidValueError(
+                f"MultiViewFrame has {len(self.cameras)} cameras and {len(self.images)} images.",
+                remedy="Pass one image for each camera, and at least one camera.",
+            )
+        for camera, image in zip(self.cameras, self.images, strict=True):
+            if image.depth.shape != (camera.height, camera.width):
+                raise InvalidValueError(
+                    f"The image of camera '{camera.name}' has shape {image.depth.shape}, but the "
+                    f"camera's model says ({camera.height}, {camera.width}).",
+                    remedy="Use the calibration that belongs to this image size.",
+                )
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        object.__setattr__(self, "images", tuple(self.images))
+        object.__setattr__(
+            self,
+            "label_ids",
+            MappingProxyType({k: tuple(int(i) for i in v) for k, v in self.label_ids.items()}),
+        )
+
+    @property
+    def stamp(self) -> float:
+        """The time of capture [s]: the oldest of the images'."""
+        return min(image.stamp for image in self.images)

@@ -1,0 +1,69 @@
+"""What every point tracker offers."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerOutput(SharedOnCopy):
+    """One step of a tracker.
+
+    Attributes:
+        state: What the next step needs. Immutable; its type belongs to the tracker.
+        points: The tracked part points.
+        lost: Whether the tracker says that it has lost the object. The points of a lost object
+            have confidence 0.
+    """
+
+    state: Any
+    points: TrackedPoints
+    lost: bool
+
+
+class PointTracker(Protocol):
+    """Follows points on one rigid object through a stream of multi-view RGB-D frames.
+
+    The methods are pure: what a tracker knows of the stream lives in the state that it hands out,
+    so that one tracker serves many streams and its state can live in a Drake Context.
+    """
+
+    def start(
+        self,
+        frame: MultiViewFrame,
+        query_points: np.ndarray,
+        object_masks: tuple[np.ndarray, ...],
+    ) -> TrackerOutput:
+        """Begins to track.
+
+        Args:
+            frame: The first frame.
+            query_points: (N, 3) points on the object at the time of that frame [m, world].
+            object_masks: V arrays (H, W) bool: where the object is seen in that frame.
+
+        Raises:
+            TrackingError: if too little of the object is seen to track it.
+        """
+        ...
+
+    def step(
+        self,
+        state: Any,
+        frame: MultiViewFrame,
+        motion_prior: np.ndarray | None = None,
+    ) -> TrackerOutput:
+        """Tracks into the next frame.
+
+        Args:
+            state: The `state` of the previous output.
+            frame: The new frame.
+            motion_prior: (4, 4) expected motion of the object in the world since the previous
+                frame, X_WO(t) X_WO(t_prev)^-1, e.g. from the forward kinematics of the hand that
+                holds it. None: the tracker extrapolates on its own.
+        """
+        ...

@@ -1,0 +1,38 @@
+"""Point trackers by name."""
+
+from collections.abc import Callable
+from typing import Any
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
+from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
+
+TRACKERS: dict[str, tuple[Callable[[Any], PointTracker], type]] = {
+    "rigid_flow": (RigidFlowTracker, RigidFlowConfig),
+}
+"""Name -> what makes the tracker of a configuration, and that configuration's type."""
+
+
+def make_tracker(name: str, config: object | None = None) -> PointTracker:
+    """Returns the tracker of this name.
+
+    Args:
+        name: One of `TRACKERS`.
+        config: The tracker's own parameters, e.g. a `RigidFlowConfig`; None for its defaults.
+
+    Raises:
+        InvalidValueError: if there is none, or the configuration is another tracker's; the message
+            lists the choices.
+    """
+    if name not in TRACKERS:
+        raise InvalidValueError(
+            f"There is no point tracker '{name}'.", remedy=f"Choose from: {', '.join(TRACKERS)}."
+        )
+    make, config_type = TRACKERS[name]
+    if config is not None and not isinstance(config, config_type):
+        raise InvalidValueError(
+            f"The tracker '{name}' was given a {type(config).__name__}.",
+            remedy=f"Pass a {config_type.__name__}, or None for the defaults.",
+        )
+    return make(config)

@@ -1,0 +1,1 @@
+"""Demonstrations and run logs as MCAP. No pydrake."""

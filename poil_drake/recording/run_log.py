@@ -1,0 +1,252 @@
+"""The log of a run, as MCAP."""
+
+import atexit
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.background_worker import BackgroundWorker
+from poil_drake.recording.camera_messages import encode_calibration, encode_transform
+from poil_drake.recording.demonstration_layout import (
+    METADATA_RECORD,
+    SCENARIO_ATTACHMENT,
+    TRANSFORM_TOPIC,
+    WORLD_FRAME,
+    camera_topic,
+    optical_frame,
+)
+from poil_drake.recording.image_messages import ColorEncoding, encode_color, encode_depth
+from poil_drake.recording.log_messages import (
+    encode_joint_states,
+    encode_points,
+    json_record,
+    json_schema,
+)
+from poil_drake.recording.mcap_sink import McapSink
+from poil_drake.recording.timestamps import to_nanoseconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunLogConfig:
+    """How a run is logged.
+
+    Attributes:
+        color: How colour images are encoded. A log is for looking at: quality 85 halves its size.
+        queue_capacity: How many messages may wait for the writing thread. 512 are about four
+            seconds at the default rates, and 16 MB with the images among them.
+        drop_when_full: Whether a message is left out (and counted in the metadata
+            `dropped_messages`) when the queue is full, instead of holding up the caller. True for
+            hardware, where the loop must not wait for a disk.
+    """
+
+    color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
+    queue_capacity: int = 512
+    drop_when_full: bool = False
+
+
+class RunLogWriter:
+    """Writes what happens in a run: open, write, close; or a `with` block.
+
+    All times are simulation times [s] (epoch times on hardware); `time` is when a message was
+    logged, `stamp` when what it shows was measured, by default the same. A write copies its arrays
+    and returns; encoding, compression and disk are left to one background thread, which `close`
+    joins. The file is readable after any `close`, also one that follows an exception, and closing
+    is not forgotten when the interpreter exits.
+
+    A write raises what an earlier write met in the background thread, e.g. a full disk.
+
+    Args:
+        path: The MCAP file; its folder is made where needed. An older file is overwritten.
+        metadata: What to say about the run, e.g. {"scenario": ..., "seed": ...}.
+        scenario_text: The scenario as YAML, kept as an attachment.
+        config: How to log.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        metadata: Mapping[str, str] | None = None,
+        scenario_text: str | None = None,
+        config: RunLogConfig | None = None,
+    ):
+        self._config = config or RunLogConfig()
+        self._sink = McapSink(Path(path))
+        self._schemas: dict[str, dict[str, Any]] = {}
+        self._closed = False
+        # Metadata first: a log that was never closed still says what it is.
+        self._sink.add_metadata(
+            METADATA_RECORD, {"poil_drake_version": version("poil-drake"), **(metadata or {})}
+        )
+        if scenario_text is not None:
+            self._sink.add_attachment(
+                SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
+            )
+        self._worker = BackgroundWorker(name="run_log", capacity=self._config.queue_capacity)
+        atexit.register(self.close)
+
+    def write_calibration(self, camera: CameraModel, *, time: float) -> None:
+        """Writes a camera's intrinsics and pose."""
+        now = to_nanoseconds(time)
+        frame_id = optical_frame(camera.name)
+        topic = camera_topic(camera.name, "calibration")
+        self._write(topic, time, lambda: encode_calibration(camera, stamp=now, frame_id=frame_id))
+        self.write_transform(camera.X_WC, child=frame_id, time=time)
+
+    def write_image(
+        self, camera: str, rgb: np.ndarray, *, time: float, stamp: float | None = None
+    ) -> None:
+        """Writes an (H, W, 3) uint8 colour image."""
+        captured = to_nanoseconds(time if stamp is None else stamp)
+        pixels, frame_id, encoding = _kept(rgb), optical_frame(camera), self._config.color
+        self._write(
+            camera_topic(camera, "image"),
+            time,
+            lambda: encode_color(pixels, stamp=captured, frame_id=frame_id, encoding=encoding),
+        )
+
+    def write_depth(
+        self, camera: str, depth: np.ndarray, *, time: float, stamp: float | None = None
+    ) -> None:
+        """Writes an (H, W) depth image [m]."""
+        captured = to_nanoseconds(time if stamp is None else stamp)
+        pixels, frame_id = _kept(depth), optical_frame(camera)
+        self._write(
+            camera_topic(camera, "depth"),
+            time,
+            lambda: encode_depth(pixels, stamp=captured, frame_id=frame_id),
+        )
+
+    def write_points(
+        self,
+        name: str,
+        points: np.ndarray,
+        *,
+        time: float,
+        stamp: float | None = None,
+        confidence: np.ndarray | None = None,
+    ) -> None:
+        """Writes (N, 3) world points [m] to /points/<name>, with their (N,) confidence if given.
+
+        The names in use are tracked, propagated, reference and target.
+        """
+        captured = to_nanoseconds(time if stamp is None else stamp)
+        kept = _kept(points)
+        weights = None if confidence is None else _kept(confidence)
+        self._write(
+            f"/points/{name}",
+            time,
+            lambda: encode_points(kept, stamp=captured, frame_id=WORLD_FRAME, confidence=weights),
+        )
+
+    def write_transform(
+        self, X_PC: np.ndarray, *, child: str, time: float, parent: str = WORLD_FRAME
+    ) -> None:
+        """Writes the (4, 4) pose of frame `child` in frame `parent` [m] to /tf."""
+        now = to_nanoseconds(time)
+        pose = _kept(X_PC)
+        self._write(
+            TRANSFORM_TOPIC,
+            time,
+            lambda: encode_transform(pose, parent=parent, child=child, stamp=now),
+        )
+
+    def write_joint_states(
+        self,
+        names: Sequence[str],
+        *,
+        time: float,
+        position: np.ndarray | None = None,
+        velocity: np.ndarray | None = None,
+        effort: np.ndarray | None = None,
+        topic: str = "/robot/joint_states",
+    ) -> None:
+        """Writes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
+        now = to_nanoseconds(time)
+        message = encode_joint_states(
+            names, stamp=now, position=position, velocity=velocity, effort=effort
+        )
+        self._write(topic, time, lambda: message)
+
+    def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
+        """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""
+        angular, linear = np.split(np.asarray(twist, dtype=float), 2)
+        axes = "xyz"
+        self._write_json(
+            topic,
+            {
+                "angular": dict(zip(axes, angular.tolist(), strict=True)),
+                "linear": dict(zip(axes, linear.tolist(), strict=True)),
+            },
+            title="poil.Twist",
+            time=time,
+        )
+
+    def write_status(self, topic: str, values: Mapping[str, Any], *, time: float) -> None:
+        """Writes named values to `topic`, e.g. /controller/status, /ik/status, /tracker/status.
+
+        The values may be numbers, text, arrays and mappings of these. The first message on a topic
+        sets its JSON schema, so give every message of a topic the same names.
+        """
+        self._write_json(topic, values, title=f"poil{topic.replace('/', '.')}", time=time)
+
+    def write_phase(self, phase: str, *, time: float, reason: str = "") -> None:
+        """Writes to /phase that a phase of the task has begun, and why."""
+        values = {"phase": phase, "reason": reason}
+        self._write_json("/phase", values, title="poil.phase", time=time)
+
+    def close(self) -> None:
+        """Waits for the background thread and finishes the file. A second call does nothing.
+
+        Raises:
+            OSError: if the file could not be written. It is closed all the same.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        atexit.unregister(self.close)
+        try:
+            self._worker.close()
+        finally:
+            if self._worker.dropped:
+                dropped = {"dropped_messages": str(self._worker.dropped)}
+                self._sink.add_metadata(METADATA_RECORD, dropped)
+            self._sink.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exception_type: type[BaseException] | None,
+        exception: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, topic: str, time: float, encode: Callable[[], Any]) -> None:
+        now = to_nanoseconds(time)
+        self._submit(lambda: self._sink.write(topic, encode(), time=now))
+
+    def _write_json(
+        self, topic: str, values: Mapping[str, Any], *, title: str, time: float
+    ) -> None:
+        now = to_nanoseconds(time)
+        record = json_record(values, stamp=now)
+        schema = self._schemas.setdefault(title, json_schema(title, record))
+        self._submit(lambda: self._sink.write_json(topic, record, schema=schema, time=now))
+
+    def _submit(self, job: Callable[[], None]) -> None:
+        self._worker.submit(job, may_drop=self._config.drop_when_full)
+
+
+def _kept(array: np.ndarray) -> np.ndarray:
+    """Returns an array that nobody changes: itself if it is read-only and its own, or a copy."""
+    array = np.asarray(array)
+    return array if not array.flags.writeable and array.base is None else array.copy()

@@ -1,0 +1,39 @@
+"""Times as recorded: integer nanoseconds, in MCAP records and in Foxglove messages."""
+
+import math
+from typing import Any
+
+from poil_drake.errors import InvalidValueError
+
+NANOSECONDS_PER_SECOND = 1_000_000_000
+
+
+def to_nanoseconds(time: float) -> int:
+    """Returns `time` [s] in whole nanoseconds.
+
+    Multiples of the binary rates (1/8 s, 1/512 s ...) come back exactly from `to_seconds`.
+
+    Raises:
+        InvalidValueError: if `time` is negative or not finite, which MCAP cannot hold.
+    """
+    if not math.isfinite(time) or time < 0.0:
+        raise InvalidValueError(
+            f"A message has time {time} s.", remedy="Recorded times are finite and not negative."
+        )
+    return round(time * NANOSECONDS_PER_SECOND)
+
+
+def to_seconds(nanoseconds: int) -> float:
+    """Returns whole nanoseconds as the nearest float [s]."""
+    return nanoseconds / NANOSECONDS_PER_SECOND
+
+
+def set_timestamp(message: Any, nanoseconds: int) -> None:
+    """Sets the `timestamp` field of a Foxglove message."""
+    message.timestamp.FromNanoseconds(nanoseconds)
+    message.timestamp.SetInParent()
+
+
+def get_timestamp(message: Any, default: int) -> int:
+    """Returns the `timestamp` of a Foxglove message [ns], or `default` where it was not set."""
+    return message.timestamp.ToNanoseconds() if message.HasField("timestamp") else default

@@ -1,0 +1,100 @@
+"""The image input ports of a system that looks through cameras."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
+
+from poil_drake.errors import StationError
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+
+
+class CameraPorts:
+    """Declares image ports on a system and takes frames from them.
+
+    For each camera the system gets the ports `<name>.rgb_image` (ImageRgba8U) and
+    `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), both to be connected, and
+    `<name>.image_time` (1,) [s], which may stay unconnected: the images are then taken to be of the
+    moment they are looked at. With labels there is also `<name>.label_image` (ImageLabel16I), which
+    may stay unconnected too.
+
+    An evaluation of these ports renders images in simulation, which is dear: only events do it.
+    """
+
+    def __init__(
+        self,
+        *,
+        system: LeafSystem,
+        cameras: Sequence[CameraModel],
+        label_ids: Mapping[str, Sequence[int]] | None = None,
+    ):
+        """Declares the ports.
+
+        Args:
+            system: The system that gets them.
+            cameras: The cameras' models; their names begin the ports' names.
+            label_ids: What the labels stand for (see `MultiViewFrame`); None: no label ports.
+        """
+        self._system = system
+        self._cameras = tuple(cameras)
+        self._label_ids = {name: tuple(ids) for name, ids in (label_ids or {}).items()}
+        self._with_labels = label_ids is not None
+        for camera in self._cameras:
+            system.DeclareAbstractInputPort(f"{camera.name}.rgb_image", Value(ImageRgba8U()))
+            system.DeclareAbstractInputPort(f"{camera.name}.depth_image", Value(ImageDepth32F()))
+            system.DeclareVectorInputPort(f"{camera.name}.image_time", 1)
+            if self._with_labels:
+                system.DeclareAbstractInputPort(
+                    f"{camera.name}.label_image", Value(ImageLabel16I())
+                )
+
+    @property
+    def cameras(self) -> tuple[CameraModel, ...]:
+        """The cameras' models."""
+        return self._cameras
+
+    def capture(self, context: Context) -> MultiViewFrame | None:
+        """Returns what the cameras show now, copied out of Drake.
+
+        Depth that is not finite becomes 0. None while a camera has not delivered an image yet.
+
+        Raises:
+            StationError: if an image port is not connected.
+        """
+        images = [self._image(context, camera.name) for camera in self._cameras]
+        if any(image is None for image in images):
+            return None
+        labelled = all(image is not None and image.label is not None for image in images)
+        return MultiViewFrame(
+            cameras=self._cameras,
+            images=tuple(image for image in images if image is not None),
+            label_ids=self._label_ids if labelled else {},
+        )
+
+    def _image(self, context: Context, camera: str) -> RgbdImage | None:
+        rgba = self._pixels(context, f"{camera}.rgb_image")
+        depth = self._pixels(context, f"{camera}.depth_image")
+        if rgba is None or depth is None:
+            raise StationError(
+                f"The images of camera '{camera}' are not connected to "
+                f"'{self._system.get_name()}'.",
+                remedy=f"Connect the station's ports {camera}.rgb_image and {camera}.depth_image.",
+            )
+        if rgba.size == 0 or depth.size == 0:
+            return None
+        label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
+        time = self._system.GetInputPort(f"{camera}.image_time")
+        stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
+        return RgbdImage(
+            rgb=np.ascontiguousarray(rgba[:, :, :3]),
+            depth=np.where(np.isfinite(depth[:, :, 0]), depth[:, :, 0], np.float32(0.0)),
+            stamp=float(stamp),
+            label=None if label is None else np.array(label[:, :, 0]),
+        )
+
+    def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
+        """Returns Drake's own array of an image (H, W, channels), or None if not connected."""
+        port = self._system.GetInputPort(port_name)
+        return port.Eval(context).data if port.HasValue(context) else None

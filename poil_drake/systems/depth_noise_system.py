@@ -1,0 +1,50 @@
+"""Makes a rendered depth image look like a real camera's."""
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F
+
+from poil_drake.perception.depth_noise import StereoDepthNoiseConfig, apply_stereo_depth_noise
+
+
+class DepthNoiseSystem(LeafSystem):
+    """Adds a stereo camera's errors to a depth image; what was not measured becomes 0.
+
+    .. pydrake_system::
+
+        name: DepthNoiseSystem
+        input_ports:
+        - depth_image
+        output_ports:
+        - noisy_depth_image
+
+    Both ports carry ImageDepth32F [m]. The noise depends on nothing but the image, the seed, the
+    camera's index and the time, so looking twice at one time shows the same. It is computed only
+    when somebody looks.
+    """
+
+    def __init__(
+        self,
+        *,
+        width: int,
+        height: int,
+        config: StereoDepthNoiseConfig,
+        seed: int,
+        camera_index: int,
+    ):
+        super().__init__()
+        self._config, self._seed, self._camera_index = config, seed, camera_index
+        self._input = self.DeclareAbstractInputPort("depth_image", Value(ImageDepth32F()))
+        self.DeclareAbstractOutputPort(
+            "noisy_depth_image",
+            lambda: Value(ImageDepth32F(width, height)),
+            self._calc,
+            {self._input.ticket(), self.time_ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        depth = self._input.Eval(context).data[:, :, 0]
+        microseconds = max(0, round(context.get_time() * 1e6))
+        output.get_mutable_value().mutable_data[:, :, 0] = apply_stereo_depth_noise(
+            depth, self._config, (self._seed, self._camera_index, microseconds)
+        )

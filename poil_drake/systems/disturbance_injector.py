@@ -1,0 +1,108 @@
+"""Pushes bodies of the simulated plant at set times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context, LeafSystem
+
+from poil_drake.errors import InvalidValueError, ScenarioError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse:
+    """One push, smooth in time.
+
+    Attributes:
+        body: What is pushed, "<model instance>::<body>".
+        start: When it begins [s].
+        duration: How long it lasts [s].
+        force: The largest force [N, world].
+        torque: The largest torque [N m, world].
+        point: Where on the body the force acts [m, body frame].
+    """
+
+    body: str
+    start: float
+    duration: float
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    torque: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not self.duration > 0.0:
+            raise InvalidValueError(
+                f"The pulse on '{self.body}' lasts {self.duration} s.",
+                remedy="Give it a positive duration.",
+            )
+
+
+def half_sine(time: float, start: float, duration: float) -> float:
+    """Returns the strength of a pulse at `time`, in [0, 1]: half a period of a sine, else 0."""
+    phase = (time - start) / duration
+    return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
+
+
+class DisturbanceInjector(LeafSystem):
+    """Applies smooth force pulses to bodies.
+
+    .. pydrake_system::
+
+        name: DisturbanceInjector
+        output_ports:
+        - applied_spatial_force
+
+    `applied_spatial_force` is the list of `ExternallyAppliedSpatialForce` that the plant's port of
+    that name takes: one for each pulse, zero outside its time. It depends on time alone; there is
+    no input and no state.
+    """
+
+    def __init__(self, *, plant: MultibodyPlant, pulses: Sequence[Pulse]):
+        """Constructs the injector.
+
+        Args:
+            plant: The finalized plant that is pushed.
+            pulses: What happens when.
+
+        Raises:
+            ScenarioError: if the plant has no body of a pulse's name.
+        """
+        super().__init__()
+        self._pulses = [(pulse, _body_index(plant, pulse.body)) for pulse in pulses]
+        self.DeclareAbstractOutputPort(
+            "applied_spatial_force",
+            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
+            self._calc,
+            {self.time_ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        forces = []
+        for pulse, body in self._pulses:
+            strength = half_sine(context.get_time(), pulse.start, pulse.duration)
+            applied = ExternallyAppliedSpatialForce()
+            applied.body_index = body
+            applied.p_BoBq_B = np.array(pulse.point)
+            applied.F_Bq_W = SpatialForce(
+                tau=strength * np.array(pulse.torque), f=strength * np.array(pulse.force)
+            )
+            forces.append(applied)
+        output.set_value(forces)
+
+
+def _body_index(plant: MultibodyPlant, scoped_name: str) -> BodyIndex:
+    for i in range(plant.num_bodies()):
+        body = plant.get_body(BodyIndex(i))
+        if body.scoped_name().get_full() == scoped_name:
+            return body.index()
+    names = [
+        plant.get_body(BodyIndex(i)).scoped_name().get_full() for i in range(plant.num_bodies())
+    ]
+    raise ScenarioError(
+        f"The plant has no body '{scoped_name}' to push.",
+        remedy=f"Choose one of: {', '.join(names)}.",
+    )

@@ -1,0 +1,228 @@
+"""Writes what happens in the closed loop to a run log."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, InputPort, LeafSystem
+
+from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.run_log import RunLogWriter
+
+
+@dataclass(frozen=True, kw_only=True)
+class McapLoggerConfig:
+    """What is logged, and when.
+
+    Attributes:
+        period: Time between samples of signals [s]; also how soon after its capture a frame is
+            noticed.
+        color: Whether the cameras' colour images are logged.
+        depth: Whether their depth images are; they are most of a log's size.
+        gripper_frame: What the gripper's frame is called in the log.
+    """
+
+    period: float = 1 / 32
+    color: bool = True
+    depth: bool = True
+    gripper_frame: str = "gripper"
+
+
+class McapLogger(LeafSystem):
+    """Logs points, twist, joints, phase, statuses and camera images through a `RunLogWriter`.
+
+    .. pydrake_system::
+
+        name: McapLogger
+        input_ports:
+        - tracked_points
+        - frame
+        - points
+        - confidence
+        - target_points
+        - gripper_pose
+        - spatial_velocity
+        - panda.position_measured
+        - panda.velocity_measured
+        - panda.torque_external
+        - panda.velocity
+        - phase
+        - <topic>.<field>
+
+    Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) and `frame` (`MultiViewFrame`
+    or None) are written once for each stamp; `points` and `target_points` (3N,) row-major [m,
+    world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major; `spatial_velocity` (6,), (ω
+    [rad/s], v [m/s]); the measured joint positions [rad], velocities [rad/s] and torques [Nm] (J,);
+    `panda.velocity`, the joint velocities commanded [rad/s]; `phase` (1,), written when it changes;
+    and for each status topic one (1,) port per field.
+
+    Any port may stay unconnected: what it carries is then not logged. The same holds for tracked
+    points and frames before the first; NaN in the rest is logged as such. Everything is written by
+    periodic (and forced) publish events, so a sample shows the state at the end of its step.
+
+    The log belongs to whoever opened it: close it (or use it as a `with` block) after the run.
+    `Close` is a convenience for that; nothing is closed by a destructor, which may never run.
+    """
+
+    def __init__(
+        self,
+        *,
+        log: RunLogWriter,
+        num_points: int,
+        joint_names: Sequence[str],
+        phase_names: Sequence[str] = (),
+        statuses: Mapping[str, Sequence[str]] | None = None,
+        reference: PointTrajectory | None = None,
+        config: McapLoggerConfig | None = None,
+    ):
+        """Constructs the logger.
+
+        Args:
+            log: Where to write.
+            num_points: Number of points, N.
+            joint_names: The arm's joints.
+            phase_names: The phases' names, by index.
+            statuses: Topic -> names of its scalar fields. The ports are named
+                "<topic>.<field>", the log's topics "/<topic>/status".
+            reference: What the controller follows; all its samples are written once, at the start.
+            config: What is logged, and when.
+        """
+        super().__init__()
+        self._log, self._reference = log, reference
+        self._config = config or McapLoggerConfig()
+        self._joint_names, self._phase_names = tuple(joint_names), tuple(phase_names)
+        self._statuses = {topic: tuple(fields) for topic, fields in (statuses or {}).items()}
+        # What the file holds already. Nothing but the file depends on it.
+        self._written: dict[str, object] = {}
+        self._declare_ports(num_points)
+        self.DeclareInitializationPublishEvent(self._publish_reference)
+        self.DeclarePeriodicPublishEvent(self._config.period, 0.0, self._publish)
+        self.DeclareForcedPublishEvent(self._publish)
+
+    def Close(self) -> None:
+        """Closes the log. The system must not publish any more."""
+        self._log.close()
+
+    def _declare_ports(self, num_points: int) -> None:
+        joints = len(self._joint_names)
+        self.DeclareAbstractInputPort("tracked_points", Value(TrackedPoints.lost(num_points, 0.0)))
+        self.DeclareAbstractInputPort("frame", Value(object()))
+        sizes = {
+            "points": 3 * num_points,
+            "confidence": num_points,
+            "target_points": 3 * num_points,
+            "gripper_pose": 16,
+            "spatial_velocity": 6,
+            "panda.position_measured": joints,
+            "panda.velocity_measured": joints,
+            "panda.torque_external": joints,
+            "panda.velocity": joints,
+            "phase": 1,
+        }
+        for topic, fields in self._statuses.items():
+            sizes |= {f"{topic}.{field}": 1 for field in fields}
+        self._vectors: dict[str, InputPort] = {
+            name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
+        }
+
+    def _value(self, context: Context, name: str) -> np.ndarray | None:
+        port = self._vectors[name]
+        return port.Eval(context) if port.HasValue(context) else None
+
+    def _is_new(self, key: str, value: object) -> bool:
+        if self._written.get(key) == value:
+            return False
+        self._written[key] = value
+        return True
+
+    def _publish_reference(self, context: Context) -> None:
+        if self._reference is not None:
+            samples = self._reference.positions.reshape(-1, 3)
+            self._log.write_points("reference", samples, time=context.get_time())
+
+    def _publish(self, context: Context) -> None:
+        self._write_frame(context)
+        self._write_track(context)
+        self._write_points(context)
+        self._write_robot(context)
+        self._write_statuses(context)
+
+    def _write_frame(self, context: Context) -> None:
+        port, time = self.GetInputPort("frame"), context.get_time()
+        frame = port.Eval(context) if port.HasValue(context) else None
+        if not isinstance(frame, MultiViewFrame) or not self._is_new("frame", frame.stamp):
+            return
+        for camera, image in zip(frame.cameras, frame.images, strict=True):
+            if self._is_new(f"calibration of {camera.name}", camera):
+                self._log.write_calibration(camera, time=time)
+            if self._config.color:
+                self._log.write_image(camera.name, image.rgb, time=time, stamp=image.stamp)
+            if self._config.depth:
+                self._log.write_depth(camera.name, image.depth, time=time, stamp=image.stamp)
+
+    def _write_track(self, context: Context) -> None:
+        port = self.GetInputPort("tracked_points")
+        if not port.HasValue(context):
+            return
+        tracked: TrackedPoints = port.Eval(context)
+        if np.isfinite(tracked.stamp) and self._is_new("tracked", tracked.stamp):
+            self._log.write_points(
+                "tracked",
+                tracked.positions,
+                time=context.get_time(),
+                stamp=tracked.stamp,
+                confidence=tracked.confidence,
+            )
+
+    def _write_points(self, context: Context) -> None:
+        time = context.get_time()
+        points = self._value(context, "points")
+        if points is not None:
+            self._log.write_points(
+                "propagated",
+                points.reshape(-1, 3),
+                time=time,
+                confidence=self._value(context, "confidence"),
+            )
+        target = self._value(context, "target_points")
+        if target is not None:
+            self._log.write_points("target", target.reshape(-1, 3), time=time)
+
+    def _write_robot(self, context: Context) -> None:
+        time = context.get_time()
+        position = self._value(context, "panda.position_measured")
+        velocity = self._value(context, "panda.velocity_measured")
+        effort = self._value(context, "panda.torque_external")
+        if any(value is not None for value in (position, velocity, effort)):
+            self._log.write_joint_states(
+                self._joint_names, time=time, position=position, velocity=velocity, effort=effort
+            )
+        commanded = self._value(context, "panda.velocity")
+        if commanded is not None:
+            self._log.write_joint_states(
+                self._joint_names, time=time, velocity=commanded, topic="/robot/joint_commands"
+            )
+        X_WG = self._value(context, "gripper_pose")
+        if X_WG is not None and np.all(np.isfinite(X_WG)):
+            self._log.write_transform(
+                X_WG.reshape(4, 4), child=self._config.gripper_frame, time=time
+            )
+        twist = self._value(context, "spatial_velocity")
+        if twist is not None:
+            self._log.write_twist("/controller/twist", twist, time=time)
+
+    def _write_statuses(self, context: Context) -> None:
+        time = context.get_time()
+        phase = self._value(context, "phase")
+        if phase is not None and self._is_new("phase", float(phase[0])):
+            index = int(phase[0])
+            known = 0 <= index < len(self._phase_names)
+            self._log.write_phase(self._phase_names[index] if known else str(index), time=time)
+        for topic, fields in self._statuses.items():
+            values = {field: self._value(context, f"{topic}.{field}") for field in fields}
+            given = {k: float(v[0]) for k, v in values.items() if v is not None}
+            if given:
+                self._log.write_status(f"/{topic}/status", given, time=time)

@@ -1,0 +1,65 @@
+"""A short record of a rigid motion, sampled on a regular grid of time."""
+
+import math
+
+import numpy as np
+
+from poil_drake.geometry.rigid_transform import (
+    inverse,
+    make_transform,
+    rotation_exp,
+    rotation_log,
+)
+
+ROW_SIZE = 17
+"""A row of a history: the time of the sample [s], then X (4, 4) row-major."""
+
+# Times within this fraction of a sampling period of a sample are that sample's.
+_ON_GRID = 1e-6
+
+
+def empty_history(duration: float, period: float) -> np.ndarray:
+    """Returns an empty history (M, 17) that reaches back over `duration` [s]."""
+    return np.full((math.ceil(duration / period) + 2, ROW_SIZE), np.nan)
+
+
+def record_motion(history: np.ndarray, time: float, X: np.ndarray, period: float) -> None:
+    """Writes the sample X (4, 4) of `time` [s], a multiple of `period`, over the oldest one."""
+    row = history[round(time / period) % len(history)]
+    row[0] = time
+    row[1:] = X.ravel()
+
+
+def motion_at(history: np.ndarray, time: float, period: float) -> np.ndarray | None:
+    """Returns X (4, 4) at `time` [s], or None where the history does not hold it.
+
+    A time between two samples gets the screw-free interpolation: translation linear, rotation
+    along the geodesic.
+    """
+    before = math.floor(time / period + _ON_GRID)
+    fraction = time / period - before
+    first = _sample(history, before, period)
+    if first is None or abs(fraction) <= _ON_GRID:
+        return first
+    second = _sample(history, before + 1, period)
+    if second is None:
+        return None
+    turn = rotation_log(first[:3, :3].T @ second[:3, :3])
+    return make_transform(
+        first[:3, :3] @ rotation_exp(fraction * turn),
+        (1.0 - fraction) * first[:3, 3] + fraction * second[:3, 3],
+    )
+
+
+def _sample(history: np.ndarray, tick: int, period: float) -> np.ndarray | None:
+    row = history[tick % len(history)]
+    held = abs(row[0] - tick * period) < 0.5 * period  # False for NaN
+    return row[1:].reshape(4, 4).copy() if held else None
+
+
+def carried_along(X_M: np.ndarray, X_WG_before: np.ndarray, X_WG_now: np.ndarray) -> np.ndarray:
+    """Returns the motion X_M (4, 4) of an object after the hand that holds it has moved.
+
+    X_M(t) = X_WG(t) X_WG(t - dt)^-1 X_M(t - dt).
+    """
+    return X_WG_now @ inverse(X_WG_before) @ X_M

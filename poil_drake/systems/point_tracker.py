@@ -1,0 +1,239 @@
+"""Follows the part points through the camera images."""
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import (
+    AbstractStateIndex,
+    BasicVector,
+    Context,
+    LeafSystem,
+    State,
+)
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers import protocol
+from poil_drake.systems.camera_ports import CameraPorts
+from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
+from poil_drake.systems.stopwatch import Stopwatch
+from poil_drake.systems.tracker_run import TrackerInputs, TrackerRun, advance
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointTrackerConfig:
+    """When the tracker runs.
+
+    Attributes:
+        period: From one capture to the next [s]; about what a tracker manages.
+        latency: From a capture to the release of its result [s]. 0: released at once.
+        parallel: Whether the work is done on a thread beside the simulation.
+        blocking: Whether the release awaits the work. In simulation it must, so that the outcome
+            does not depend on timing. On hardware it must not: a result is released when it is
+            there, at the first poll after its latency, and frames that come meanwhile are skipped.
+        poll_period: How often to look for a result when not blocking [s].
+    """
+
+    period: float = 1 / 8
+    latency: float = 1 / 16
+    parallel: bool = True
+    blocking: bool = True
+    poll_period: float = 1 / 256
+
+    def __post_init__(self) -> None:
+        if not self.blocking and not self.parallel:
+            raise InvalidValueError(
+                "PointTrackerConfig.blocking is off, but so is parallel.",
+                remedy="A tracker that is not awaited has to run in parallel.",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class _Work(SharedOnCopy):
+    """A run that is being computed; it is shared by all copies of the state that holds it."""
+
+    future: Future[TrackerRun]
+    stamp: float
+
+
+class PointTracker(LeafSystem):
+    """Runs a tracker on the cameras at its own rate, and releases each result after a latency.
+
+    .. pydrake_system::
+
+        name: PointTracker
+        input_ports:
+        - <camera>.rgb_image
+        - <camera>.depth_image
+        - <camera>.image_time
+        - query_points
+        - masks
+        - object_motion
+        output_ports:
+        - tracked_points
+        - status
+        - frame
+
+    Inputs: `query_points` (3N,) row-major, where the points are at first [m, world], NaN until
+    known (may stay unconnected when the constructor gets them); `masks`, the detector's
+    `PartMasks`, None until known; `object_motion` (16,) X_M row-major, by forward kinematics (may
+    stay unconnected or NaN: no prior). The logic of starting, stepping and starting anew is in
+    `tracker_run.advance`. Every output is a function of the state alone:
+
+    - `tracked_points`: `TrackedPoints` with the stamp of their capture. Before the first release
+      they are lost, with a stamp of minus infinity; those of a lost object have confidence 0.
+    - `status` (1,): a `TrackerStatus` as of the last release; WAITING until query points and masks
+      were known at a capture.
+    - `frame`: the `MultiViewFrame` of the last capture; None before the first.
+
+    Captures are unrestricted updates at multiples of the period, releases are unrestricted updates
+    `latency` later. Images whose stamp does not advance are not tracked, so that the track of a
+    frozen camera ages. `object_motion` as seen by a capture is of the control tick before.
+    """
+
+    def __init__(
+        self,
+        *,
+        tracker: protocol.PointTracker,
+        cameras: Sequence[CameraModel],
+        num_points: int,
+        query_points: np.ndarray | None = None,
+        config: PointTrackerConfig | None = None,
+        stopwatch: Stopwatch | None = None,
+    ):
+        """Constructs the system.
+
+        Args:
+            tracker: What tracks.
+            cameras: The cameras' models, in the order of the views.
+            num_points: How many points are followed, N.
+            query_points: (N, 3) where they are at first [m, world]; None: the port says.
+            config: When it runs.
+            stopwatch: Where to note how long captures take ("rendering", in simulation), steps
+                ("tracking", beside the simulation) and waiting for them ("waiting").
+        """
+        super().__init__()
+        self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()
+        self._config = config or PointTrackerConfig()
+        self._schedule = ReleaseSchedule(period=self._config.period, latency=self._config.latency)
+        self._given_query = query_points
+        if query_points is not None:
+            self._given_query = frozen_array(
+                query_points, name="PointTracker.query_points", shape=(num_points, 3)
+            )
+        self._worker = ThreadPoolExecutor(max_workers=1) if self._config.parallel else None
+        self._cameras = CameraPorts(system=self, cameras=cameras)
+        self._query = self.DeclareVectorInputPort("query_points", 3 * num_points)
+        self._masks = self.DeclareAbstractInputPort("masks", Value(object()))
+        self._motion = self.DeclareVectorInputPort("object_motion", 16)
+
+        self._nothing = TrackerRun(points=TrackedPoints.lost(num_points, -np.inf))
+        self._frame = self.DeclareAbstractState(Value(None))
+        self._queue = self.DeclareAbstractState(Value(()))
+        self._released = self.DeclareAbstractState(Value(Captured(-1, self._nothing)))
+        self._declare_events()
+
+        released = {self.abstract_state_ticket(self._released)}
+        self.DeclareAbstractOutputPort(
+            "tracked_points", lambda: Value(self._nothing.points), self._calc_points, released
+        )
+        self.DeclareVectorOutputPort("status", 1, self._calc_status, released)
+        self.DeclareStateOutputPort("frame", self._frame)
+
+    def close(self) -> None:
+        """Ends the worker; what it is doing is finished first. No capture may follow."""
+        if self._worker is not None:
+            self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def _declare_events(self) -> None:
+        config = self._config
+        self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, 0.0, self._capture)
+        if not config.blocking:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(config.poll_period, 0.0, self._poll)
+        elif config.latency > 0.0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                config.period, config.latency, self._release
+            )
+
+    def _get(self, context: Context, index: AbstractStateIndex) -> Any:
+        return context.get_abstract_state(index).get_value()
+
+    def _calc_points(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._get(context, self._released).item.points)
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, float(self._get(context, self._released).item.status))
+
+    def _capture(self, context: Context, state: State) -> None:
+        queue: tuple[Captured, ...] = self._get(context, self._queue)
+        previous: _Work | None = queue[-1].item if queue else None
+        if previous is not None and not self._config.blocking and not previous.future.done():
+            return
+        with self._stopwatch.measure("rendering"):
+            frame = self._cameras.capture(context)
+        if frame is None or (previous is not None and frame.stamp <= previous.stamp):
+            return
+        work = self._begin(previous, self._inputs(context, frame))
+        queue = self._schedule.added(queue, context.get_time(), work)
+        state.get_mutable_abstract_state(self._queue).set_value(queue)
+        state.get_mutable_abstract_state(self._frame).set_value(frame)
+        if self._config.blocking and self._config.latency == 0.0:
+            self._show(queue[-1], state)
+
+    def _release(self, context: Context, state: State) -> None:
+        due = self._schedule.due(self._get(context, self._queue), context.get_time())
+        if due is not None:
+            self._show(due, state)
+
+    def _poll(self, context: Context, state: State) -> None:
+        last = self._get(context, self._released).tick
+        for entry in reversed(self._get(context, self._queue)):
+            ripe = context.get_time() >= entry.tick * self._config.period + self._config.latency
+            if entry.tick > last and ripe and entry.item.future.done():
+                self._show(entry, state)
+                return
+
+    def _show(self, entry: Captured, state: State) -> None:
+        """Awaits the entry's result and makes it the released one."""
+        with self._stopwatch.measure("waiting"):
+            result = entry.item.future.result()
+        state.get_mutable_abstract_state(self._released).set_value(Captured(entry.tick, result))
+
+    def _inputs(self, context: Context, frame: MultiViewFrame) -> TrackerInputs:
+        query = self._given_query
+        if self._query.HasValue(context):
+            query = self._query.Eval(context).reshape(-1, 3).copy()
+        motion = None
+        if self._motion.HasValue(context):
+            X_M = self._motion.Eval(context).reshape(4, 4).copy()
+            motion = X_M if np.all(np.isfinite(X_M)) else None
+        masks = self._masks.Eval(context) if self._masks.HasValue(context) else None
+        return TrackerInputs(
+            frame=frame,
+            masks=masks if isinstance(masks, PartMasks) else None,
+            query_points=query,
+            object_motion=motion,
+        )
+
+    def _begin(self, previous: _Work | None, inputs: TrackerInputs) -> _Work:
+        """Begins to compute the next run; it continues the previous one once that is there."""
+
+        def compute() -> TrackerRun:
+            run = self._nothing if previous is None else previous.future.result()
+            with self._stopwatch.measure("tracking"):
+                return advance(self._tracker, run, inputs)
+
+        future: Future[TrackerRun]
+        if self._worker is not None:
+            future = self._worker.submit(compute)
+        else:
+            future = Future()
+            future.set_result(compute())
+        return _Work(future, inputs.frame.stamp)

@@ -1,0 +1,119 @@
+"""One step of following the points: when to start, step, give up and start anew."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from poil_drake.errors import TrackingError
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.protocol import PointTracker, TrackerOutput
+from poil_drake.systems.statuses import TrackerStatus
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrackerInputs(SharedOnCopy):
+    """What is known at one capture.
+
+    Attributes:
+        frame: The images.
+        masks: The latest detection; None: none yet.
+        query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN: not
+            known yet.
+        object_motion: (4, 4) X_M, motion of the object since some fixed time, by forward
+            kinematics; None: not known.
+    """
+
+    frame: MultiViewFrame
+    masks: PartMasks | None
+    query_points: np.ndarray | None
+    object_motion: np.ndarray | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrackerRun(SharedOnCopy):
+    """Where the tracking of one stream stands after a capture.
+
+    Attributes:
+        points: What to report.
+        status: What to think of it.
+        tracker_state: The tracker's own state; None before the first start.
+        state_motion: (4, 4) X_M at the frame that `tracker_state` is of, or None.
+        masks: The detection that the last start was tried with.
+        query_points: (N, 3) the query of the last start, or None.
+        query_motion: (4, 4) X_M when that query was first used, or None.
+    """
+
+    points: TrackedPoints
+    status: TrackerStatus = TrackerStatus.WAITING
+    tracker_state: Any = None
+    state_motion: np.ndarray | None = None
+    masks: PartMasks | None = None
+    query_points: np.ndarray | None = None
+    query_motion: np.ndarray | None = None
+
+
+def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+    """Returns the run after one more frame.
+
+    A start needs query points and a detection that was not tried before. The first start uses the
+    query as it is; a new start after a loss carries the query along with the object's motion since
+    then, which is right while the grasp is rigid. In between, the tracker steps, with that motion
+    as its prior, and goes on stepping when it is lost, for it may recover by itself.
+    """
+    query = inputs.query_points
+    fresh = inputs.masks is not None and inputs.masks is not run.masks
+    ready = fresh and query is not None and bool(np.all(np.isfinite(query)))
+    if ready and run.status is not TrackerStatus.TRACKING:
+        return _start(tracker, run, inputs)
+    if run.tracker_state is None:
+        return replace(run, points=_lost(run, inputs))
+    return _step(tracker, run, inputs)
+
+
+def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
+    """Returns X_M(now) X_M(before)^-1 (4, 4), or None where one of them is not known."""
+    return None if before is None or now is None else now @ inverse(before)
+
+
+def _start(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+    query, masks = inputs.query_points, inputs.masks
+    assert query is not None and masks is not None  # noqa: PT018 (`advance` has checked)
+    if run.query_points is None or not np.array_equal(query, run.query_points):
+        run = replace(run, query_points=query, query_motion=inputs.object_motion)
+    run = replace(run, masks=masks)
+    since = motion_between(run.query_motion, inputs.object_motion)
+    points_now = query if since is None else transform_points(since, query)
+    try:
+        output = tracker.start(inputs.frame, points_now, masks.object_masks)
+    except TrackingError:
+        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
+    return _after(run, output, inputs)
+
+
+def _step(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+    prior = motion_between(run.state_motion, inputs.object_motion)
+    try:
+        output = tracker.step(run.tracker_state, inputs.frame, prior)
+    except TrackingError:
+        # The state stays that of the last frame that could be used, and its motion with it.
+        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
+    return _after(run, output, inputs)
+
+
+def _after(run: TrackerRun, output: TrackerOutput, inputs: TrackerInputs) -> TrackerRun:
+    return replace(
+        run,
+        points=output.points,
+        status=TrackerStatus.LOST if output.lost else TrackerStatus.TRACKING,
+        tracker_state=output.state,
+        state_motion=inputs.object_motion,
+    )
+
+
+def _lost(run: TrackerRun, inputs: TrackerInputs) -> TrackedPoints:
+    return TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)

@@ -1,0 +1,96 @@
+"""How the part's points move in a demonstration."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.errors import TrackingError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.trackers.protocol import PointTracker
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction of it that is done."""
+
+_MIN_POINTS = 3
+"""Fewer points do not determine a pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class DemonstrationTracks(SharedOnCopy):
+    """The part's points over a demonstration.
+
+    Attributes:
+        times: (T,) times of capture since the first frame [s].
+        positions: (T, N, 3) [m, world]; NaN where a point was not observed.
+        confidence: (T, N) in [0, 1].
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    confidence: np.ndarray
+
+    def __post_init__(self) -> None:
+        times = frozen_array(self.times, name="DemonstrationTracks.times", shape=("T",))
+        positions = frozen_array(
+            self.positions,
+            name="DemonstrationTracks.positions",
+            shape=(len(times), "N", 3),
+            finite=False,
+        )
+        confidence = frozen_array(
+            self.confidence, name="DemonstrationTracks.confidence", shape=positions.shape[:2]
+        )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "confidence", confidence)
+
+
+def track_demonstration(
+    frames: Sequence[MultiViewFrame],
+    query_points: np.ndarray,
+    object_masks: tuple[np.ndarray, ...],
+    *,
+    tracker: PointTracker,
+    max_gap: float = 1.0,
+    progress: Progress | None = None,
+) -> DemonstrationTracks:
+    """Follows the part's points from the first frame to the last.
+
+    Args:
+        frames: The demonstration, in order of time. Each is asked for once.
+        query_points: (N, 3) the points in the first frame [m, world].
+        object_masks: V arrays (H, W) bool: where the object is in the first frame.
+        tracker: What follows the points.
+        max_gap: For how long [s] the tracker may lose the object without the demonstration being
+            lost; at the very end it may not.
+        progress: Told how far the tracking is.
+
+    Raises:
+        TrackingError: if the tracker cannot start, or loses the object; with the time.
+    """
+    first = frames[0]
+    output = tracker.start(first, query_points, object_masks)
+    samples = [(first.stamp, output.points.positions, output.points.confidence)]
+    seen_at = first.stamp
+    for k in range(1, len(frames)):
+        frame = frames[k]
+        output = tracker.step(output.state, frame)
+        points = output.points
+        enough = np.count_nonzero(points.confidence > 0.0) >= _MIN_POINTS
+        if enough and not output.lost:
+            seen_at = frame.stamp
+        elif frame.stamp - seen_at > max_gap or k == len(frames) - 1:
+            raise TrackingError(
+                f"The tracker lost the object {seen_at - first.stamp:.2f} s into the "
+                f"demonstration of {frames[-1].stamp - first.stamp:.2f} s.",
+                remedy="Move the object more slowly and keep it in view of a camera, or choose "
+                "another tracker.",
+            )
+        samples.append((frame.stamp, points.positions, points.confidence))
+        if progress is not None:
+            progress("tracking the demonstration", (k + 1) / len(frames))
+    stamps, positions, confidence = (np.array(column) for column in zip(*samples, strict=True))
+    positions[confidence <= 0.0] = np.nan
+    return DemonstrationTracks(stamps - stamps[0], positions, confidence)

@@ -1,0 +1,92 @@
+"""One way in which the target's part matches the demonstrated one, and the reference it gives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.reference import ReferenceConfig, make_reference
+from poil_drake.errors import TransferError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_transform import transform_points
+from poil_drake.transfer.demonstration_tracks import DemonstrationTracks
+
+
+@dataclass(frozen=True, eq=False)
+class Matching(SharedOnCopy):
+    """One matching of the demonstrated part with the target's.
+
+    Attributes:
+        target_points: (N, 3) the points on the target's part, before it moves [m, world].
+        reference: Where they shall go.
+        chamfer: Mean distance from the target's part to the demonstrated part as it was deformed
+            onto it [m]: how well the shapes fit. What the demonstration did not show counts too.
+        cost: Cost of the coarse alignment; the lower the likelier.
+        rotation: (3, 3) from the demonstrated part to the target's.
+        scales: (3,) along the demonstrated part's principal axes.
+    """
+
+    target_points: np.ndarray
+    reference: PointTrajectory
+    chamfer: float
+    cost: float
+    rotation: np.ndarray
+    scales: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, shape in (("target_points", ("N", 3)), ("rotation", (3, 3)), ("scales", (3,))):
+            value = frozen_array(getattr(self, name), name=f"Matching.{name}", shape=shape)
+            object.__setattr__(self, name, value)
+
+
+def transferred_positions(
+    target_points: np.ndarray, tracks: DemonstrationTracks, *, posed_by: np.ndarray | None = None
+) -> np.ndarray:
+    """Returns where the demonstrated motion takes the target's points.
+
+    At each time the points are rigidly aligned with the tracked configuration by the Kabsch method,
+    with the tracker's confidence as weights (POIL section III-A).
+
+    Args:
+        target_points: (N, 3) [m, world].
+        tracks: The demonstrated points' motion, of the same N points.
+        posed_by: (N, 3) points that are aligned in place of the target's own [m, world]; the
+            target's are carried along.
+
+    Returns:
+        (T, N, 3) [m, world]; NaN at times at which fewer than 3 points were observed.
+    """
+    source = target_points if posed_by is None else posed_by
+    weights = np.array(tracks.confidence)
+    usable = np.count_nonzero(weights > 0.0, axis=1) >= 3
+    positions = np.full(tracks.positions.shape, np.nan)
+    if np.any(usable):
+        tracked = tracks.positions[usable]
+        X = kabsch(np.broadcast_to(source, tracked.shape), tracked, weights[usable])
+        moved = np.broadcast_to(target_points, tracked.shape)
+        positions[usable] = transform_points(X, moved)
+    return positions
+
+
+def make_matching_reference(
+    target_points: np.ndarray,
+    tracks: DemonstrationTracks,
+    *,
+    posed_by: np.ndarray | None = None,
+    config: ReferenceConfig | None = None,
+) -> PointTrajectory:
+    """Returns the reference of the target's points; see `transferred_positions`.
+
+    Raises:
+        TransferError: if too little of the demonstration was tracked, or nothing moves in it.
+    """
+    positions = transferred_positions(target_points, tracks, posed_by=posed_by)
+    usable = np.isfinite(positions).all(axis=(1, 2))
+    if np.count_nonzero(usable) < 2:
+        raise TransferError(
+            f"Only {np.count_nonzero(usable)} of {len(usable)} frames of the demonstration show "
+            "three tracked points.",
+            remedy="Record the demonstration with the part in view, or choose another tracker.",
+        )
+    return make_reference(tracks.times[usable], positions[usable], config)

@@ -1,0 +1,51 @@
+"""Nearest neighbours between many placements of one cloud and another cloud."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class NearestNeighbours(NamedTuple):
+    """Who is nearest to whom.
+
+    Attributes:
+        target_of_source: (K, n) index of the target nearest to each source point.
+        source_squares: (K, n) the squared distance to it.
+        source_of_target: (K, m) index of the source point nearest to each target.
+        target_squares: (K, m) the squared distance to it.
+    """
+
+    target_of_source: np.ndarray
+    source_squares: np.ndarray
+    source_of_target: np.ndarray
+    target_squares: np.ndarray
+
+
+def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbours:
+    """Returns the nearest neighbours in both directions.
+
+    By brute force, as matrix products: |a - b|^2 is least where a . b - |b|^2 / 2 is greatest. For
+    some hundred points that is several times as fast as building a tree for each placement.
+    Neighbours are found in single precision; distances to them are exact.
+
+    Args:
+        sources: (K, n, d) K placements of one cloud.
+        target: (m, d) the other cloud, of about unit size.
+    """
+    a, b = sources.astype(np.float32), target.astype(np.float32)
+    forward = _with(a, 1.0) @ _with(b, -0.5 * np.sum(b * b, axis=-1)).T
+    j = np.argmax(forward, axis=2)
+    backward = _with(b, 1.0) @ np.swapaxes(_with(a, -0.5 * np.sum(a * a, axis=-1)), 1, 2)
+    i = np.argmax(backward, axis=2)
+    nearest_source = np.take_along_axis(sources, i[..., None], axis=1)
+    return NearestNeighbours(
+        j,
+        np.sum((sources - target[j]) ** 2, axis=-1),
+        i,
+        np.sum((nearest_source - target) ** 2, axis=-1),
+    )
+
+
+def _with(points: np.ndarray, last: np.ndarray | float) -> np.ndarray:
+    column = np.broadcast_to(np.float32(last), points.shape[:-1])[..., None]
+    return np.concatenate([points, column.astype(np.float32)], axis=-1)

@@ -1,0 +1,31 @@
+"""What whole runs share: one demonstration, one plan, recorded and made once a session."""
+
+from pathlib import Path
+
+import pytest
+
+from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
+from poil_drake.diagrams.planning import PlanScenario
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.grasping.execution_plan import ExecutionPlan
+
+
+@pytest.fixture(scope="session")
+def scenario() -> Scenario:
+    """The package's own scenario, as `poil run` has it."""
+    return ChooseScenario()
+
+
+@pytest.fixture(scope="session")
+def demonstration(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built-in demonstration."""
+    path = tmp_path_factory.mktemp("demonstration") / "demo.mcap"
+    RecordDemonstration(scenario, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def plan(scenario: Scenario, demonstration: Path) -> ExecutionPlan:
+    """The plan to hang the package's own mug as the demonstration shows."""
+    return PlanScenario(scenario, demonstration)

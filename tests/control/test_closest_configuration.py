@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize_scalar
+
+from poil_drake.control import closest_configuration as dut
+
+POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+# Moves along x by 1 each sample.
+POSITIONS = POINTS + np.arange(6.0)[:, None, None] * [1.0, 0, 0]
+TIMES = 0.5 * np.arange(6)
+
+
+def test_squared_distance_adds_up_over_the_points():
+    squares = dut.squared_distances(POINTS, POSITIONS)
+
+    np.testing.assert_allclose(squares, 3.0 * np.arange(6) ** 2)
+
+
+def test_squared_distance_is_weighted():
+    moved = POINTS + np.diag([1.0, 2.0, 3.0])
+
+    squares = dut.squared_distances(moved, POSITIONS[:1], np.array([1.0, 0.5, 0.1]))
+
+    np.testing.assert_allclose(squares, [1.0 + 2.0 + 0.9])
+
+
+def test_nearest_sample_is_the_closest():
+    assert dut.nearest_sample(POINTS + np.array([2.4, 0.3, 0]), POSITIONS) == 2
+    assert dut.nearest_sample(POINTS + np.array([2.6, 0.3, 0]), POSITIONS, np.ones(3)) == 3
+
+
+def test_among_equals_the_last_sample_is_taken():
+    standing = np.repeat(POSITIONS[:2], 3, axis=0)
+
+    assert dut.nearest_sample(POINTS, standing) == 2
+    assert dut.nearest_sample(POINTS + 1.0, standing) == 5
+
+
+def test_closest_configuration_is_between_samples_or_at_one():
+    points = POINTS + np.array([2.75, 0.3, 0])
+
+    between = dut.closest_configuration(points, POSITIONS, TIMES, interpolate=True)
+    at_sample = dut.closest_configuration(points, POSITIONS, TIMES, interpolate=False)
+
+    assert between == (2, pytest.approx(0.75))
+    assert at_sample == (3, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"),
+    [(2.25, (2, 0.25)), (1.75, (1, 0.75)), (2.0, (2, 0.0)), (-3.0, (0, 0.0)), (9.0, (5, 0.0))],
+)
+def test_place_between_samples_of_an_even_motion(x, expected):
+    points = POINTS + np.array([x, 0.3, 0.1])
+    index = dut.nearest_sample(points, POSITIONS)
+
+    segment, fraction = dut.between_samples(points, POSITIONS, index)
+
+    assert segment == expected[0]
+    assert fraction == pytest.approx(expected[1])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_place_between_samples_is_the_best_of_both_segments(seed):
+    rng = np.random.default_rng(seed)
+    positions = np.cumsum(rng.normal(size=(3, 4, 3)), axis=0)
+    points = positions[1] + rng.normal(size=(4, 3))
+    weights = rng.uniform(0.1, 1.0, size=4)
+
+    def squares(place):
+        k = min(int(place), 1)
+        between = positions[k] + (place - k) * (positions[k + 1] - positions[k])
+        return dut.squared_distances(points, between[None], weights)[0]
+
+    found = [minimize_scalar(squares, bounds=b, method="bounded").fun for b in ((0, 1), (1, 2))]
+
+    segment, fraction = dut.between_samples(points, positions, 1, weights)
+
+    # The bounded search stops a little short of the bounds.
+    assert squares(segment + fraction) == pytest.approx(min(found), rel=1e-4)
+
+
+def test_repeated_samples_do_no_harm():
+    positions = np.repeat(POSITIONS[:1], 3, axis=0)
+
+    assert dut.between_samples(POINTS + 0.1, positions, 1) == (1, 0.0)
+
+
+def nearest_in_window(squares, **keywords):
+    return dut.nearest_sample_in_window(np.array(squares), TIMES, **keywords)
+
+
+def test_without_window_or_past_the_whole_reference_is_searched():
+    squares = [4.0, 3.0, 2.0, 3.0, 2.0, 1.0]
+
+    for window, previous in ((None, 1.0), ((0.5, 0.5), None), ((0.5, 0.5), float("nan"))):
+        assert (
+            nearest_in_window(squares, previous_tau=previous, window=window, escape_ratio=0.0) == 5
+        )
+
+
+def test_window_keeps_the_index_near_the_last():
+    squares = [4.0, 3.0, 2.0, 3.0, 2.0, 1.0]
+
+    assert nearest_in_window(squares, previous_tau=1.0, window=(0.5, 0.5), escape_ratio=0.0) == 2
+
+
+def test_much_closer_configuration_outside_the_window_wins():
+    squares = [4.0, 3.0, 2.0, 3.0, 2.0, 0.1]
+
+    assert nearest_in_window(squares, previous_tau=1.0, window=(0.5, 0.5), escape_ratio=0.25) == 5
+
+
+def test_window_narrower_than_a_sample_can_still_move_on():
+    squares = [4.0, 3.0, 2.0, 1.0, 0.5, 0.1]
+
+    assert nearest_in_window(squares, previous_tau=1.1, window=(0.0, 0.0), escape_ratio=0.0) == 3
+    assert nearest_in_window(squares, previous_tau=2.5, window=(0.0, 0.0), escape_ratio=0.0) == 5

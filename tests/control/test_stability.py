@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poil_drake.control import stability as dut
+from poil_drake.control.twist_fit import fit_twist
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
+
+property_test = settings(derandomize=True, deadline=None, max_examples=100)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def centred_points(rng):
+    # Different widths keep the eigenvalues of W apart.
+    points = rng.normal(size=(10, 3)) * [1.0, 2.0, 3.0]
+    return points - points.mean(axis=0)
+
+
+def least_squares_velocity(points, R):
+    """The fit of POIL eq. 3 with eta = 1 and the target at R = I, in the body frame."""
+    omega, _ = fit_twist(points @ R.T, points - points @ R.T)
+    return R.T @ omega
+
+
+@given(seeds)
+@property_test
+def test_closed_form_is_the_least_squares_twist(seed):
+    rng = np.random.default_rng(seed)
+    points = centred_points(rng)
+    R = rotation_exp(rng.normal(size=3) * 2.0)
+
+    omega = dut.rotation_velocity(dut.moment_matrix(points), R)
+
+    np.testing.assert_allclose(omega, least_squares_velocity(points, R), atol=1e-11)
+
+
+@given(seeds)
+@property_test
+def test_potential_is_half_the_sum_of_squared_errors(seed):
+    rng = np.random.default_rng(seed)
+    points = centred_points(rng)
+    R = rotation_exp(rng.normal(size=3))
+
+    potential = dut.rotation_potential(dut.moment_matrix(points), R)
+
+    assert potential == pytest.approx(0.5 * np.sum((points @ R.T - points) ** 2), rel=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_potential_falls_at_the_stated_rate(seed):
+    rng = np.random.default_rng(seed)
+    W = dut.moment_matrix(centred_points(rng))
+    R = rotation_exp(rng.normal(size=3) * 2.0)
+    omega = dut.rotation_velocity(W, R)
+    step = 1e-5
+    ahead = dut.rotation_potential(W, R @ rotation_exp(step * omega))
+    behind = dut.rotation_potential(W, R @ rotation_exp(-step * omega))
+
+    rate = dut.potential_rate(W, R)
+
+    assert rate <= 0.0
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(rate, rel=1e-5, abs=1e-6)
+
+
+@given(seeds)
+@property_test
+def test_least_squares_twist_vanishes_at_the_critical_rotations(seed):
+    points = centred_points(np.random.default_rng(seed))
+    criticals = dut.critical_rotations(dut.moment_matrix(points))
+
+    np.testing.assert_allclose(rotation_angle(criticals), np.pi, atol=1e-7)
+    for R in (np.eye(3), *criticals):
+        np.testing.assert_allclose(least_squares_velocity(points, R), np.zeros(3), atol=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_critical_rotations_are_not_minima(seed):
+    W = dut.moment_matrix(centred_points(np.random.default_rng(seed)))
+
+    negative = [
+        np.count_nonzero(np.linalg.eigvalsh(dut.potential_hessian(W, R)) < 0.0)
+        for R in dut.critical_rotations(W)
+    ]
+
+    # In the principal frame of R*_k: -(l_i + l_j), l_k - l_i, l_k - l_j, with rising l.
+    assert negative == [3, 2, 1]
+    assert np.all(np.linalg.eigvalsh(dut.potential_hessian(W, np.eye(3))) > 0.0)
+
+
+@given(seeds)
+@property_test
+def test_hessian_is_the_second_difference_of_the_potential(seed):
+    rng = np.random.default_rng(seed)
+    W = dut.moment_matrix(centred_points(rng))
+    xi = rng.normal(size=3)
+    step = 1e-4
+
+    for R in (np.eye(3), *dut.critical_rotations(W)):
+        potentials = [
+            dut.rotation_potential(W, R @ rotation_exp(s * step * xi)) for s in (-1, 0, 1)
+        ]
+        curvature = (potentials[0] - 2.0 * potentials[1] + potentials[2]) / step**2
+        expected = xi @ dut.potential_hessian(W, R) @ xi
+        assert curvature == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.trace(W))
+
+
+def test_flow_converges_from_random_rotations_away_from_the_critical_ones():
+    rng = np.random.default_rng(0)
+    points = centred_points(rng)
+    W = dut.moment_matrix(points)
+    R = rotation_exp(rng.normal(size=(200, 3)) * 3.0)
+    critical = dut.critical_rotations(W)
+    distance = rotation_angle(np.swapaxes(critical, -1, -2)[:, None] @ R).min(axis=0)
+    R = R[distance > np.radians(5.0)]
+    assert len(R) > 150
+    potential = dut.rotation_potential(W, R)
+
+    for _ in range(1500):
+        R = R @ rotation_exp(0.02 * dut.rotation_velocity(W, R))
+        fallen = dut.rotation_potential(W, R)
+        assert np.all(fallen <= potential + 1e-12)
+        potential = fallen
+
+    assert np.max(rotation_angle(R)) < np.radians(0.1)
+
+
+def test_moment_matrix_is_taken_about_the_weighted_centroid():
+    points = np.array([[0.0, 0, 0], [3.0, 0, 0]])
+
+    # Centroid at x = 1: 2 * 1^2 + 1 * 2^2.
+    assert dut.moment_matrix(points, np.array([2.0, 1.0]))[0, 0] == pytest.approx(6.0)
+
+
+def test_symmetric_points_have_no_isolated_critical_rotations():
+    with pytest.raises(InvalidValueError, match="isolated"):
+        dut.critical_rotations(np.diag([1.0, 2.0, 2.0]))

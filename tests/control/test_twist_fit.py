@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poil_drake.control import twist_fit as dut
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import rotation_exp, skew
+from poil_drake.geometry.triples import TripleConfig
+
+property_test = settings(derandomize=True, deadline=None, max_examples=100)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def rigid_velocities(points, omega, v, origin):
+    return v + np.cross(omega, points - origin)
+
+
+@given(seeds, st.integers(3, 30))
+@property_test
+def test_rigid_motion_is_recovered(seed, count):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(count, 3))
+    omega, v = rng.normal(size=(2, 3))
+    velocities = rigid_velocities(points, omega, v, points.mean(axis=0))
+
+    fitted_omega, fitted_v = dut.fit_twist(points, velocities)
+
+    np.testing.assert_allclose(fitted_omega, omega, atol=1e-7)
+    np.testing.assert_allclose(fitted_v, v, atol=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_fit_solves_the_stacked_least_squares_problem(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 7, 3))
+    weights = rng.uniform(0.1, 1.0, size=7)
+    arms = points - weights @ points / weights.sum()
+    rows = [np.hstack([-skew(arm), np.eye(3)]) for arm in arms]
+    root = np.repeat(np.sqrt(weights), 3)
+    expected, *_ = np.linalg.lstsq(root[:, None] * np.vstack(rows), root * velocities.ravel())
+
+    omega, v = dut.fit_twist(points, velocities, weights)
+
+    np.testing.assert_allclose(np.concatenate([omega, v]), expected, atol=1e-10)
+
+
+@given(seeds)
+@property_test
+def test_fit_turns_with_the_world(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 6, 3))
+    R, p = rotation_exp(rng.normal(size=3)), rng.normal(size=3)
+    omega, v = dut.fit_twist(points, velocities)
+
+    moved_omega, moved_v = dut.fit_twist(points @ R.T + p, velocities @ R.T)
+
+    np.testing.assert_allclose(moved_omega, R @ omega, atol=1e-10)
+    np.testing.assert_allclose(moved_v, R @ v, atol=1e-10)
+
+
+def test_points_on_a_line_get_no_rotation_about_it():
+    points = np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]])
+    velocities = rigid_velocities(points, np.array([5.0, 0.0, 2.0]), np.ones(3), np.zeros(3))
+
+    omega, v = dut.fit_twist(points, velocities)
+
+    np.testing.assert_allclose(omega, [0.0, 0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(v, [1.0, 1.0, 1.0])
+
+
+def test_single_point_moves_without_turning():
+    omega, v = dut.fit_twist(np.array([[1.0, 2, 3]]), np.array([[4.0, 5, 6]]))
+
+    np.testing.assert_array_equal(omega, np.zeros(3))
+    np.testing.assert_array_equal(v, [4, 5, 6])
+
+
+@pytest.mark.parametrize("count", [10, 24])
+def test_outliers_are_left_out_whether_all_or_some_triples_are_tried(count):
+    rng = np.random.default_rng(1)
+    points = rng.normal(scale=0.03, size=(count, 3))
+    omega, v = np.array([0.3, -0.2, 0.5]), np.array([0.1, 0.0, -0.05])
+    velocities = rigid_velocities(points, omega, v, np.zeros(3))
+    velocities[[1, 4, 7]] += [[0.2, 0, 0], [0, -0.3, 0], [0, 0.1, 0.1]]
+    expected_inliers = ~np.isin(np.arange(count), [1, 4, 7])
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    np.testing.assert_array_equal(fit.inliers, expected_inliers)
+    np.testing.assert_allclose(fit.centroid, points[expected_inliers].mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(fit.omega, omega, atol=1e-10)
+    np.testing.assert_allclose(fit.v, v + np.cross(omega, fit.centroid), atol=1e-12)
+
+
+def test_drawn_triples_depend_on_the_seed_alone():
+    rng = np.random.default_rng(2)
+    points, velocities = rng.normal(size=(2, 15, 3))
+    config = dut.RansacConfig(triples=TripleConfig(trials=5))
+
+    first = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+    again = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_points_that_agree_are_fitted_by_plain_least_squares():
+    rng = np.random.default_rng(3)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.003, size=(10, 3))
+    weights = rng.uniform(0.1, 1.0, size=10)
+
+    fit = dut.fit_twist_ransac(points, velocities, weights, config=dut.RansacConfig())
+
+    omega, v = dut.fit_twist(points, velocities, weights)
+    assert fit.inliers.all()
+    np.testing.assert_array_equal(fit.omega, omega)
+    np.testing.assert_array_equal(fit.v, v)
+
+
+def test_points_on_a_line_have_no_triple_to_try():
+    points = np.linspace(0.0, 1.0, 6)[:, None] * [1.0, 0.0, 0.0]
+    velocities = np.random.default_rng(4).normal(size=(6, 3))
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.all()
+    assert fit.spread == pytest.approx(0.0, abs=1e-7)
+
+
+def test_spread_is_the_distance_from_the_best_line():
+    points = np.array([[-1.0, 0.1, 0], [-1, -0.1, 0], [1, 0.1, 0], [1, -0.1, 0]])
+
+    fit = dut.fit_twist_ransac(points, np.zeros((4, 3)), config=dut.RansacConfig())
+
+    assert fit.spread == pytest.approx(0.1)
+
+
+def test_shifted_twist_has_the_velocity_of_the_other_point():
+    V = np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
+
+    shifted = dut.shift_twist(V, np.array([3.0, 0.0, 0.0]))
+
+    assert shifted.tolist() == [0.0, 0.0, 2.0, 1.0, 6.0, 0.0]
+
+
+def test_twist_within_its_limits_is_kept():
+    V = np.array([0.3, 0.0, 0.0, 0.0, 0.1, 0.0])
+
+    np.testing.assert_array_equal(dut.scale_twist(V, 0.5, 0.2), V)
+
+
+@pytest.mark.parametrize(
+    ("V", "factor"),
+    [([1.0, 0, 0, 0, 0.1, 0], 0.5), ([0.1, 0, 0, 0, 0.8, 0], 0.25), ([1.0, 0, 0, 0, 0.8, 0], 0.25)],
+)
+def test_one_factor_scales_the_whole_twist(V, factor):
+    np.testing.assert_allclose(dut.scale_twist(np.array(V), 0.5, 0.2), factor * np.array(V))
+
+
+def test_twist_that_is_not_finite_gives_zero():
+    assert not dut.scale_twist(np.array([0, 0, np.nan, 0, 0, 0]), 1.0, 1.0).any()
+    assert not dut.scale_twist(np.array([0, 0, 0, np.inf, 0, 0]), 1.0, 1.0).any()
+
+
+def test_limits_must_be_positive():
+    with pytest.raises(InvalidValueError, match="limits"):
+        dut.scale_twist(np.zeros(6), 0.0, 1.0)

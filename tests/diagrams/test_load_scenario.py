@@ -1,0 +1,142 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.errors import ScenarioError
+
+TEST_FILE = Path(__file__).parent / "scenarios.yaml"
+
+
+def test_the_default_file_hangs_a_mug() -> None:
+    dut = LoadScenario(filename=default_scenario_file())
+
+    assert dut.poil.object == "mug"
+    assert list(dut.cameras) == ["left", "right"]
+    assert dut.cameras["right"].width == 640
+    assert len([d for d in dut.directives if d.add_model]) == 4
+
+
+def test_an_empty_scenario_is_the_default_one() -> None:
+    dut = LoadScenario(filename=TEST_FILE, scenario_name="Defaults")
+
+    assert dut.poil == Scenario().poil
+    assert dut.directives == []
+
+
+def test_everything_that_can_be_written_is_read() -> None:
+    dut = LoadScenario(filename=TEST_FILE, scenario_name="OneOfEverything")
+
+    assert dut.random_seed == 7
+    assert dut.simulation_duration == 0.0625
+    assert dut.simulator_config.max_step_size == 0.01
+    assert dut.model_drivers["panda"].expire_sec == 0.05
+    assert dut.cameras["front"].focal.y == 50
+    assert dut.cameras["front"].renderer_class.backend == "EGL"
+    assert dut.initial_position["panda"]["panda_joint2"] == np.array([-0.5])
+    assert dut.poil.parts == {"grip": "grip_.*"}
+    assert dut.poil.latency == 1 / 32
+    assert dut.poil.depth_noise.quadratic == 0.002
+    assert dut.poil.rates.tracker == 1 / 8
+    assert dut.poil.randomization.yaw == (-90, 90)
+
+
+def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    dut = LoadScenario(filename=TEST_FILE, scenario_name="OneOfEverything")
+
+    cup = f"file://{TEST_FILE.resolve().parent / 'own_cup.xml'}"
+    assert dut.directives[-1].add_model.file == cup
+    assert dut.poil.randomization.models[1] == cup
+    assert dut.poil.demonstration == str(TEST_FILE.resolve().parent / "own_demo.mcap")
+
+
+def test_paths_in_text_are_relative_to_where_one_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    dut = LoadScenario(data="{poil: {demonstration: a.mcap}}")
+
+    assert dut.poil.demonstration == str(tmp_path / "a.mcap")
+
+
+def test_text_changes_single_values_of_the_file() -> None:
+    plain = LoadScenario(filename=default_scenario_file())
+
+    dut = LoadScenario(
+        filename=default_scenario_file(),
+        data="{poil: {eta: 2, rates: {tracker: 1/4}}, cameras: {left: {width: 320}}}",
+    )
+
+    assert dut.poil.eta == 2.0
+    assert dut.poil.rates.tracker == 1 / 4
+    assert dut.poil.rates.control == plain.poil.rates.control
+    assert dut.cameras["left"].width == 320
+    assert dut.cameras["left"].height == plain.cameras["left"].height
+    assert dut.cameras["right"].width == 640
+
+
+def test_defaults_are_merged_with_and_left_alone() -> None:
+    defaults = LoadScenario(data="{random_seed: 5, poil: {eta: 1.5}}")
+
+    dut = LoadScenario(data="{poil: {num_points: 12}}", defaults=defaults)
+
+    assert (dut.random_seed, dut.poil.eta, dut.poil.num_points) == (5, 1.5, 12)
+    assert defaults.poil.num_points == 10
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{poil: {objct: mug}}", "'objct' in 'poil'.*Did you mean 'object'.*Valid keys: object"),
+        ("{polt: {}}", "'polt' is not known.*Valid keys: random_seed"),
+        ("{cameras: {left: {widt: 3}}}", "'widt' in 'cameras.left'.*'width'"),
+        ("{cameras: {left: {focal: !FovDegrees {z: 1}}}}", "'z' in 'cameras.left.focal'"),
+        ("{directives: [{add_modl: {}}]}", r"'add_modl' in 'directives\[0\]'.*'add_model'"),
+        ("{poil: {rates: {tracker: 0.3}}}", "rates: the period 'tracker' = 0.3 s"),
+        ("{poil: {rates: {tracker: 1/0}}}", "'poil.rates.tracker' is '1/0'"),
+        ("{poil: {eta: fast}}", "'poil.eta' is 'fast'"),
+        ("{poil: {eta: -1}}", "poil.eta is -1.*must be positive"),
+        ("{poil: {num_points: 2}}", "at least 3"),
+        ("{poil: {latency: 0.5}}", "0 <= latency < rates.tracker"),
+        ("{poil: {parts: handle}}", "'poil.parts' is 'handle'.*mapping"),
+        ("{poil: {depth_noise: {hole_probability: 3}}}", "poil.depth_noise: .*hole_probability"),
+        ("{poil: {randomization: {x: [1]}}}", r"randomization.x.*\[lowest, highest\]"),
+        ("{poil: {randomization: {models: mug}}}", "'poil.randomization.models' is 'mug'"),
+        ("{random_seed: [1]}", "'random_seed' is"),
+        ("[1", "not valid YAML"),
+        ("[1]", "mapping"),
+    ],
+)
+def test_mistakes_are_named_in_one_line(text: str, says: str) -> None:
+    with pytest.raises(ScenarioError, match=says) as info:
+        LoadScenario(data=text)
+
+    assert "\n" not in str(info.value)
+
+
+def test_a_missing_file_is_named() -> None:
+    with pytest.raises(ScenarioError, match=r"'/no/such.yaml' cannot be read.*hang_mug.yaml"):
+        LoadScenario(filename="/no/such.yaml")
+
+
+def test_an_unknown_scenario_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(ScenarioError, match=r"'HangCup'.*Defaults, OneOfEverything"):
+        LoadScenario(filename=TEST_FILE, scenario_name="HangCup")
+
+
+def test_which_scenario_must_be_said_where_there_are_several() -> None:
+    with pytest.raises(ScenarioError, match=r"'HangMug'.*Defaults, OneOfEverything"):
+        LoadScenario(filename=TEST_FILE)
+
+
+def test_a_file_without_scenarios_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "empty.yaml"
+    path.write_text("")
+
+    with pytest.raises(ScenarioError, match="holds no scenarios"):
+        LoadScenario(filename=path)

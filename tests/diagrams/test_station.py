@@ -1,0 +1,197 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
+from poil_drake.diagrams.station import (
+    CaptureFrame,
+    GetObjectPose,
+    MakeStation,
+    SetObjectPose,
+    SetRobotPosition,
+    Station,
+)
+from poil_drake.errors import ScenarioError, StationError
+
+TEST_FILE = Path(__file__).parent / "scenarios.yaml"
+INPUTS = ["panda.velocity", "panda.velocity_time", "hand.width", "applied_spatial_force"]
+OUTPUTS = [
+    "panda.position_measured",
+    "panda.velocity_measured",
+    "panda.torque_external",
+    "panda.status",
+    "hand.width_measured",
+    "body_poses",
+    "query_object",
+    "contact_results",
+]
+JOINT_SPEED = np.array([0.2, 0.0, 0.0, 0.1, 0.0, 0.0, -0.3])
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return MakeStation(LoadScenario(filename=default_scenario_file()), cameras=False)
+
+
+@pytest.fixture
+def simulator(station: Station) -> Simulator:
+    simulator = Simulator(station)
+    simulator.Initialize()
+    return simulator
+
+
+def output(station: Station, simulator: Simulator, name: str) -> np.ndarray:
+    return station.GetOutputPort(name).Eval(simulator.get_context())
+
+
+def test_the_ports_are_those_that_are_promised(station: Station) -> None:
+    inputs = [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
+    outputs = [station.get_output_port(i).get_name() for i in range(station.num_output_ports())]
+
+    assert sorted(inputs) == sorted(INPUTS)
+    assert sorted(outputs) == sorted(OUTPUTS)
+    assert not station.scene_graph().HasRenderer("vtk")
+    assert station.camera_names == ()
+
+
+def test_at_rest_nothing_moves(station: Station, simulator: Simulator) -> None:
+    before = GetObjectPose(station, simulator.get_context())
+    q = output(station, simulator, "panda.position_measured").copy()
+
+    simulator.AdvanceTo(0.5)
+
+    moved = before.InvertAndCompose(GetObjectPose(station, simulator.get_context()))
+    # A mug settles into its contacts by hundredths of a millimetre.
+    assert np.linalg.norm(moved.translation()) < 5e-5
+    assert abs(moved.rotation().ToAngleAxis().angle()) < 1e-3
+    np.testing.assert_allclose(output(station, simulator, "panda.position_measured"), q, atol=1e-5)
+    np.testing.assert_allclose(output(station, simulator, "hand.width_measured"), 0.08, atol=1e-5)
+    np.testing.assert_allclose(output(station, simulator, "panda.torque_external"), 0.0, atol=1e-6)
+
+
+def test_the_arm_follows_a_velocity(station: Station, simulator: Simulator) -> None:
+    q = output(station, simulator, "panda.position_measured").copy()
+    station.GetInputPort("panda.velocity").FixValue(simulator.get_mutable_context(), JOINT_SPEED)
+
+    simulator.AdvanceTo(0.5)
+
+    np.testing.assert_allclose(
+        output(station, simulator, "panda.velocity_measured"), JOINT_SPEED, atol=2e-3
+    )
+    # Filter (5 ms) and acceleration (up to 20 ms) delay the start.
+    np.testing.assert_allclose(
+        output(station, simulator, "panda.position_measured") - q, 0.49 * JOINT_SPEED, atol=0.005
+    )
+
+
+@pytest.mark.parametrize("how", ["stale", "nan"])
+def test_the_arm_stops_when_commands_fail(how: str, station: Station, simulator: Simulator) -> None:
+    context = simulator.get_mutable_context()
+    velocity, stamp = (station.GetInputPort(f"panda.{n}") for n in ("velocity", "velocity_time"))
+    velocity.FixValue(context, JOINT_SPEED)
+    stamp.FixValue(context, [0.25])
+    simulator.AdvanceTo(0.25)
+    assert np.linalg.norm(output(station, simulator, "panda.velocity_measured")) > 0.3
+    if how == "nan":
+        velocity.FixValue(context, np.where(np.arange(7) == 2, math.nan, JOINT_SPEED))
+        simulator.AdvanceTo(0.35)
+    else:
+        simulator.AdvanceTo(0.45)
+
+    stopped = output(station, simulator, "panda.position_measured").copy()
+    simulator.AdvanceTo(simulator.get_context().get_time() + 0.25)
+
+    np.testing.assert_allclose(
+        output(station, simulator, "panda.position_measured"), stopped, atol=1e-3
+    )
+
+
+def test_the_hand_opens_and_closes_at_its_speed(station: Station, simulator: Simulator) -> None:
+    station.GetInputPort("hand.width").FixValue(simulator.get_mutable_context(), [0.05])
+
+    simulator.AdvanceTo(0.1)
+    # 0.1 m/s from 0.08 m
+    np.testing.assert_allclose(output(station, simulator, "hand.width_measured"), 0.07, atol=1e-3)
+    simulator.AdvanceTo(0.5)
+    np.testing.assert_allclose(output(station, simulator, "hand.width_measured"), 0.05, atol=1e-4)
+
+
+def test_poses_are_set_and_read(station: Station, simulator: Simulator) -> None:
+    context = simulator.get_mutable_context()
+    X_WO = RigidTransform(RollPitchYaw(0.1, -0.7, 2.0), [0.5, 0.1, 0.6])
+
+    SetObjectPose(station, context, X_WO)
+
+    assert GetObjectPose(station, context).IsNearlyEqualTo(X_WO, 1e-12)
+
+
+def test_a_robot_that_was_put_somewhere_stays_there(station: Station, simulator: Simulator) -> None:
+    simulator.AdvanceTo(0.05)
+    q = np.array([0.3, -0.4, 0.1, -2.0, 0.2, 1.7, 0.5])
+
+    SetRobotPosition(station, simulator.get_mutable_context(), q, width=0.04)
+    simulator.AdvanceTo(0.25)
+
+    np.testing.assert_allclose(output(station, simulator, "panda.position_measured"), q, atol=1e-4)
+    np.testing.assert_allclose(output(station, simulator, "hand.width_measured"), 0.04, atol=1e-4)
+
+
+def test_a_push_shows_in_the_external_torque(station: Station, simulator: Simulator) -> None:
+    plant = station.plant()
+    X_WH = plant.GetFrameByName("panda_hand_tcp").CalcPoseInWorld(
+        plant.GetMyContextFromRoot(simulator.get_context())
+    )
+    # The mug starts inside the hand, which presses it away and is pressed back.
+    SetObjectPose(station, simulator.get_mutable_context(), RigidTransform(X_WH.translation()))
+    simulator.AdvanceTo(0.01)
+
+    assert np.linalg.norm(output(station, simulator, "panda.torque_external")) > 0.1
+
+
+def test_a_wrong_robot_is_refused() -> None:
+    scenario = LoadScenario(
+        data="{poil: {robot: mug}}", defaults=LoadScenario(filename=default_scenario_file())
+    )
+
+    with pytest.raises(StationError, match="'mug' has no actuator 'panda_joint1'"):
+        MakeStation(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{poil: {object: pot}}", "poil.object is 'pot'.*table, rack, panda, mug"),
+        ("{poil: {part: spout}}", r"'spout' of 'mug'.*\(body, handle\)"),
+        ("{directives: [{add_model: {name: a, file: no.sdf}}]}", "no.sdf"),
+        ("{initial_position: {panda: {elbow: [0]}}}", "elbow"),
+        ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
+    ],
+)
+def test_a_scenario_that_does_not_fit_is_refused(text: str, says: str) -> None:
+    scenario = LoadScenario(data=text, defaults=LoadScenario(filename=default_scenario_file()))
+
+    with pytest.raises(ScenarioError, match=says) as info:
+        MakeStation(scenario, cameras=False)
+
+    assert "\n" not in str(info.value)
+
+
+def test_an_empty_scenario_says_what_it_lacks() -> None:
+    with pytest.raises(ScenarioError, match=r"poil.robot is 'panda'"):
+        MakeStation(LoadScenario(filename=TEST_FILE, scenario_name="Defaults"))
+
+
+def test_hardware_is_not_there_yet(station: Station) -> None:
+    with pytest.raises(StationError, match="hardware"):
+        MakeStation(station.scenario, hardware=True)
+
+
+def test_a_station_without_cameras_takes_no_pictures(
+    station: Station, simulator: Simulator
+) -> None:
+    with pytest.raises(StationError, match="no cameras"):
+        CaptureFrame(station, simulator.get_context())

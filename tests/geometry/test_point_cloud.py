@@ -1,0 +1,87 @@
+import numpy as np
+import pytest
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry import point_cloud as dut
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
+
+
+def test_cloud_is_read_only_and_checks_shapes():
+    cloud = dut.PointCloud(np.zeros((2, 3)))
+
+    assert len(cloud) == 2
+    assert not cloud.points.flags.writeable
+    with pytest.raises(InvalidValueError, match="normals"):
+        dut.PointCloud(np.zeros((2, 3)), np.zeros((3, 3)))
+
+
+def test_moved_cloud_turns_its_normals_but_does_not_shift_them():
+    cloud = dut.PointCloud(np.array([[1.0, 0, 0]]), np.array([[1.0, 0, 0]]))
+    X = make_transform(rotation_exp([0.0, 0.0, np.pi / 2.0]), [0.0, 0.0, 5.0])
+
+    moved = cloud.transformed(X)
+
+    np.testing.assert_allclose(moved.points, [[0, 1, 5]], atol=1e-15)
+    np.testing.assert_allclose(moved.normals, [[0, 1, 0]], atol=1e-15)
+
+
+def test_joined_clouds_keep_what_all_of_them_have():
+    plain = dut.PointCloud(np.zeros((1, 3)), colors=np.full((1, 3), 7))
+    full = dut.PointCloud(np.ones((2, 3)), np.eye(3)[:2], np.full((2, 3), 9))
+
+    joined = dut.concatenate_clouds([plain, full])
+
+    assert joined.points[:, 0].tolist() == [0, 1, 1]
+    assert joined.normals is None
+    assert joined.colors[:, 0].tolist() == [7, 9, 9]
+    with pytest.raises(InvalidValueError, match="no clouds"):
+        dut.concatenate_clouds([])
+
+
+def test_selected_points_keep_normals_and_colors():
+    cloud = dut.PointCloud(np.eye(3), -np.eye(3), np.arange(9).reshape(3, 3))
+
+    some = cloud.select(np.array([True, False, True]))
+
+    np.testing.assert_array_equal(some.points, np.eye(3)[[0, 2]])
+    np.testing.assert_array_equal(some.normals, -np.eye(3)[[0, 2]])
+    assert some.colors.tolist() == [[0, 1, 2], [6, 7, 8]]
+
+
+def test_voxels_are_averaged_in_lexicographic_order():
+    points = np.array([[1.5, 0, 0], [0.2, 0, 0], [0.4, 0.2, 0], [-0.5, 0, 0]])
+    colors = np.array([[9, 9, 9], [10, 0, 0], [20, 1, 0], [1, 1, 1]])
+    normals = np.array([[1.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+
+    coarse = dut.voxel_downsample(dut.PointCloud(points, normals, colors), 1.0)
+
+    np.testing.assert_allclose(coarse.points, [[-0.5, 0, 0], [0.3, 0.1, 0], [1.5, 0, 0]])
+    assert coarse.colors.tolist() == [[1, 1, 1], [15, 0, 0], [9, 9, 9]]
+    np.testing.assert_allclose(coarse.normals[1], [np.sqrt(0.5), np.sqrt(0.5), 0.0])
+
+
+def test_opposite_normals_in_a_voxel_do_not_cancel():
+    cloud = dut.PointCloud(np.full((2, 3), 0.5), np.array([[0, 0, 1.0], [0, 0, -1.0]]))
+
+    assert dut.voxel_downsample(cloud, 1.0).normals.tolist() == [[0.0, 0.0, 1.0]]
+
+
+def test_empty_cloud_stays_empty_and_voxels_need_a_size():
+    empty = dut.PointCloud(np.empty((0, 3)))
+
+    assert len(dut.voxel_downsample(empty, 0.1)) == 0
+    with pytest.raises(InvalidValueError, match="voxel"):
+        dut.voxel_downsample(empty, 0.0)
+
+
+def test_lone_point_is_an_outlier():
+    grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), axis=-1).reshape(-1, 3)
+    points = np.vstack([grid, [[30.0, 0.0, 0.0]]])
+
+    inliers = dut.statistical_inliers(points, neighbours=6, deviations=3.0)
+
+    assert inliers.tolist() == [True] * 125 + [False]
+
+
+def test_too_few_points_to_judge_are_all_kept():
+    assert dut.statistical_inliers(np.eye(3), neighbours=3, deviations=0.0).all()

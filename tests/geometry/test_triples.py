@@ -1,0 +1,41 @@
+import numpy as np
+
+from poil_drake.geometry import triples as dut
+
+
+def test_every_set_of_few_points_is_tried():
+    points = np.random.default_rng(0).normal(size=(5, 3))
+
+    triples = dut.choose_triples(points, dut.TripleConfig(min_aspect=0.0))
+
+    assert {tuple(t) for t in triples.tolist()} == {
+        (a, b, c) for a in range(5) for b in range(a + 1, 5) for c in range(b + 1, 5)
+    }
+
+
+def test_sets_of_many_points_are_drawn_by_the_seed():
+    points = np.random.default_rng(1).normal(size=(30, 3))
+    config = dut.TripleConfig(trials=50, min_aspect=0.0)
+
+    first = dut.choose_triples(points, config, seed=1)
+    dut._triples.cache_clear()
+
+    np.testing.assert_array_equal(dut.choose_triples(points, config, seed=1), first)
+    assert not np.array_equal(dut.choose_triples(points, config, seed=2), first)
+    assert first.shape == (50, 3)
+    assert all(len(set(t)) == 3 for t in first.tolist())
+
+
+def test_thin_triangles_are_skipped():
+    # Height over longest side: 0.05 / 2 of the first three, 0 of the three on the x axis.
+    points = np.array([[-1.0, 0, 0], [0, 0.05, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]])
+
+    triples = dut.choose_triples(points, dut.TripleConfig(min_aspect=0.1)).tolist()
+
+    assert [0, 1, 2] not in triples
+    assert [0, 2, 3] not in triples
+    assert [0, 2, 4] in triples
+
+
+def test_two_points_make_no_triple():
+    assert dut.choose_triples(np.eye(3)[:2], dut.TripleConfig()).shape == (0, 3)

@@ -1,0 +1,113 @@
+import importlib.metadata
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from poil_drake.errors import MissingDependencyError
+from poil_drake.models import panda_visuals
+from poil_drake.models.panda_model import (
+    ARM_JOINTS,
+    FINGER_JOINTS,
+    GRIPPER_FRAME,
+    PandaModelConfig,
+    panda_package_directory,
+)
+from poil_drake.models.robot_description import panda_description_directory
+
+
+@pytest.fixture(scope="module")
+def plant() -> MultibodyPlant:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    Parser(plant).AddModels(str(panda_package_directory() / "panda.urdf"))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0"))
+    plant.Finalize()
+    plant.diagram = builder.Build()  # keeps the diagram, and so the plant, alive
+    return plant
+
+
+def test_the_gripper_frame_is_where_pinocchio_has_it(plant: MultibodyPlant) -> None:
+    import pinocchio
+
+    model = pinocchio.buildModelFromUrdf(
+        str(panda_description_directory() / "urdf" / "panda_collision.urdf")
+    )
+    data = model.createData()
+    context = plant.CreateDefaultContext()
+    frame = plant.GetFrameByName(GRIPPER_FRAME)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q = np.concatenate([rng.uniform(-1, 1, 7), rng.uniform(0, 0.04, 2)])
+        plant.SetPositions(context, q)
+        pinocchio.framesForwardKinematics(model, data, q)
+
+        expected = data.oMf[model.getFrameId(GRIPPER_FRAME)].homogeneous
+        np.testing.assert_allclose(
+            frame.CalcPoseInWorld(context).GetAsMatrix4(), expected, atol=1e-9
+        )
+
+
+def test_the_arm_and_one_finger_have_actuators(plant: MultibodyPlant) -> None:
+    for name in (*ARM_JOINTS, FINGER_JOINTS[0]):
+        assert plant.HasJointActuatorNamed(name)
+    assert not plant.HasJointActuatorNamed(FINGER_JOINTS[1])
+    # 87 N m and 12 N m are the datasheet's; both fingers share the hand's motor.
+    np.testing.assert_allclose(
+        plant.GetEffortUpperLimits(), [87] * 4 + [12] * 3 + [2 * PandaModelConfig().grip_force]
+    )
+
+
+def test_the_acceleration_limits_are_the_datasheets(plant: MultibodyPlant) -> None:
+    np.testing.assert_allclose(
+        plant.GetAccelerationUpperLimits()[:7], [15, 7.5, 10, 12.5, 15, 20, 20]
+    )
+
+
+def test_closed_pads_touch_each_other(plant: MultibodyPlant) -> None:
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.zeros(9))
+    X_WG = plant.GetFrameByName(GRIPPER_FRAME).CalcPoseInWorld(context)
+
+    for finger in ("panda_leftfinger", "panda_rightfinger"):
+        X_WF = plant.GetFrameByName(finger).CalcPoseInWorld(context)
+        # The pad's inner face is the plane y = 0 of the finger, and so of the gripper.
+        assert X_WG.InvertAndCompose(X_WF).translation()[1] == pytest.approx(0, abs=1e-9)
+
+
+def test_another_pad_makes_another_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(panda_visuals, "convert_visuals", lambda *, source, target: None)
+    usual = panda_package_directory()
+
+    soft = panda_package_directory(PandaModelConfig(pad_hydroelastic_modulus=1e6))
+
+    assert soft != usual
+    assert 'hydroelastic_modulus value="1000000.0"' in (soft / "panda.urdf").read_text()
+
+
+def test_the_visual_meshes_are_light() -> None:
+    directory = panda_package_directory()
+
+    faces = sum(
+        line.startswith("f ") for p in directory.glob("*.obj") for line in p.read_text().split("\n")
+    )
+
+    assert len(list(directory.glob("*.obj"))) == 10
+    assert 5_000 < faces < 25_000
+
+
+def test_a_missing_description_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(name: str) -> None:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "distribution", nowhere)
+    monkeypatch.setattr(sys, "path", [])
+    monkeypatch.setattr("site.getsitepackages", lambda: [str(Path("/nowhere"))])
+
+    with pytest.raises(MissingDependencyError, match="pip install 'example-robot-data"):
+        panda_description_directory()

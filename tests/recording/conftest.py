@@ -1,0 +1,148 @@
+"""Small scenes, and recordings made by somebody else's tools."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from mcap_protobuf.writer import Writer
+
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+
+WIDTH, HEIGHT = 32, 24
+K = np.array([[30.0, 0.0, 15.5], [0.0, 31.0, 11.5], [0.0, 0.0, 1.0]])
+
+
+def camera(name: str, height: float = 0.6) -> CameraModel:
+    """A camera that looks straight down from above."""
+    X_WC = np.diag([1.0, -1.0, -1.0, 1.0])
+    X_WC[:3, 3] = [0.4, 0.1 * len(name), height]
+    return CameraModel(name, WIDTH, HEIGHT, K, X_WC)
+
+
+def image(index: int, *, stamp: float, labelled: bool = False) -> RgbdImage:
+    """A smooth picture that changes with the index, with a hole in its depth."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH]
+    rgb = np.stack([60 + 3 * u, 80 + 4 * v, np.full_like(u, 20 + 10 * index)], axis=-1)
+    depth = 0.5 + 0.0101 * v + 0.0037 * u + 0.001 * index
+    depth[:3, :4] = 0.0
+    label = (u + v + index).astype(np.int16) if labelled else None
+    return RgbdImage(rgb.astype(np.uint8), depth.astype(np.float32), stamp, label)
+
+
+@pytest.fixture
+def make_frame() -> Callable[..., MultiViewFrame]:
+    """Makes the frame of index i, at i / 8 s."""
+
+    def make(index: int, names: tuple[str, ...] = ("left", "right"), **kwargs: Any) -> Any:
+        labelled = kwargs.get("labelled", False)
+        return MultiViewFrame(
+            tuple(camera(name, kwargs.get("height", 0.6)) for name in names),
+            tuple(image(index, stamp=index / 8, labelled=labelled) for _ in names),
+            {"mug": (3, 4), "mug/handle": (4,)} if labelled else {},
+        )
+
+    return make
+
+
+def stamped(message: Any, time: float | None) -> Any:
+    if time is not None:
+        message.timestamp.FromNanoseconds(round(time * 1e9))
+    return message
+
+
+def raw(encoding: str, pixels: np.ndarray, time: float | None, frame_id: str = "") -> RawImage:
+    data = pixels.tobytes()
+    message = RawImage(
+        encoding=encoding,
+        data=data,
+        height=len(pixels),
+        width=pixels.shape[1],
+        step=len(data) // len(pixels),
+        frame_id=frame_id,
+    )
+    return stamped(message, time)
+
+
+def transform(parent: str, child: str, translation: tuple[float, ...]) -> FrameTransform:
+    message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+    message.translation.x, message.translation.y, message.translation.z = translation
+    message.rotation.x = 1.0  # Half a turn about x: looks down.
+    return message
+
+
+@dataclass
+class ForeignRecording:
+    """A recording of two cameras "left" and "right", to be changed before it is written.
+
+    Attributes:
+        times: The stamps of each stream of images [s], by topic.
+        color: Makes a colour message from index, time and frame.
+        depth: Makes a depth message from index, time and frame.
+        transforms: What is written to /tf.
+        calibrations: The calibration of each camera; None leaves it out.
+        options: Of the MCAP writer.
+        metadata: Of the record "poil"; None leaves it out.
+        log_offset: How much later than captured everything was logged [s].
+    """
+
+    times: dict[str, list[float]] = field(default_factory=dict)
+    color: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+        "rgb8", image(i, stamp=t).rgb, t, frame
+    )
+    depth: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+        "16UC1", np.rint(1000 * image(i, stamp=t).depth).astype("<u2"), t, frame
+    )
+    transforms: list[Any] = field(default_factory=list)
+    calibrations: dict[str, CameraCalibration | None] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, str] | None = None
+    log_offset: float = 0.0
+
+    # What tests make messages with.
+    image = staticmethod(image)
+    raw = staticmethod(raw)
+    stamped = staticmethod(stamped)
+    transform = staticmethod(transform)
+
+    def __post_init__(self) -> None:
+        for name in ("left", "right"):
+            for kind in ("image", "depth"):
+                self.times[f"/camera/{name}/{kind}"] = [i / 8 for i in range(5)]
+            frame = f"{name}_lens"
+            self.transforms.append(transform("world", frame, (0.4, 0.1 * len(name), 0.6)))
+            self.calibrations[name] = CameraCalibration(
+                frame_id=frame, width=WIDTH, height=HEIGHT, K=K.ravel()
+            )
+
+    def write(self, path: Path, extra: Callable[[Writer], None] | None = None) -> Path:
+        with path.open("wb") as stream, Writer(stream, **self.options) as writer:
+            for message in self.transforms:
+                self._log(writer, "/tf", message, 0.0)
+            for name, calibration in self.calibrations.items():
+                if calibration is not None:
+                    self._log(writer, f"/camera/{name}/calibration", calibration, 0.0)
+            for topic, times in self.times.items():
+                _, _, name, kind = topic.split("/")
+                make = self.color if kind == "image" else self.depth
+                for i, time in enumerate(times):
+                    self._log(writer, topic, make(i, time, f"{name}_lens"), time)
+            if self.metadata is not None:
+                writer.add_metadata("poil", self.metadata)
+            if extra is not None:
+                extra(writer)
+        return path
+
+    def _log(self, writer: Writer, topic: str, message: Any, time: float) -> None:
+        log_time = round((time + self.log_offset) * 1e9)
+        writer.write_message(topic, message, log_time=log_time, publish_time=log_time)
+
+
+@pytest.fixture
+def foreign() -> ForeignRecording:
+    return ForeignRecording()

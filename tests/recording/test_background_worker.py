@@ -1,0 +1,60 @@
+import threading
+
+import pytest
+
+from poil_drake.recording.background_worker import BackgroundWorker
+
+
+def test_jobs_run_in_order_in_another_thread():
+    done, threads = [], set()
+    dut = BackgroundWorker(name="test", capacity=2)
+
+    for i in range(20):
+        dut.submit(lambda i=i: (done.append(i), threads.add(threading.current_thread().name)))
+    dut.close()
+
+    assert done == list(range(20))
+    assert threads == {"test"}
+
+
+def test_an_error_reaches_the_caller_and_stops_the_work():
+    done = []
+    dut = BackgroundWorker(name="test", capacity=4)
+
+    def fail():
+        raise OSError("disk full")
+
+    def submit_and_close():
+        dut.submit(fail)
+        # The thread may or may not have failed by now; one of the two calls reports it.
+        dut.submit(lambda: done.append(1))
+        dut.close()
+
+    with pytest.raises(OSError, match="disk full"):
+        submit_and_close()
+    dut.close()
+
+    assert done == []
+
+
+def test_a_full_queue_drops_what_may_be_dropped():
+    gate, started, done = threading.Event(), threading.Event(), []
+    dut = BackgroundWorker(name="test", capacity=1)
+
+    dut.submit(lambda: (started.set(), gate.wait()))
+    assert started.wait(10)
+    dut.submit(lambda: done.append("waits"))
+    dut.submit(lambda: done.append("dropped"), may_drop=True)
+    gate.set()
+    dut.close()
+
+    assert done == ["waits"]
+    assert dut.dropped == 1
+
+
+def test_nothing_is_taken_after_close():
+    dut = BackgroundWorker(name="test", capacity=1)
+    dut.close()
+
+    with pytest.raises(ValueError, match="closed"):
+        dut.submit(lambda: None)

@@ -1,0 +1,137 @@
+"""At one instant: first the tracker, then what consumes it, and whoever looks on comes last."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
+
+from poil_drake.systems.arm_kinematics import ArmKinematics
+from poil_drake.systems.fk_propagator import FkPropagator
+from poil_drake.systems.ground_truth_tracker import GroundTruthTracker, GroundTruthTrackerConfig
+
+CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 1 / 16
+QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
+
+
+class RisingBody(LeafSystem):
+    """The poses of the world and of a body that rises by 1 m/s."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.DeclareAbstractOutputPort(
+            "body_poses",
+            lambda: AbstractValue.Make([RigidTransform()]),
+            self._calc,
+            {self.time_ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        rise = RigidTransform([0.0, 0.0, context.get_time()])
+        output.set_value([RigidTransform(), rise])
+
+
+class Onlooker(LeafSystem):
+    """Notes, at every publish, what tracker and propagator show at that moment."""
+
+    def __init__(self, period: float):
+        super().__init__()
+        self.seen: dict[float, tuple[float, float]] = {}
+        self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(object()))
+        self._points = self.DeclareVectorInputPort("points", 3 * len(QUERY))
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._look)
+
+    def _look(self, context: Context) -> None:
+        height = self._points.Eval(context)[2] - QUERY[0, 2]
+        self.seen[context.get_time()] = (self._tracked.Eval(context).stamp, height)
+
+
+@pytest.fixture
+def onlooker() -> Onlooker:
+    return Onlooker(CONTROL)
+
+
+@pytest.fixture
+def simulator(two_joint_arm: ArmKinematics, onlooker: Onlooker) -> Simulator:
+    """Tracker, propagator and onlooker, added in the order that is least in their favour."""
+    builder = DiagramBuilder()
+    builder.AddSystem(onlooker)
+    propagator = builder.AddNamedSystem(
+        "propagator", FkPropagator(num_points=3, kinematics=two_joint_arm, period=CONTROL)
+    )
+    tracker = builder.AddNamedSystem(
+        "tracker",
+        GroundTruthTracker(
+            body_index=BodyIndex(1),
+            num_points=3,
+            query_points=QUERY,
+            config=GroundTruthTrackerConfig(period=TRACKER, latency=LATENCY),
+        ),
+    )
+    body = builder.AddSystem(RisingBody())
+    rest, free = (builder.AddSystem(ConstantVectorSource(v)) for v in ([0.1, 0.2], [0.0]))
+    tracked = tracker.GetOutputPort("tracked_points")
+    builder.Connect(body.GetOutputPort("body_poses"), tracker.GetInputPort("body_poses"))
+    builder.Connect(tracked, propagator.GetInputPort("tracked_points"))
+    builder.Connect(rest.get_output_port(), propagator.GetInputPort("panda.position_measured"))
+    builder.Connect(free.get_output_port(), propagator.GetInputPort("holding"))
+    builder.Connect(tracked, onlooker.GetInputPort("tracked_points"))
+    builder.Connect(propagator.GetOutputPort("points"), onlooker.GetInputPort("points"))
+    return Simulator(builder.Build())
+
+
+def height_of_points(simulator: Simulator) -> float:
+    """Returns how far the propagator's points have risen [m]."""
+    diagram: Diagram = simulator.get_system()
+    propagator = diagram.GetSubsystemByName("propagator")
+    points = propagator.GetOutputPort("points").Eval(
+        propagator.GetMyContextFromRoot(simulator.get_context())
+    )
+    return points[2] - QUERY[0, 2]
+
+
+def test_the_propagator_takes_a_track_in_at_the_instant_of_its_release(
+    simulator: Simulator,
+) -> None:
+    release = TRACKER + LATENCY
+    simulator.AdvanceTo(release)
+    before = height_of_points(simulator)
+
+    simulator.AdvanceTo(release + CONTROL / 2)  # only the updates at `release` have run
+
+    assert before == pytest.approx(0.0)  # the capture at time 0
+    assert height_of_points(simulator) == pytest.approx(TRACKER)
+
+
+def test_no_tick_passes_between_release_and_propagation(
+    simulator: Simulator, onlooker: Onlooker
+) -> None:
+    simulator.AdvanceTo(1.0)
+
+    for stamp, height in onlooker.seen.values():
+        if np.isfinite(stamp):
+            assert height == pytest.approx(stamp)
+        else:
+            assert np.isnan(height)
+
+
+def test_publishing_at_an_instant_sees_what_was_before_its_updates(
+    simulator: Simulator, onlooker: Onlooker
+) -> None:
+    simulator.AdvanceTo(0.5)
+
+    # A publish closes the step that ends at its time; the updates at that time open the next one.
+    release = 2 * TRACKER + LATENCY
+    assert onlooker.seen[release][0] == TRACKER
+    assert onlooker.seen[release + CONTROL][0] == 2 * TRACKER
+
+
+def test_the_first_capture_happens_at_time_zero(simulator: Simulator, onlooker: Onlooker) -> None:
+    simulator.AdvanceTo(LATENCY + 2 * CONTROL)
+
+    assert onlooker.seen[0.0][0] == -np.inf
+    assert onlooker.seen[LATENCY][0] == -np.inf
+    assert onlooker.seen[LATENCY + CONTROL][0] == 0.0

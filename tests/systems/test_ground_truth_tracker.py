@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.ground_truth_tracker import (
+    GroundTruthTracker,
+    GroundTruthTrackerConfig,
+    observe,
+)
+from poil_drake.systems.statuses import TrackerStatus
+
+PERIOD = 1 / 8
+AFTER = 1 / 1024
+QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
+N = len(QUERY)
+
+
+def pose(time: float) -> RigidTransform:
+    return RigidTransform(RotationMatrix.MakeZRotation(0.5 + time), [0.4, 0.1 * time, 0.2])
+
+
+def where(time: float) -> np.ndarray:
+    """The points fixed to the body at time 0, later, by homogeneous coordinates."""
+    motion = pose(time).GetAsMatrix4() @ np.linalg.inv(pose(0.0).GetAsMatrix4())
+    return (motion @ np.c_[QUERY, np.ones(N)].T).T[:, :3]
+
+
+class Poses(LeafSystem):
+    """The world and one moving body."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.DeclareAbstractOutputPort(
+            "body_poses",
+            lambda: AbstractValue.Make([RigidTransform()]),
+            self._calc,
+            {self.time_ticket()},
+        )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        output.set_value([RigidTransform(), pose(context.get_time())])
+
+
+class Bench:
+    """The dut, watching the moving body."""
+
+    def __init__(
+        self,
+        config: GroundTruthTrackerConfig | None = None,
+        query_points: np.ndarray | None = QUERY,
+    ):
+        builder = DiagramBuilder()
+        poses = builder.AddSystem(Poses())
+        self.dut = builder.AddSystem(
+            GroundTruthTracker(
+                body_index=BodyIndex(1), num_points=N, query_points=query_points, config=config
+            )
+        )
+        builder.Connect(poses.GetOutputPort("body_poses"), self.dut.GetInputPort("body_poses"))
+        self.simulator = Simulator(builder.Build())
+        self.context = self.dut.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+
+    @property
+    def points(self) -> TrackedPoints:
+        return self.dut.GetOutputPort("tracked_points").Eval(self.context)
+
+    @property
+    def status(self) -> TrackerStatus:
+        return TrackerStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
+
+
+def test_before_the_first_release_nothing_is_known() -> None:
+    bench = Bench()
+
+    bench.simulator.AdvanceTo(1 / 16)
+
+    assert bench.status is TrackerStatus.WAITING
+    assert bench.points.stamp == -np.inf
+    np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
+
+
+@pytest.mark.parametrize("latency", [0.0, 1 / 16, 1 / 8, 0.3])
+def test_it_reports_the_truth_at_capture_a_latency_later(latency: float) -> None:
+    bench = Bench(GroundTruthTrackerConfig(latency=latency))
+
+    for tick in range(5):
+        bench.simulator.AdvanceTo(tick * PERIOD + latency + AFTER)
+
+        assert bench.status is TrackerStatus.TRACKING
+        assert bench.points.stamp == tick * PERIOD
+        np.testing.assert_allclose(bench.points.positions, where(tick * PERIOD), atol=1e-12)
+
+
+def test_it_waits_for_the_query_points() -> None:
+    bench = Bench(GroundTruthTrackerConfig(latency=0.0), query_points=None)
+    port = bench.dut.GetInputPort("query_points")
+    port.FixValue(bench.context, np.full(3 * N, np.nan))
+    bench.simulator.AdvanceTo(PERIOD + AFTER)
+    assert bench.status is TrackerStatus.WAITING
+    port.FixValue(bench.context, where(2 * PERIOD).ravel())
+
+    bench.simulator.AdvanceTo(4 * PERIOD + AFTER)
+
+    np.testing.assert_allclose(bench.points.positions, where(4 * PERIOD), atol=1e-12)
+
+
+def test_a_lost_frame_is_reported_as_lost() -> None:
+    bench = Bench(GroundTruthTrackerConfig(latency=0.0, frame_dropout=1.0))
+
+    bench.simulator.AdvanceTo(AFTER)
+
+    assert bench.status is TrackerStatus.LOST
+    assert bench.points.stamp == 0.0
+    np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
+
+
+def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
+    config = GroundTruthTrackerConfig(noise=0.002, seed=3)
+    points = np.zeros((2000, 3))
+
+    first, again, later = (observe(points, 0.0, tick, config) for tick in (5, 5, 6))
+
+    np.testing.assert_array_equal(first.positions, again.positions)
+    assert not np.array_equal(first.positions, later.positions)
+    # The standard deviation of 6000 numbers is known to 1 %; 5 sigma of that.
+    assert np.std(first.positions) == pytest.approx(0.002, rel=0.05)
+
+
+def test_points_drop_out_as_often_as_asked_for() -> None:
+    config = GroundTruthTrackerConfig(point_dropout=0.3)
+
+    seen = observe(np.zeros((5000, 3)), 0.0, 0, config)
+
+    # Binomial: sigma = sqrt(0.3 * 0.7 / 5000) = 0.0065.
+    assert np.mean(seen.confidence == 0.0) == pytest.approx(0.3, abs=0.03)
+    np.testing.assert_array_equal(np.isnan(seen.positions[:, 0]), seen.confidence == 0.0)
+
+
+def test_frames_drop_out_as_often_as_asked_for() -> None:
+    config = GroundTruthTrackerConfig(frame_dropout=0.25)
+
+    frames = [observe(QUERY, 0.0, tick, config).confidence for tick in range(800)]
+
+    assert all(frame.all() or not frame.any() for frame in frames)
+    # sigma = sqrt(0.25 * 0.75 / 800) = 0.015.
+    assert np.mean([not frame.any() for frame in frames]) == pytest.approx(0.25, abs=0.07)
+
+
+def test_nothing_feeds_through() -> None:
+    assert not Bench().dut.HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize("wrong", [{"noise": -1.0}, {"point_dropout": 1.1}, {"frame_dropout": -1}])
+def test_impossible_settings_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InvalidValueError, match="noise"):
+        GroundTruthTrackerConfig(**wrong)

@@ -1,0 +1,58 @@
+import math
+
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.systems.hand_driver import HandDriver, step_width
+
+
+@pytest.mark.parametrize(
+    ("width", "wanted", "expected"),
+    [
+        (0.05, 0.00, 0.049),  # 0.1 m/s for 0.01 s is 1 mm
+        (0.05, 0.08, 0.051),
+        (0.05, 0.0503, 0.0503),
+        (0.0795, 0.2, 0.08),  # no wider than the hand
+        (0.0005, -0.1, 0.0),
+    ],
+)
+def test_the_width_follows_at_its_speed(width: float, wanted: float, expected: float) -> None:
+    assert step_width(width=width, wanted=wanted, speed=0.1, time_step=0.01) == pytest.approx(
+        expected
+    )
+
+
+def test_the_hand_holds_its_opening_until_a_width_is_asked_for() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("width_measured").FixValue(context, [0.06])
+    position = dut.GetOutputPort("finger_position")
+    velocity = dut.GetOutputPort("finger_velocity")
+    simulator = Simulator(dut, context)
+
+    assert position.Eval(context)[0] == pytest.approx(0.03)
+    simulator.AdvanceTo(0.25)
+    assert position.Eval(context)[0] == pytest.approx(0.03)
+    dut.GetInputPort("width").FixValue(context, [math.nan])
+    simulator.AdvanceTo(0.5)
+    assert position.Eval(context)[0] == pytest.approx(0.03)
+
+    dut.GetInputPort("width").FixValue(context, [0.04])
+    simulator.AdvanceTo(0.6)
+    # Both fingers share 0.1 m/s.
+    assert velocity.Eval(context)[0] == pytest.approx(-0.05)
+    simulator.AdvanceTo(1.0)
+    assert position.Eval(context)[0] == pytest.approx(0.02)
+    assert velocity.Eval(context)[0] == 0.0
+
+
+def test_after_a_reset_the_measured_opening_counts() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("width_measured").FixValue(context, [0.06])
+    Simulator(dut, context).AdvanceTo(0.1)
+    dut.GetInputPort("width_measured").FixValue(context, [0.02])
+
+    dut.Reset(context)
+
+    assert dut.GetOutputPort("finger_position").Eval(context)[0] == pytest.approx(0.01)

@@ -1,0 +1,194 @@
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
+from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+
+from poil_drake.errors import DetectionError
+from poil_drake.geometry.depth_masks import DepthMaskConfig
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.fusion import FusionConfig
+from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.systems.part_detector import PartDetector, find_part
+from poil_drake.systems.statuses import DetectorStatus
+
+PERIOD = 1 / 8
+W, H = 32, 24
+CAMERA = CameraModel(
+    name="left",
+    width=W,
+    height=H,
+    K=np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]]),
+    X_WC=np.eye(4),
+)
+# A small wall; the mask of a few hundred pixels is left as it is.
+FUSION = FusionConfig(mask=DepthMaskConfig(), voxel_size=0.0, outlier_neighbours=0)
+
+
+class MiddleDetector:
+    """Finds the part in the middle of the image, unless it is dark there."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[float, str, str]] = []
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        self.calls.append((frame.stamp, object_label, part_label))
+        if frame.images[0].rgb[12, 16].max() < 50:
+            raise DetectionError("It is dark.", remedy="Light a lamp.")
+        mask = np.zeros((H, W), dtype=bool)
+        mask[4:20, 6:26] = True
+        return PartMasks(object_masks=(mask,), part_masks=(mask,))
+
+
+class Bench:
+    """The dut with one camera that looks at a wall 0.5 m away."""
+
+    def __init__(self) -> None:
+        self.detector = MiddleDetector()
+        self.dut = PartDetector(
+            detector=self.detector,
+            cameras=[CAMERA],
+            object_label="mug",
+            part_label="handle",
+            period=PERIOD,
+            fusion=FUSION,
+        )
+        self.simulator = Simulator(self.dut)
+        self.context: Context = self.simulator.get_mutable_context()
+        self.show(brightness=200)
+
+    def show(self, *, brightness: int, size: tuple[int, int] = (W, H)) -> None:
+        rgba, depth = ImageRgba8U(*size), ImageDepth32F(*size)
+        rgba.mutable_data[:] = brightness
+        depth.mutable_data[:] = 0.5
+        self.dut.GetInputPort("left.rgb_image").FixValue(self.context, Value(rgba))
+        self.dut.GetInputPort("left.depth_image").FixValue(self.context, Value(depth))
+
+    def request(self, count: float) -> None:
+        self.dut.GetInputPort("request").FixValue(self.context, [count])
+
+    def read(self, name: str) -> object:
+        return self.dut.GetOutputPort(name).Eval(self.context)
+
+    @property
+    def status(self) -> DetectorStatus:
+        return DetectorStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
+
+    @property
+    def searches(self) -> list[float]:
+        return [stamp for stamp, _, _ in self.detector.calls]
+
+
+def test_before_the_first_event_nothing_is_known() -> None:
+    bench = Bench()
+
+    assert bench.status is DetectorStatus.WAITING
+    assert bench.read("part_cloud") is None
+    assert bench.read("masks") is None
+
+
+def test_it_searches_once_without_a_request() -> None:
+    bench = Bench()
+
+    bench.simulator.AdvanceTo(1.0)
+
+    assert bench.detector.calls == [(0.0, "mug", "handle")]
+    assert bench.status is DetectorStatus.FOUND
+
+
+def test_outputs_are_those_of_the_pure_function() -> None:
+    bench = Bench()
+    bench.simulator.AdvanceTo(PERIOD / 2)
+    frame = bench.dut._cameras.capture(bench.context)
+    assert frame is not None
+
+    masks, cloud = find_part(
+        MiddleDetector(), frame, object_label="mug", part_label="handle", fusion=FUSION
+    )
+
+    found = bench.read("part_cloud")
+    np.testing.assert_array_equal(bench.read("masks").part_masks[0], masks.part_masks[0])
+    np.testing.assert_array_equal(found.points, cloud.points)
+    # The wall stands 0.5 m in front of a camera at the origin.
+    np.testing.assert_allclose(found.points[:, 2], 0.5, atol=1e-6)
+
+
+def test_each_increase_of_the_request_searches_again() -> None:
+    bench = Bench()
+    bench.request(0.0)
+    bench.simulator.AdvanceTo(0.3)
+    first = bench.read("masks")
+    bench.request(1.0)
+    bench.simulator.AdvanceTo(0.8)
+    second = bench.read("masks")
+    bench.request(0.0)
+    bench.simulator.AdvanceTo(1.0)
+
+    assert bench.searches == [0.0, 0.375]
+    assert second is not first
+    assert bench.read("masks") is second
+
+
+def test_a_search_that_fails_keeps_what_was_found() -> None:
+    bench = Bench()
+    bench.request(0.0)
+    bench.simulator.AdvanceTo(0.1)
+    masks, cloud = bench.read("masks"), bench.read("part_cloud")
+    bench.show(brightness=0)
+    bench.request(1.0)
+
+    bench.simulator.AdvanceTo(0.3)
+
+    assert bench.status is DetectorStatus.NOT_FOUND
+    assert bench.read("masks") is masks
+    assert bench.read("part_cloud") is cloud
+
+
+def test_a_first_search_that_fails_is_repeated_on_request_only() -> None:
+    bench = Bench()
+    bench.show(brightness=0)
+    bench.request(0.0)
+    bench.simulator.AdvanceTo(0.5)
+    assert bench.status is DetectorStatus.NOT_FOUND
+    assert bench.read("masks") is None
+    bench.show(brightness=200)
+    bench.request(1.0)
+
+    bench.simulator.AdvanceTo(1.0)
+
+    assert bench.searches == [0.0, 0.5]
+    assert bench.status is DetectorStatus.FOUND
+
+
+def test_it_waits_for_the_cameras() -> None:
+    bench = Bench()
+    bench.show(brightness=200, size=(0, 0))
+    bench.simulator.AdvanceTo(0.2)
+    assert bench.status is DetectorStatus.WAITING
+    bench.show(brightness=200)
+
+    bench.simulator.AdvanceTo(1.0)
+
+    assert bench.searches == [0.25]
+
+
+def test_a_request_that_is_not_a_number_asks_for_nothing() -> None:
+    bench = Bench()
+    bench.request(np.nan)
+
+    bench.simulator.AdvanceTo(1.0)
+
+    assert bench.searches == [0.0]
+
+
+def test_nothing_feeds_through() -> None:
+    assert not Bench().dut.HasAnyDirectFeedthrough()
+
+
+def test_other_errors_are_not_swallowed() -> None:
+    bench = Bench()
+    bench.detector.detect = lambda frame, **labels: 1 / 0
+
+    with pytest.raises(ZeroDivisionError):
+        bench.simulator.AdvanceTo(0.1)

@@ -1,0 +1,124 @@
+"""Mistakes that show only once a demonstration meets a scene: one line, non-zero status."""
+
+from pathlib import Path
+
+import pytest
+from test_cli import run
+
+from poil_drake.recording.demonstration import DemonstrationWriter, load_demonstration
+
+pytestmark = pytest.mark.render
+
+DIRECTIVES = """
+directives:
+- add_model: {{ name: table, file: package://poil_drake/fixtures/table.sdf }}
+- add_weld: {{ parent: world, child: table::table }}
+- add_model: {{ name: rack, file: package://poil_drake/fixtures/rack.sdf }}
+- add_weld:
+    parent: world
+    child: rack::stand
+    X_PC: {{ translation: [0.55, 0.30, 0.0] }}
+- add_model: {{ name: panda, file: package://poil_drake_panda/panda.urdf }}
+- add_weld: {{ parent: world, child: panda::panda_link0 }}
+- add_model:
+    name: mug
+    file: package://poil_drake/mugs/mug_a/mug_a.sdf
+    default_free_body_pose:
+      body:
+        translation: [{x}, {y}, 0.0]
+        rotation: !Rpy {{ deg: [0, 0, 120] }}
+"""
+
+
+def mistake(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> str:
+    """Returns the one line that comes after the progress bars."""
+    assert run(monkeypatch, arguments) == 1
+    text = capsys.readouterr().err
+    assert "Traceback" not in text
+    (line,) = [line for line in text.splitlines() if line.startswith("poil: ")]
+    assert text.rstrip().endswith(line)
+    return line
+
+
+def test_a_part_that_no_camera_sees(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    demonstration: Path,
+    tmp_path: Path,
+) -> None:
+    text = DIRECTIVES.format(x=-0.5, y=-0.3)
+    monkeypatch.chdir(tmp_path)
+    line = mistake(
+        monkeypatch, capsys, ["run", "--no-meshcat", "--scenario_text", _with(text, demonstration)]
+    )
+    assert "'handle'" in line
+    assert "seen" in line
+
+
+def test_an_object_out_of_reach(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    demonstration: Path,
+    tmp_path: Path,
+) -> None:
+    text = DIRECTIVES.format(x=0.85, y=-0.05)
+    monkeypatch.chdir(tmp_path)
+    line = mistake(
+        monkeypatch, capsys, ["run", "--no-meshcat", "--scenario_text", _with(text, demonstration)]
+    )
+    assert "feasible" in line
+    assert "reach" in line
+
+
+def test_a_demonstration_without_one_of_its_cameras(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    demonstration: Path,
+    tmp_path: Path,
+) -> None:
+    whole = load_demonstration(demonstration)
+    damaged = tmp_path / "one_eyed.mcap"
+    with DemonstrationWriter(damaged, ["left", "right"], dict(whole.metadata)) as writer:
+        for frame in whole.frames[:10]:
+            writer.write(frame)
+    _drop_topic(damaged, "/camera/right/depth")
+    line = mistake(monkeypatch, capsys, ["transfer", str(damaged), "-o", str(tmp_path / "p.npz")])
+    assert "/camera/right/depth" in line
+    assert not (tmp_path / "p.npz").exists()
+
+
+def _with(text: str, demonstration: Path) -> str:
+    return f"{text}\npoil: {{ demonstration: {demonstration} }}\n"
+
+
+def _drop_topic(path: Path, topic: str) -> None:
+    """Writes an MCAP file anew without one topic."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    kept = path.with_suffix(".kept")
+    with path.open("rb") as source, kept.open("wb") as target:
+        reader, writer = make_reader(source), Writer(target)
+        writer.start()
+        schemas: dict[int, int] = {}
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic == topic:
+                continue
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        writer.finish()
+    kept.replace(path)

@@ -1,0 +1,81 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from poil_drake.errors import TrackingError
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.transfer.demonstration_tracks import track_demonstration
+
+QUERY = np.arange(12.0).reshape(4, 3)
+X = np.array([1.0, 0.0, 0.0])
+MASKS = (np.ones((2, 2), dtype=bool),)
+
+
+def frames(count: int) -> list[MultiViewFrame]:
+    camera = CameraModel("camera", 2, 2, np.eye(3), np.eye(4))
+    image = np.zeros((2, 2, 3)), np.ones((2, 2))
+    return [MultiViewFrame((camera,), (RgbdImage(*image, 5.0 + 0.5 * k),)) for k in range(count)]
+
+
+@dataclass(frozen=True)
+class ShiftingTracker:
+    """Every frame moves the points by 1 along x; in some frames it loses or misses points."""
+
+    lost: tuple[int, ...] = ()
+    missing: tuple[int, ...] = ()
+
+    def start(self, frame, query_points, object_masks) -> TrackerOutput:
+        assert object_masks is MASKS
+        return TrackerOutput(0, TrackedPoints(query_points, np.ones(4), frame.stamp), False)
+
+    def step(self, state, frame, motion_prior=None) -> TrackerOutput:
+        k = state + 1
+        if k in self.lost:
+            return TrackerOutput(k, TrackedPoints.lost(4, frame.stamp), True)
+        positions, confidence = QUERY + k * X, np.full(4, 0.8)
+        if k in self.missing:
+            positions[0], confidence[0] = np.nan, 0.0
+        return TrackerOutput(k, TrackedPoints(positions, confidence, frame.stamp), False)
+
+
+def test_tracks_start_at_time_zero_and_follow_every_frame() -> None:
+    told: list[float] = []
+
+    tracks = track_demonstration(
+        frames(4),
+        QUERY,
+        MASKS,
+        tracker=ShiftingTracker(missing=(2,)),
+        progress=lambda what, share: told.append(share),
+    )
+
+    np.testing.assert_allclose(tracks.times, [0.0, 0.5, 1.0, 1.5])
+    np.testing.assert_allclose(tracks.positions[3], QUERY + 3.0 * X)
+    assert np.isnan(tracks.positions[2, 0]).all()
+    np.testing.assert_allclose(tracks.confidence[2], [0.0, 0.8, 0.8, 0.8])
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+def test_a_short_gap_is_bridged() -> None:
+    tracks = track_demonstration(
+        frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost=(2, 3)), max_gap=1.1
+    )
+
+    assert np.isnan(tracks.positions[2:4]).all()
+    np.testing.assert_allclose(tracks.positions[4], QUERY + 4.0 * X)
+
+
+def test_a_longer_loss_says_when() -> None:
+    with pytest.raises(TrackingError, match=r"0\.50 s into the demonstration of 2\.50 s"):
+        track_demonstration(
+            frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost=(2, 3, 4)), max_gap=1.1
+        )
+
+
+def test_a_loss_at_the_end_is_a_loss() -> None:
+    with pytest.raises(TrackingError, match=r"2\.00 s into"):
+        track_demonstration(frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost=(5,)))
