@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -20,6 +19,7 @@ from poil_drake.diagrams.run_summary import ErrorStatistics
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import ExecutePlan, RecordScenarioDemonstration
 from poil_drake.errors import InvalidValueError, PoilError
+from poil_drake.recording.plain_json import plain_json
 
 TASKS = {"hang_mug": None}
 """Task -> scenario name in the package's scenario file; None is the default."""
@@ -109,7 +109,7 @@ def _write(trials: Sequence[Trial], path: Path) -> None:
     """Writes what is known so far, so that an interrupted benchmark loses nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figures = {"summary": summarize(trials), "trials": [asdict(trial) for trial in trials]}
-    path.write_text(json.dumps(_nan_free(figures), indent=2))
+    path.write_text(json.dumps(plain_json(figures), indent=2, allow_nan=False))
 
 
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:
@@ -197,13 +197,3 @@ def _table(summary: dict[str, object]) -> str:
             )
         lines.append(f"{name.replace('_', ' '):36s} {value}")
     return "\n".join(lines)
-
-
-def _nan_free(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _nan_free(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_nan_free(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value

@@ -1,7 +1,6 @@
 """Simulates a demonstration: the object moves as if by a hand, and the cameras record."""
 
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from poil_drake.diagrams.demonstration_config import DemonstrationMotionConfig
 from poil_drake.diagrams.demonstration_motion import KeyframeMotion
 from poil_drake.diagrams.demonstration_scene import DemonstrationScene
+from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.hanging_motion import hanging_keyframes
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import ScenarioError
@@ -21,7 +21,6 @@ def RecordDemonstration(
     scenario: Scenario,
     path: str | Path,
     *,
-    scenario_text: str | None = None,
     metadata: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> int:
@@ -29,13 +28,12 @@ def RecordDemonstration(
 
     The scenario's `demonstration_object` moves by itself, without a robot in view, and the cameras
     take pictures at the tracker's rate, with the sensors' noise. The first frame carries render
-    labels, so that detectors that read them work on it.
+    labels, so that detectors that read them work on it. The file holds the whole scenario, too.
 
     Args:
         scenario: The scenario.
         path: The MCAP file to write; it appears only when the recording is complete.
-        scenario_text: The scenario as YAML, kept in the file.
-        metadata: What else to say in the file, e.g. {"scenario": "HangMug"}.
+        metadata: What else to say in the file.
         progress: Told what is done and which share of it, in [0, 1].
 
     Returns:
@@ -54,14 +52,16 @@ def RecordDemonstration(
     period = scenario.poil.rates.tracker
     times = period * np.arange(int(motion.duration / period) + 1)
     said = {
+        "scenario": scenario.source.name,
+        "scenario_file": scenario.source.file,
         "object": Path(scenario.poil.demonstration_object).stem,
         "fixture": scenario.poil.fixture,
         "part": scenario.poil.part,
         "seed": str(scenario.random_seed),
-        "drake_version": version("drake"),
         **(metadata or {}),
     }
-    with DemonstrationWriter(path, scene.camera_names, said, scenario_text=scenario_text) as writer:
+    text = DumpScenario(scenario)
+    with DemonstrationWriter(path, scene.camera_names, said, scenario_text=text) as writer:
         for i, time in enumerate(times.tolist()):
             scene.put_object(motion.pose(time))
             writer.write(scene.capture(time, labels=i == 0))

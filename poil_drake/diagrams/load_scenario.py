@@ -1,6 +1,7 @@
 """Finds and reads scenarios from YAML files and text."""
 
 import copy
+import dataclasses
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import yaml
 from pydrake.common.yaml import yaml_load
 
-from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
 
@@ -45,10 +46,12 @@ def LoadScenario(
     scenario = copy.deepcopy(defaults) if defaults is not None else Scenario()
     if filename is not None:
         path = Path(filename)
-        node = _named_scenario(_read(path), scenario_name, path)
+        name, node = _named_scenario(_read(path), scenario_name, path)
         scenario = merge_yaml(
             node=_anchored(node, path.resolve().parent), schema=Scenario, default=scenario
         )
+        source = ScenarioSource(name=name, file=str(path))
+        scenario = dataclasses.replace(scenario, source=source)
     if data is not None:
         node = _parse(data, "the scenario text")
         scenario = merge_yaml(node=_anchored(node, Path.cwd()), schema=Scenario, default=scenario)
@@ -79,7 +82,8 @@ def _parse(text: str, source: str) -> Any:
     return {} if node is None else node
 
 
-def _named_scenario(document: Any, name: str | None, path: Path) -> Any:
+def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, Any]:
+    """Returns a scenario of a file with its name."""
     if not isinstance(document, dict) or not document:
         raise ScenarioError(
             f"'{path}' holds no scenarios.",
@@ -93,7 +97,7 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> Any:
             f"'{path}' holds no scenario named '{name}'.",
             remedy=f"Choose one of: {names} (option --scenario_name).",
         )
-    return document[name] if document[name] is not None else {}
+    return name, document[name] if document[name] is not None else {}
 
 
 def _anchored(node: Any, directory: Path) -> Any:

@@ -3,16 +3,15 @@
 import dataclasses
 import json
 import math
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-_LIBRARIES = ("poil-drake", "drake", "numpy", "scipy", "torch", "open3d", "pin", "ompl")
+from poil_drake.recording.library_versions import library_versions
+from poil_drake.recording.plain_json import plain_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +118,7 @@ class RunSummary:
     final_potential: float = math.nan
     tracking_error: ErrorStatistics | None = None
     outputs: Mapping[str, str] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=lambda: library_versions())
+    versions: Mapping[str, str] = field(default_factory=library_versions)
     tracker: str = ""
     final_state_digest: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -154,7 +153,7 @@ class RunSummary:
             )
         )
         values["timing"]["real_time_factor"] = self.timing.real_time_factor
-        return _plain(values)
+        return plain_json(values)
 
     def write_json(self, path: str | Path) -> Path:
         """Writes everything as JSON and returns the file's path; its folder is made if needed."""
@@ -184,28 +183,3 @@ def phase_spans(
         PhaseSpan(name=names[indices[i]], start=float(times[i]), end=float(end))
         for i, end in zip(first, ends, strict=True)
     )
-
-
-def library_versions() -> dict[str, str]:
-    """Returns the versions of Python and of the libraries that results depend on."""
-    found = {"python": platform.python_version()}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    return str(value)

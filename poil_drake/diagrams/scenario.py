@@ -139,6 +139,19 @@ def _visualization_config() -> VisualizationConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ScenarioSource:
+    """Where a scenario was read.
+
+    Attributes:
+        name: Which document of the file; empty if there was no file.
+        file: The file; empty if there was none.
+    """
+
+    name: str = ""
+    file: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """Everything that builds a station and its task; the keys are those of Drake's hardware_sim.
 
@@ -155,6 +168,7 @@ class Scenario:
         visualization: What Meshcat shows.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task, and how POIL does it.
+        source: Where the loader found it; no key of the file.
     """
 
     random_seed: int = 0
@@ -168,3 +182,4 @@ class Scenario:
     visualization: VisualizationConfig = field(default_factory=_visualization_config)
     initial_position: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     poil: PoilConfig = field(default_factory=PoilConfig)
+    source: ScenarioSource = field(default_factory=ScenarioSource, metadata={"yaml": False})

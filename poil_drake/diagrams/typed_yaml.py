@@ -64,7 +64,7 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
 
 def _merge_dataclass(node: Any, schema: Any, default: Any, path: str) -> Any:
     _require(node, collections.abc.Mapping, f"a mapping ({schema.__name__})", path)
-    fields = {f.name: f.type for f in dataclasses.fields(schema)}
+    fields = {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     _check_keys(node, fields, path)
     default = schema() if default is None else default
     values = {

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,6 +28,7 @@ from poil_drake.recording.image_messages import (
     encode_depth,
     encode_label,
 )
+from poil_drake.recording.library_versions import version_metadata
 from poil_drake.recording.mcap_sink import McapSink
 from poil_drake.recording.timestamps import to_nanoseconds
 
@@ -148,7 +148,7 @@ class DemonstrationWriter:
         self._sink.add_metadata(
             METADATA_RECORD,
             {
-                "poil_drake_version": version("poil-drake"),
+                **version_metadata(),
                 "frames": str(self._frame_count),
                 **self._metadata,
                 CAMERAS_KEY: json.dumps(self._cameras),

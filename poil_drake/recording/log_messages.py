@@ -1,6 +1,5 @@
 """Points, joint states and JSON records of a run log."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +8,7 @@ from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from poil_drake.recording.plain_json import plain_json
 from poil_drake.recording.timestamps import NANOSECONDS_PER_SECOND, set_timestamp
 
 _TIMESTAMP_SCHEMA = {
@@ -64,7 +64,7 @@ def encode_joint_states(
 def json_record(values: Mapping[str, Any], *, stamp: int) -> dict[str, Any]:
     """Returns values as JSON can hold them, with a `timestamp`; what is not finite becomes null."""
     sec, nsec = divmod(stamp, NANOSECONDS_PER_SECOND)
-    return {"timestamp": {"sec": sec, "nsec": nsec}} | {k: _plain(v) for k, v in values.items()}
+    return {"timestamp": {"sec": sec, "nsec": nsec}} | plain_json(values)
 
 
 def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
@@ -75,20 +75,6 @@ def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
         "type": "object",
         "properties": {"timestamp": _TIMESTAMP_SCHEMA} | properties,
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)
 
 
 def _schema_of(value: Any) -> dict[str, Any]:

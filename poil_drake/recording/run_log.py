@@ -3,7 +3,6 @@
 import atexit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -22,6 +21,7 @@ from poil_drake.recording.demonstration_layout import (
     optical_frame,
 )
 from poil_drake.recording.image_messages import ColorEncoding, encode_color, encode_depth
+from poil_drake.recording.library_versions import version_metadata
 from poil_drake.recording.log_messages import (
     encode_joint_states,
     encode_points,
@@ -81,9 +81,7 @@ class RunLogWriter:
         self._schemas: dict[str, dict[str, Any]] = {}
         self._closed = False
         # Metadata first: a log that was never closed still says what it is.
-        self._sink.add_metadata(
-            METADATA_RECORD, {"poil_drake_version": version("poil-drake"), **(metadata or {})}
-        )
+        self._sink.add_metadata(METADATA_RECORD, {**version_metadata(), **(metadata or {})})
         if scenario_text is not None:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()

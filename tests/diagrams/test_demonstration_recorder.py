@@ -1,3 +1,5 @@
+from importlib.metadata import version
+
 import numpy as np
 import pytest
 
@@ -26,8 +28,7 @@ def recording(tmp_path_factory):
     count = RecordDemonstration(
         load(),
         path,
-        scenario_text="HangMug: {}",
-        metadata={"scenario": "HangMug"},
+        metadata={"occasion": "a test"},
         progress=lambda what, share: said.append((what, share)),
     )
     return path, count, said
@@ -46,7 +47,21 @@ def test_frames_come_at_the_trackers_rate(recording):
     assert dut.metadata["scenario"] == "HangMug"
     assert dut.metadata["object"] == "mug_demo"
     assert dut.metadata["seed"] == "0"
-    assert dut.scenario_text == "HangMug: {}"
+    assert dut.metadata["occasion"] == "a test"
+
+
+@pytest.mark.render
+def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
+    dut = load_demonstration(recording[0])
+
+    (tmp_path / "scenario.yaml").write_text(dut.scenario_text)
+    again = LoadScenario(filename=tmp_path / "scenario.yaml")
+    assert again.poil == load().poil
+    assert again.cameras["right"].width == 160
+    assert again.source.name == dut.metadata["scenario"] == "HangMug"
+    assert dut.metadata["scenario_file"] == str(default_scenario_file())
+    for package in ("poil-drake", "drake", "numpy"):
+        assert dut.metadata[f"{package.replace('-', '_')}_version"] == version(package)
 
 
 @pytest.mark.render
@@ -85,8 +100,7 @@ def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
     RecordDemonstration(
         load(),
         tmp_path / "again.mcap",
-        scenario_text="HangMug: {}",
-        metadata={"scenario": "HangMug"},
+        metadata={"occasion": "a test"},
     )
 
     assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()

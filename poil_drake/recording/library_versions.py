@@ -1,0 +1,23 @@
+"""The versions that results depend on."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+_LIBRARIES = ("poil-drake", "drake", "numpy", "scipy", "torch", "open3d", "pin", "ompl")
+
+
+def library_versions() -> dict[str, str]:
+    """Returns the versions of Python and of the libraries that results depend on."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def version_metadata() -> dict[str, str]:
+    """Returns the same as entries for a file's metadata, e.g. "poil_drake_version"."""
+    versions = library_versions().items()
+    return {f"{name.replace('-', '_')}_version": found for name, found in versions}
