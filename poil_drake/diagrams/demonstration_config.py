@@ -1,11 +1,15 @@
 """How the object moves in a simulated demonstration, as the scenario says it."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
+
+_DURATIONS = ("rest", "lift_time", "carry_time", "slide_time", "settle_time")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +25,13 @@ class Keyframe:
     time: float = 0.0
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.time, *self.translation, *self.rpy]).all():
+            raise ScenarioError(
+                f"The keyframe at {self.time} s holds a value that is not finite.",
+                remedy="Correct it in poil.demonstration_motion.keyframes.",
+            )
 
     @property
     def pose(self) -> np.ndarray:
@@ -68,6 +79,28 @@ class HangingMotionConfig:
     slide_time: float = 1.5
     settle_time: float = 0.75
 
+    def __post_init__(self) -> None:
+        lengths = {
+            name: getattr(self, name) for name in ("clearance", "lift", "approach", *_DURATIONS)
+        }
+        for name, value in lengths.items():
+            if not 0.0 < value < np.inf:
+                raise ScenarioError(
+                    f"poil.demonstration_motion.hanging.{name} is {value}.",
+                    remedy="It must be positive and finite.",
+                )
+        if not np.isfinite([*self.start, self.start_yaw, self.tilt]).all():
+            raise ScenarioError(
+                "poil.demonstration_motion.hanging has a start, start_yaw or tilt that is not "
+                "finite.",
+                remedy="Correct it.",
+            )
+        if not 0.0 <= self.seat <= 1.0:
+            raise ScenarioError(
+                f"poil.demonstration_motion.hanging.seat is {self.seat}.",
+                remedy="It must lie between 0, the rod's base, and 1, its tip.",
+            )
+
 
 @dataclass(frozen=True, kw_only=True)
 class DemonstrationMotionConfig:
@@ -82,3 +115,17 @@ class DemonstrationMotionConfig:
     keyframes: tuple[Keyframe, ...] = ()
     blend: float = 0.2
     hanging: HangingMotionConfig = field(default_factory=HangingMotionConfig)
+
+    def __post_init__(self) -> None:
+        times = [keyframe.time for keyframe in self.keyframes]
+        rising = len(times) > 1 and times[0] == 0.0 and all(a < b for a, b in pairwise(times))
+        if times and not rising:
+            raise ScenarioError(
+                f"poil.demonstration_motion.keyframes are at {times} s.",
+                remedy="Give at least two at increasing times, the first at 0.",
+            )
+        if not 0.0 <= self.blend < np.inf:
+            raise ScenarioError(
+                f"poil.demonstration_motion.blend is {self.blend} s.",
+                remedy="It must be finite and not negative.",
+            )

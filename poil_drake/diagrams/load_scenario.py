@@ -60,11 +60,16 @@ def LoadScenario(
 
 def _read(path: Path) -> Any:
     try:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ScenarioError(
             f"The scenario file '{path}' cannot be read ({error.strerror}).",
             remedy=f"Give an existing file, e.g. the package's own: {default_scenario_file()}",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"The scenario file '{path}' is not text in UTF-8 (byte {error.start}).",
+            remedy="Give a YAML file, and save it in UTF-8.",
         ) from error
     return _parse(text, f"'{path}'")
 
@@ -73,6 +78,7 @@ def _parse(text: str, source: str) -> Any:
     if not text.strip():
         return {}
     try:
+        _refuse_repeated_keys(yaml.compose(text, Loader=yaml.SafeLoader), source, set())
         node = yaml_load(data=text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
@@ -80,6 +86,33 @@ def _parse(text: str, source: str) -> Any:
             f"{source} is not valid YAML: {reason}.", remedy="Correct the YAML."
         ) from error
     return {} if node is None else node
+
+
+def _refuse_repeated_keys(node: yaml.Node | None, source: str, seen: set[int]) -> None:
+    """Checks that keys are words, each written once: YAML would quietly keep the last."""
+    if node is None or id(node) in seen:
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            _refuse_repeated_keys(item, source, seen)
+    if not isinstance(node, yaml.MappingNode):
+        return
+    keys = set()
+    for key, value in node.value:
+        line = key.start_mark.line + 1
+        if not key.tag.endswith((":str", ":merge")):
+            raise ScenarioError(
+                f"{source} has a key that is no text, in line {line}.",
+                remedy="Use words as keys, in quotation marks where YAML takes them for others.",
+            )
+        if key.value in keys:
+            raise ScenarioError(
+                f"{source} has the key '{key.value}' twice in one place, again in line {line}.",
+                remedy="Join the two.",
+            )
+        keys.add(key.value)
+        _refuse_repeated_keys(value, source, seen)
 
 
 def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, Any]:
@@ -90,6 +123,11 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
             remedy="Its top-level keys must be names of scenarios, e.g. 'HangMug:'.",
         )
     names = ", ".join(document)
+    if "directives" in document:
+        raise ScenarioError(
+            f"'{path}' begins with the keys of a scenario, not with its name.",
+            remedy="Put a line with a name, e.g. 'HangMug:', above, and indent the rest.",
+        )
     if name is None:
         name = next(iter(document)) if len(document) == 1 else DEFAULT_SCENARIO_NAME
     if name not in document:

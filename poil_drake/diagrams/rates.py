@@ -1,5 +1,6 @@
 """The one table of periods of everything that runs periodically."""
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -26,11 +27,30 @@ class Rates:
     logger: float = 1 / 32
 
     def __post_init__(self) -> None:
+        for name in ("plant", "control", "tracker", "logger"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ScenarioError(
+                    f"rates: the period '{name}' is {getattr(self, name)} s.",
+                    remedy="It must be positive and finite, e.g. 1/256.",
+                )
         for slow, fast in (("control", "plant"), ("tracker", "control"), ("logger", "control")):
             a, b = getattr(self, slow), getattr(self, fast)
-            if not (a > 0 and b > 0) or Fraction(a) % Fraction(b) != 0:
+            if Fraction(a) % Fraction(b) != 0:
                 raise ScenarioError(
                     f"rates: the period '{slow}' = {a} s is not a whole multiple of '{fast}' "
                     f"= {b} s, exactly.",
                     remedy="Use fractions whose denominators are powers of two, e.g. 1/256.",
                 )
+
+    def next_report(self, time: float) -> float:
+        """Returns when a run is looked at next, after `time` [s]: with each log and each capture.
+
+        Whole multiples of the periods are what Drake's periodic events use, too; adding periods up
+        would drift away from them where they are not exact in binary.
+        """
+        return min(_next_multiple(period, time) for period in (self.logger, self.tracker))
+
+
+def _next_multiple(period: float, time: float) -> float:
+    count = round(time / period)
+    return count * period if count * period > time else (count + 1) * period

@@ -14,6 +14,7 @@ from pydrake.visualization import VisualizationConfig
 
 from poil_drake.diagrams.demonstration_config import DemonstrationMotionConfig
 from poil_drake.diagrams.rates import Rates
+from poil_drake.diagrams.scenario_checks import CheckScenarioValues
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.systems.panda_velocity_driver import PandaDriver
@@ -38,7 +39,9 @@ class Randomization:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             value = getattr(self, name)
-            if len(value) not in (0, 2) or (value and value[0] > value[1]):
+            if len(value) not in (0, 2) or (
+                value and not -math.inf < value[0] <= value[1] < math.inf
+            ):
                 raise ScenarioError(
                     f"poil.randomization.{name} is {list(value)}.",
                     remedy="Write [lowest, highest], or [] to leave it as it is.",
@@ -102,9 +105,18 @@ class PoilConfig:
                     remedy=f"It must be at least {lowest}.",
                 )
         for name in ("eta", "max_angular_speed", "max_linear_speed"):
-            if not getattr(self, name) > 0:
+            if not 0 < getattr(self, name) < math.inf:
                 raise ScenarioError(
-                    f"poil.{name} is {getattr(self, name)}.", remedy="It must be positive."
+                    f"poil.{name} is {getattr(self, name)}.",
+                    remedy="It must be positive and finite.",
+                )
+        roles = {"object": self.object, "fixture": self.fixture, "robot": self.robot}
+        for role, name in roles.items():
+            twins = [other for other in roles if other != role and roles[other] == name]
+            if twins:
+                raise ScenarioError(
+                    f"poil.{role} and poil.{twins[0]} are both '{name}'.",
+                    remedy="Name a model of its own for each.",
                 )
         if not 0 <= self.latency < self.rates.tracker:
             raise ScenarioError(
@@ -158,8 +170,11 @@ class Scenario:
     Attributes:
         random_seed: Seeds all noise.
         simulation_duration: Longest run [s].
-        simulator_config: Drake's simulator settings.
-        plant_config: Drake's plant settings; its `time_step` is replaced by `poil.rates.plant`.
+        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down,
+            unless the command line says otherwise. The others reach the simulator, but every
+            system here is discrete: there is nothing to integrate, and `max_step_size` only
+            bounds how far time moves at once. `start_time` stays 0.
+        plant_config: Drake's plant settings, except `time_step`: that is `poil.rates.plant`.
         directives: The models: files, welds, default poses. A file may be `package://...`,
             `file://...`, or a path relative to the scenario file.
         lcm_buses: LCM networks; by default none is opened.
@@ -183,3 +198,6 @@ class Scenario:
     initial_position: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     poil: PoilConfig = field(default_factory=PoilConfig)
     source: ScenarioSource = field(default_factory=ScenarioSource, metadata={"yaml": False})
+
+    def __post_init__(self) -> None:
+        CheckScenarioValues(self)

@@ -64,6 +64,9 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
 
 def _merge_dataclass(node: Any, schema: Any, default: Any, path: str) -> Any:
     _require(node, collections.abc.Mapping, f"a mapping ({schema.__name__})", path)
+    tag = str(node.get("_tag", "")).removeprefix("!")
+    if tag not in ("", schema.__name__):
+        raise _wrong(path, f"!{tag}", f"!{schema.__name__}, the only kind there is,")
     fields = {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     _check_keys(node, fields, path)
     default = schema() if default is None else default
@@ -113,10 +116,36 @@ def _merge_drake(node: Any, schema: Any, default: Any, path: str) -> Any:
         return yaml_load_typed(
             data=yaml_dump({"value": node}), defaults=holder, schema=type(holder)
         ).value
-    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
-        reason = " ".join(str(error).split())
+    except _DRAKE_ERRORS as error:
+        _find_culprit(node, schema, path)
         wanted = getattr(schema, "__name__", str(schema))
-        raise _wrong(path, node, f"{wanted} ({reason})") from error
+        raise _wrong(path, node, f"{wanted}{_reason(error)}") from error
+
+
+_DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, AssertionError)
+
+
+def _find_culprit(node: Any, schema: Any, path: str) -> None:
+    """Raises for the innermost value that is wrong, if it is wrong by itself."""
+    schema, _ = _strip_optional(schema)
+    schema = _union_member(schema, node) or schema
+    if typing.get_origin(schema) is list and isinstance(node, list):
+        for i, item in enumerate(node):
+            _merge_drake(item, typing.get_args(schema)[0], None, f"{path}[{i}]")
+    elif hasattr(schema, "__fields__") and isinstance(node, collections.abc.Mapping):
+        fields = {f.name: f.type for f in schema.__fields__}
+        for key, value in node.items():
+            if key != "_tag":
+                _merge_drake(value, fields[key], None, f"{path}.{key}")
+
+
+def _reason(error: Exception) -> str:
+    """Returns what Drake says about a value, in parentheses, if it helps a reader."""
+    reason = " ".join(str(error).split())
+    # The bindings list the C++ signatures that did not fit, and assertions repeat the value.
+    if isinstance(error, AssertionError) or "incompatible function arguments" in reason:
+        return ""
+    return f" ({reason})"
 
 
 def _check_drake_keys(node: Any, schema: Any, path: str) -> None:

@@ -60,6 +60,17 @@ class StereoDepthNoiseConfig:
                 "m.",
                 remedy="Pass 0 < min_depth < max_depth.",
             )
+        for name in ("quadratic", "inverse_depth_step", "edge_jump", "blob_count"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise InvalidValueError(
+                    f"StereoDepthNoiseConfig.{name} is {getattr(self, name)}.",
+                    remedy="It must be finite and not negative.",
+                )
+        if not 0 <= self.blob_radius[0] <= self.blob_radius[1]:
+            raise InvalidValueError(
+                f"StereoDepthNoiseConfig.blob_radius is {self.blob_radius} px.",
+                remedy="Pass the smallest radius, then the largest.",
+            )
         for name in ("flying_probability", "hole_probability"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidValueError(

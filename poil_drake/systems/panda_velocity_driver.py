@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from poil_drake.control.joint_limits import JointLimits
+from poil_drake.errors import InvalidValueError
 
 NUM_JOINTS = 7
 ROBOT_MODE_MOVE = 2.0
@@ -42,6 +43,29 @@ class PandaDriver:
     hand_stiffness: float = 2e5
     hand_damping: float = 200.0
     hand_speed: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping"):
+            if len(getattr(self, name)) != NUM_JOINTS:
+                raise InvalidValueError(
+                    f"PandaDriver.{name} has {len(getattr(self, name))} values.",
+                    remedy=f"Give {NUM_JOINTS}, one for each joint of the arm.",
+                )
+        positive = ("expire_sec", "low_pass_hz", "leash", "hand_stiffness", "hand_speed")
+        values = {name: (getattr(self, name),) for name in positive} | {"stiffness": self.stiffness}
+        others = {name: (getattr(self, name),) for name in ("limit_margin", "hand_damping")}
+        for name, numbers in (values | others | {"damping": self.damping}).items():
+            lowest = min(numbers)
+            if (
+                not all(map(math.isfinite, numbers))
+                or lowest < 0
+                or (lowest == 0 and name in values)
+            ):
+                raise InvalidValueError(
+                    f"PandaDriver.{name} is {numbers[0] if len(numbers) == 1 else numbers}.",
+                    remedy="It must be finite and "
+                    + ("positive." if name in values else "not negative."),
+                )
 
 
 @dataclass(frozen=True, kw_only=True)

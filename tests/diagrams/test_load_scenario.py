@@ -110,6 +110,57 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{random_seed: [1]}", "'random_seed' is"),
         ("[1", "not valid YAML"),
         ("[1]", "mapping"),
+        ("mug", "'the scenario' is 'mug'.*mapping"),
+        ("{3: 4}", "a key that is no text, in line 1"),
+        ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' twice in one place, again in line 1"),
+        ("{random_seed: -1}", "random_seed is -1.*0 or a positive number"),
+        ("{simulation_duration: .nan}", "simulation_duration is nan"),
+        ("{poil: {rates: {tracker: .inf}}}", "rates: the period 'tracker' is inf s"),
+        ("{poil: {rates: {logger: .nan}}}", "rates: the period 'logger' is nan s"),
+        ("{poil: {eta: .inf}}", "poil.eta is inf.*finite"),
+        ("{poil: {fixture: mug}}", "poil.object and poil.fixture are both 'mug'"),
+        ("{poil: {randomization: {x: [0, .nan]}}}", "randomization.x is"),
+        ("{poil: {depth_noise: {quadratic: .nan}}}", "poil.depth_noise: .*quadratic is nan"),
+        ("{poil: {depth_noise: {blob_radius: [6, 2]}}}", "poil.depth_noise: .*smallest radius"),
+        (
+            "{model_drivers: {panda: {stiffness: [1, 2]}}}",
+            "model_drivers.panda: .*2 values.*Give 7",
+        ),
+        ("{model_drivers: {panda: {hand_speed: 0}}}", "model_drivers.panda: .*hand_speed is 0"),
+        ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
+        ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but !PandaDriver"),
+        ("{cameras: {left: }}", "'cameras.left' is None"),
+        ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but int"),
+        (
+            "{cameras: {left: {X_PB: {translation: [1, 2]}}}}",
+            r"'cameras.left.X_PB.*' is .*\[1, 2\]",
+        ),
+        ("{cameras: {left: {lcm_bus: lab}}}", "cameras.left.lcm_bus is 'lab'.*Choose one of: def"),
+        ("{visualization: {lcm_bus: lab}}", "visualization.lcm_bus is 'lab'"),
+        ("{visualization: {publish_period: 0}}", "visualization.publish_period is 0"),
+        ("{lcm_buses: {default: {lcm_url: 'ros://x'}}}", "lcm_url is 'ros://x'"),
+        ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),
+        ("{simulator_config: {integration_scheme: euler}}", "'euler'.*runge_kutta3"),
+        ("{simulator_config: {max_step_size: -1}}", "max_step_size is -1"),
+        ("{simulator_config: {accuracy: 0}}", "accuracy is 0"),
+        ("{simulator_config: {target_realtime_rate: -1}}", "target_realtime_rate is -1"),
+        ("{simulator_config: {start_time: 3}}", "start_time is 3"),
+        ("{directives: [{}]}", r"'directives\[0\]' holds nothing"),
+        ("{directives: [3]}", r"'directives\[0\]' is 3"),
+        ("{directives: [{add_model: {name: a}}]}", r"'directives\[0\].add_model' has no 'file'"),
+        (
+            "{directives: [{add_model: {name: a, file: a.sdf}, add_weld: {parent: b, child: c}}]}",
+            "holds add_model and add_weld.*a dash of its own",
+        ),
+        (
+            "{poil: {demonstration_motion: {keyframes: [{time: 0}, {time: .nan}]}}}",
+            "keyframe at nan s",
+        ),
+        ("{poil: {demonstration_motion: {keyframes: [{time: 0}]}}}", "at least two"),
+        ("{poil: {demonstration_motion: {blend: .nan}}}", "blend is nan"),
+        ("{poil: {demonstration_motion: {hanging: {rest: -1}}}}", "hanging.rest is -1"),
+        ("{poil: {demonstration_motion: {hanging: {seat: 2}}}}", "hanging.seat is 2"),
+        ("{poil: {demonstration_motion: {hanging: {tilt: .nan}}}}", "start_yaw or tilt"),
     ],
 )
 def test_mistakes_are_named_in_one_line(text: str, says: str) -> None:
@@ -134,9 +185,40 @@ def test_which_scenario_must_be_said_where_there_are_several() -> None:
         LoadScenario(filename=TEST_FILE)
 
 
-def test_a_file_without_scenarios_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "empty.yaml"
-    path.write_text("")
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "holds no scenarios"),
+        (b"- HangMug\n", "holds no scenarios"),
+        (b"HangMug", "holds no scenarios"),
+        (b"\xff\xfe\x00H", "not text in UTF-8"),
+        (b"HangMug: \x00", "not valid YAML"),
+        (b"directives: []\npoil: {}\n", "begins with the keys of a scenario"),
+        (b"HangMug: [1]\n", "mapping"),
+        (b"HangMug: {}\nHangMug: {}\n", "'HangMug' twice.*line 2"),
+        (b"1: {}\n", "no text, in line 1"),
+    ],
+)
+def test_a_file_that_is_no_scenario_file_is_refused(
+    content: bytes, says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_bytes(content)
 
-    with pytest.raises(ScenarioError, match="holds no scenarios"):
+    with pytest.raises(ScenarioError, match=says) as info:
         LoadScenario(filename=path)
+
+    assert "\n" not in str(info.value)
+
+
+def test_a_folder_is_no_scenario_file(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"cannot be read.*directory"):
+        LoadScenario(filename=tmp_path)
+
+
+def test_anchors_may_be_used_again_and_overridden() -> None:
+    dut = LoadScenario(
+        data="cameras: {a: &a {name: a, width: 32}, b: {<<: *a, name: b, height: 24}}"
+    )
+
+    assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
