@@ -259,7 +259,7 @@ def main() -> None:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated
+    raise Terminated("terminated")
 
 
 def _fail(message: str, status: int) -> None:

@@ -7,7 +7,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from poil_drake.control.point_set_bcsdm import BcsdmConfig
+from poil_drake.diagrams.closed_loop_logger import MakeLoopLogger
 from poil_drake.diagrams.closed_loop_wires import (
+    DETECTOR_LOGGER_WIRES,
     GROUND_TRUTH_WIRES,
     LOGGER_WIRES,
     LOOP_WIRES,
@@ -19,7 +21,6 @@ from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_tracker import GROUND_TRUTH, MakeScenarioTracker
 from poil_drake.diagrams.station import MakeStation, Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.systems.arm_plant import MakePandaKinematics
@@ -30,16 +31,17 @@ from poil_drake.systems.ground_truth_tracker import (
     GroundTruthTracker,
     GroundTruthTrackerConfig,
 )
-from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
 from poil_drake.systems.motion_source import MotionSource, MotionSourceConfig
 from poil_drake.systems.part_detector import PartDetector
+from poil_drake.systems.phase_texts import PHASE_NAMES
 from poil_drake.systems.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
 from poil_drake.systems.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
 )
 from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
-from poil_drake.systems.skill_phases import Phase, SkillConfig
+from poil_drake.systems.publishing_clock import PublishingClock
+from poil_drake.systems.skill_phases import SkillConfig
 from poil_drake.systems.skill_sequencer import SkillSequencer
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
 from poil_drake.systems.stopwatch import Stopwatch
@@ -98,13 +100,16 @@ def MakeClosedLoop(
         log: Where to log every signal and the images. Whoever opened it closes it after the run.
         album: Where to keep pictures of the run.
         disturbances: Pushes on bodies of the simulated plant.
-        stopwatch: Where to note how long rendering and tracking take.
+        stopwatch: Where to note how long rendering, tracking, control and publishing take.
 
     Raises:
         PoilError: if the station, the detector or the tracker cannot be built.
     """
     builder = DiagramBuilder()
     truth = scenario.poil.tracker == GROUND_TRUTH
+    schedules = _publish_schedules(scenario, meshcat=meshcat is not None, album=album is not None)
+    clock = PublishingClock(stopwatch or Stopwatch(), schedules)
+    clock.AddStart(builder)
     station = builder.AddNamedSystem(
         "station",
         MakeStation(scenario, meshcat=meshcat, hardware=hardware, cameras=not truth),
@@ -117,7 +122,9 @@ def MakeClosedLoop(
     if meshcat is not None:
         parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
     if log is not None:
-        parts["logger"] = _add_logger(builder, scenario, plan, log)
+        parts["logger"] = builder.AddNamedSystem(
+            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
+        )
     if album is not None and not truth:
         parts["snapshots"] = builder.AddNamedSystem(
             "snapshots",
@@ -133,7 +140,12 @@ def MakeClosedLoop(
         injector = builder.AddNamedSystem(
             "disturbances", DisturbanceInjector(plant=station.plant(), pulses=disturbances)
         )
-        builder.Connect(injector.get_output_port(0), station.GetInputPort("applied_spatial_force"))
+        takers = [station, *([parts["logger"]] if log is not None else [])]
+        for taker in takers:
+            builder.Connect(
+                injector.get_output_port(0), taker.GetInputPort("applied_spatial_force")
+            )
+    clock.AddStop(builder)
     return ClosedLoop(
         diagram=builder.Build(),
         station=station,
@@ -231,6 +243,7 @@ def _add_perception(
         part_label=poil.part,
         period=poil.rates.tracker,
         label_ids=station.label_ids,
+        stopwatch=stopwatch,
     )
     tracker = PointTracker(
         tracker=MakeScenarioTracker(poil),
@@ -255,37 +268,26 @@ def _add_visualizer(
     return builder.AddNamedSystem(
         "visualizer",
         PointSetVisualizer(
-            meshcat=meshcat, reference=plan.reference, phase_names=_PHASE_NAMES, config=config
+            meshcat=meshcat, reference=plan.reference, phase_names=PHASE_NAMES, config=config
         ),
     )
 
 
-def _add_logger(
-    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, log: RunLogWriter
-) -> McapLogger:
-    return builder.AddNamedSystem(
-        "logger",
-        McapLogger(
-            log=log,
-            num_points=len(plan.target_points),
-            joint_names=ARM_JOINTS,
-            phase_names=_PHASE_NAMES,
-            statuses={
-                "controller": ("status", "tau", "potential", "mean_error"),
-                "ik": ("status", "scale"),
-                "tracker": ("status", "age"),
-                "hand": ("width_commanded", "width_measured"),
-            },
-            reference=plan.reference,
-            config=McapLoggerConfig(period=scenario.poil.rates.logger),
-        ),
-    )
+def _publish_schedules(
+    scenario: Scenario, *, meshcat: bool, album: bool
+) -> list[tuple[float, float]]:
+    """Returns the periods and offsets [s] at which anything in the loop publishes."""
+    rates = scenario.poil.rates
+    schedules = [(rates.logger, 0.0)]
+    if meshcat:
+        schedules.append((scenario.visualization.publish_period, 0.0))
+    if album:
+        schedules.append((rates.tracker, rates.control))
+    return schedules
 
 
 _MISSED_TRACKS = 4
 """Points are carried along by forward kinematics for so many tracker periods."""
-
-_PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 
 
 def _connect_by_name(builder: DiagramBuilder, parts: dict[str, LeafSystem | Station]) -> None:
@@ -305,7 +307,7 @@ def _connect_by_name(builder: DiagramBuilder, parts: dict[str, LeafSystem | Stat
     if "logger" in parts:
         wires += LOGGER_WIRES
         if "detector" in parts:
-            wires.append(("tracker.frame", "logger.frame"))
+            wires += DETECTOR_LOGGER_WIRES
     if "snapshots" in parts:
         wires += SNAPSHOT_WIRES
     robot = parts["station"].scenario.poil.robot

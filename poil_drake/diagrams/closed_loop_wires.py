@@ -65,12 +65,23 @@ LOGGER_WIRES = [
     ("motion.velocity", "logger.panda.velocity"),
     ("inverse_kinematics.status", "logger.ik.status"),
     ("inverse_kinematics.scale", "logger.ik.scale"),
+    ("controller.goal_error", "logger.controller.goal_error"),
     ("sequencer.phase", "logger.phase"),
+    ("sequencer.fault", "logger.fault"),
+    ("sequencer.fault", "logger.skill.fault"),
+    ("sequencer.detect_request", "logger.skill.detect_request"),
+    ("sequencer.holding", "logger.skill.holding"),
     ("sequencer.hand.width", "logger.hand.width_commanded"),
     ("station.hand.width_measured", "logger.hand.width_measured"),
     ("station.panda.position_measured", "logger.panda.position_measured"),
     ("station.panda.velocity_measured", "logger.panda.velocity_measured"),
     ("station.panda.torque_external", "logger.panda.torque_external"),
+    ("station.panda.status", "logger.panda.status"),
+]
+
+DETECTOR_LOGGER_WIRES = [
+    ("tracker.frame", "logger.frame"),
+    ("detector.status", "logger.detector.status"),
 ]
 
 SNAPSHOT_WIRES = [

@@ -1,7 +1,9 @@
 """What is written when a run is over: figures, one line, one picture."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -11,8 +13,10 @@ from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.summary_picture import SummaryData, make_summary_picture
+from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.systems.arm_plant import MakePandaKinematics
+from poil_drake.systems.phase_texts import PHASE_NAMES
 from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.stopwatch import Stopwatch
@@ -20,7 +24,9 @@ from poil_drake.systems.stopwatch import Stopwatch
 REQUIRED_HANGING_TIME = 2.0
 """For how long [s, simulated] an object must hang, after release and retreat, to count."""
 
-_PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
+_MEASURED_PARTS = ("rendering", "detection", "waiting", "control", "publishing", "reporting")
+"""What one thread does in turn, so that these and what is left add up to the whole."""
+
 _PICTURED_PHASES = (
     Phase.WAIT,
     Phase.GRASP,
@@ -71,7 +77,7 @@ class Report:
         simulated: Simulated time [s].
         wall: Wall-clock time [s] of the closed loop.
         stopwatch: What that time went to.
-        stopped: Why it ended before its time: an exception, or somebody; empty if it did not.
+        stopped: What ended it before its time: an exception, or somebody; None if nothing did.
         final_state: Positions and velocities of the simulated plant at the end.
     """
 
@@ -82,12 +88,56 @@ class Report:
     simulated: float
     wall: float
     stopwatch: Stopwatch
-    stopped: str
+    stopped: BaseException | None
     final_state: np.ndarray
 
 
+@contextmanager
+def FreshOutputs(outputs: OutputPaths, scenario: Scenario, stages: Stopwatch) -> Iterator[None]:
+    """Removes what an earlier run left; figures are written even if the block raises.
+
+    Where the block ends with an exception before it wrote its own figures, those written here say
+    that the job failed, and why. The exception goes on.
+
+    Args:
+        outputs: Where the outputs go.
+        scenario: What the job is about.
+        stages: What the time went to so far.
+    """
+    outputs.remove()
+    try:
+        yield
+    except BaseException as error:
+        if outputs.json is not None and not outputs.json.exists():
+            RunSummary(
+                success=False,
+                reason=failure_reason(error),
+                scenario=scenario.source.name,
+                scenario_file=scenario.source.file,
+                seed=scenario.random_seed,
+                tracker=scenario.poil.tracker,
+                timing=RunTiming(simulated=0.0, wall=0.0, stages=stages.totals()),
+                outputs={"json": str(outputs.json)},
+            ).write_json(outputs.json)
+        raise
+
+
+def failure_reason(error: BaseException) -> str:
+    """Returns in one clause why a job ended with an exception."""
+    if isinstance(error, PoilError):
+        return error.problem.rstrip(".")
+    text = " ".join(str(error).split())
+    if isinstance(error, KeyboardInterrupt):
+        return text or "stopped by the user"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 def WriteReport(
-    report: Report, *, outputs: OutputPaths, album: SnapshotAlbum | None = None
+    report: Report,
+    *,
+    outputs: OutputPaths,
+    album: SnapshotAlbum | None = None,
+    stages: Stopwatch | None = None,
 ) -> RunSummary:
     """Judges a run and writes its picture and its figures.
 
@@ -95,17 +145,25 @@ def WriteReport(
         report: What is known.
         outputs: Where the outputs go, or went.
         album: Pictures of the run.
+        stages: How long each stage of the job took; "report" is added.
     """
+    stages = stages or Stopwatch()
     summary = summarize(report, outputs)
-    if outputs.json is not None:
-        summary.write_json(outputs.json)
-    if outputs.png is not None:
-        make_summary_picture(outputs.png, _picture_data(report, summary, album))
+    try:
+        with stages.measure("report"):
+            if outputs.png is not None:
+                make_summary_picture(outputs.png, _picture_data(report, summary, album))
+    finally:
+        # Last, as it says how long the rest took; in any case, as nothing matters more.
+        timing = replace(summary.timing, stages=stages.totals())
+        summary = replace(summary, timing=timing)
+        if outputs.json is not None:
+            summary.write_json(outputs.json)
     return summary
 
 
 def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
-    """Returns what a run came to."""
+    """Returns what a run came to; of the outputs, those that are left out are not named."""
     recorder = report.recorder
     success, reason = _judge(report)
     error, potential = recorder.signal("goal_error"), recorder.signal("potential")
@@ -117,10 +175,11 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
     return RunSummary(
         success=success,
         reason=reason,
-        scenario=report.scenario.poil.object,
+        scenario=report.scenario.source.name,
+        scenario_file=report.scenario.source.file,
         seed=report.scenario.random_seed,
         timing=RunTiming(simulated=report.simulated, wall=report.wall, parts=_split(report)),
-        phases=phase_spans(np.array(recorder.times), recorder.signal("phase"), _PHASE_NAMES),
+        phases=phase_spans(np.array(recorder.times), recorder.signal("phase"), PHASE_NAMES),
         mean_error=float(held[-1]),
         initial_potential=float(driven[0]),
         final_potential=float(driven[-1]),
@@ -134,8 +193,8 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
 
 def _judge(report: Report) -> tuple[bool, str]:
     poil, judge = report.scenario.poil, report.recorder.judge
-    if report.stopped:
-        return False, report.stopped
+    if report.stopped is not None:
+        return False, failure_reason(report.stopped)
     if report.fault is not Fault.NONE:
         return False, f"{FAULT_TEXT[report.fault]} (in phase '{_last_phase(report)}')"
     if report.recorder.phase is not Phase.DONE:
@@ -155,14 +214,11 @@ def _last_phase(report: Report) -> str:
 
 def _split(report: Report) -> dict[str, float]:
     """Returns wall-clock time [s] by kind of work; "tracking" runs beside the rest."""
-    total = {
-        name: float(report.stopwatch.durations(name).sum())
-        for name in ("rendering", "waiting", "control", "reporting")
-    }
-    # What is left is what Drake does: physics, geometry, events, and publishing.
-    physics = max(report.wall - sum(total.values()), 0.0)
-    tracking = float(report.stopwatch.durations("tracking").sum())
-    return {**total, "physics": physics, "tracking": tracking}
+    measured = report.stopwatch.totals()
+    parts = {name: measured.get(name, 0.0) for name in _MEASURED_PARTS}
+    # What is left is what Drake does between: physics, contact, and finding the next events.
+    physics = max(report.wall - sum(parts.values()), 0.0)
+    return {**parts, "physics": physics, "tracking": measured.get("tracking", 0.0)}
 
 
 def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | None) -> SummaryData:

@@ -67,9 +67,12 @@ class RunTiming:
     Attributes:
         simulated: Simulated time [s].
         wall: Wall-clock time that the simulation took [s].
-        parts: Wall-clock time by kind of work [s], e.g. rendering, tracking, physics, control. Work
-            on another thread counts here, too, so the parts may add up to more than `wall`.
-        stages: Wall-clock time of each stage of the job [s], e.g. transfer, grasp, execution.
+        parts: Wall-clock time by kind of work [s]. They add up to `wall`, but for "tracking",
+            which is done by another thread beside the rest; the loop's waiting for it is "waiting".
+            "physics" is what no other part was measured to take; in a run that is slowed down
+            to a real-time rate it holds the sleep, too.
+        stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
+            (building the loop and simulating it), report (finishing log, recording, picture).
     """
 
     simulated: float
@@ -91,6 +94,7 @@ class RunSummary:
         success: Whether the task succeeded.
         reason: Why, in one clause, e.g. "the mug hung for 2.0 s".
         scenario: The scenario's name.
+        scenario_file: The file it was read from.
         seed: The seed of all randomness.
         timing: How long it took.
         phases: The skill's phases in order.
@@ -110,6 +114,7 @@ class RunSummary:
     success: bool
     reason: str
     scenario: str = ""
+    scenario_file: str = ""
     seed: int = 0
     timing: RunTiming
     phases: Sequence[PhaseSpan] = ()

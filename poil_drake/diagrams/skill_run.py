@@ -13,11 +13,12 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
+from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.progress import ProgressBar
 from poil_drake.diagrams.run_recorder import RunRecorder
-from poil_drake.diagrams.run_report import OutputPaths, Report, WriteReport
+from poil_drake.diagrams.run_report import FreshOutputs, OutputPaths, Report, WriteReport
 from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
@@ -52,28 +53,33 @@ def RunSkill(
             beside the outputs.
 
     Raises:
-        PoilError: when there is no plan to execute; a failed execution is in the summary.
+        PoilError: when there is no plan to execute, which the figures written say, too; a failed
+            execution is in the summary.
+        KeyboardInterrupt: when somebody stopped it, after the outputs were written.
     """
-    outputs.remove()  # What an earlier run left must not pass for this one's.
-    # Mistakes in the scenario show before minutes are spent on a demonstration.
-    make_detector(scenario.poil.detector)
-    MakeScenarioTracker(scenario.poil)
-    MakeStation(scenario, hardware=hardware, cameras=False)
-    recorded = scenario.poil.demonstration
-    if recorded is None:
-        beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
-        recorded = str(demonstration or beside.parent / "demo.mcap")
-        RecordScenarioDemonstration(scenario, Path(recorded))
-    with ProgressBar() as progress:
-        plan = PlanScenario(scenario, recorded, progress=progress)
-    return ExecutePlan(
-        plan,
-        scenario,
-        outputs=outputs,
-        hardware=hardware,
-        show=show,
-        realtime_rate=realtime_rate,
-    )
+    stages = Stopwatch()
+    with FreshOutputs(outputs, scenario, stages):
+        # Mistakes in the scenario show before minutes are spent on a demonstration.
+        make_detector(scenario.poil.detector)
+        MakeScenarioTracker(scenario.poil)
+        MakeStation(scenario, hardware=hardware, cameras=False)
+        recorded = scenario.poil.demonstration
+        if recorded is None:
+            beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
+            recorded = str(demonstration or beside.parent / "demo.mcap")
+            with stages.measure("demonstration"):
+                RecordScenarioDemonstration(scenario, Path(recorded))
+        with stages.measure("planning"), ProgressBar() as progress:
+            plan = PlanScenario(scenario, recorded, progress=progress)
+        return ExecutePlan(
+            plan,
+            scenario,
+            outputs=outputs,
+            hardware=hardware,
+            show=show,
+            realtime_rate=realtime_rate,
+            stages=stages,
+        )
 
 
 def RecordScenarioDemonstration(scenario: Scenario, path: Path) -> int:
@@ -95,6 +101,7 @@ def ExecutePlan(
     show: bool = True,
     realtime_rate: float = 0.0,
     show_progress: bool = True,
+    stages: Stopwatch | None = None,
 ) -> RunSummary:
     """Executes a plan in closed loop, judges the outcome and writes the outputs.
 
@@ -106,43 +113,49 @@ def ExecutePlan(
         show: Whether to serve the live page and record it.
         realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can.
         show_progress: Whether to draw a progress bar.
+        stages: How long the stages of the job before this one took.
 
     Raises:
         PoilError: when the loop cannot be built.
+        KeyboardInterrupt: when somebody stopped it, after the outputs were written.
     """
-    if not show:
-        outputs = dataclasses.replace(outputs, html=None)
-    stopwatch = Stopwatch()
-    album = SnapshotAlbum() if outputs.png is not None else None
-    meshcat = MakeMeshcat() if show else None
-    if meshcat is not None:
-        print(f"watch live: {meshcat.web_url()}", flush=True)
-    with ExitStack() as stack:
+    stopwatch, stages = Stopwatch(), stages or Stopwatch()
+    with FreshOutputs(outputs, scenario, stages), ExitStack() as stack:
+        if not show:
+            outputs = dataclasses.replace(outputs, html=None)
+        album = SnapshotAlbum() if outputs.png is not None else None
+        meshcat = MakeMeshcat() if show else None
+        if meshcat is not None:
+            print(f"watch live: {meshcat.web_url()}", flush=True)
         log = None
         if outputs.mcap is not None:
-            log = stack.enter_context(
-                RunLogWriter(outputs.mcap, metadata=_metadata(plan, scenario))
+            log = stack.enter_context(_log(outputs.mcap, plan, scenario))
+        with stages.measure("execution"):
+            loop = MakeClosedLoop(
+                scenario,
+                plan,
+                meshcat=meshcat,
+                hardware=hardware,
+                log=log,
+                album=album,
+                stopwatch=stopwatch,
             )
-        loop = MakeClosedLoop(
-            scenario,
-            plan,
-            meshcat=meshcat,
-            hardware=hardware,
-            log=log,
-            album=album,
-            stopwatch=stopwatch,
-        )
-        stack.callback(loop.Close)
-        if meshcat is not None and outputs.html is not None:
-            stack.enter_context(_recording(meshcat, outputs.html, scenario))
-        recorder = RunRecorder(
-            loop=loop,
-            query_points=plan.target_points,
-            judge=HangingJudge(holder=_holder(scenario)),
-        )
-        progress = stack.enter_context(ProgressBar(disable=not show_progress))
-        report = _simulate(loop, plan, scenario, recorder, stopwatch, realtime_rate, progress)
-    return WriteReport(report, album=album, outputs=outputs)
+            stack.callback(loop.Close)
+            if meshcat is not None and outputs.html is not None:
+                stack.enter_context(_recording(meshcat, outputs.html, scenario))
+            recorder = RunRecorder(
+                loop=loop,
+                query_points=plan.target_points,
+                judge=HangingJudge(holder=_holder(scenario)),
+            )
+            progress = stack.enter_context(ProgressBar(disable=not show_progress))
+            report = _simulate(loop, plan, scenario, recorder, stopwatch, realtime_rate, progress)
+        with stages.measure("report"):
+            stack.close()
+        summary = WriteReport(report, album=album, outputs=outputs, stages=stages)
+        if isinstance(report.stopped, KeyboardInterrupt):
+            raise report.stopped
+        return summary
 
 
 def _simulate(
@@ -157,25 +170,26 @@ def _simulate(
     simulator = Simulator(loop.diagram)
     simulator.set_target_realtime_rate(realtime_rate)
     root = simulator.get_mutable_context()
-    simulator.Initialize()
-    recorder.sample(root)
+    expected = _expected_duration(plan, scenario)
+    period = scenario.poil.rates.logger
     # Imported libraries and the diagram stay; scanning them for garbage again and again is waste.
     gc.collect()
     gc.freeze()
-    expected = _expected_duration(plan, scenario)
-    period = scenario.poil.rates.logger
-    stopped = ""
+    stopped: BaseException | None = None
     start = time.perf_counter()
     try:
+        simulator.Initialize()
+        with stopwatch.measure("reporting"):
+            recorder.sample(root)
         while recorder.phase < Phase.DONE and root.get_time() < scenario.simulation_duration:
             simulator.AdvanceTo(root.get_time() + period)
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
             progress("closed loop", min(root.get_time() / expected, 0.99))
-    except KeyboardInterrupt:
-        stopped = "stopped by the user"
-    except Exception as error:
-        stopped = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    except (KeyboardInterrupt, Exception) as error:
+        if not recorder.times:
+            raise
+        stopped = error
     finally:
         gc.unfreeze()
     wall = time.perf_counter() - start
@@ -218,10 +232,18 @@ def _recording(meshcat: Meshcat, path: Path, scenario: Scenario) -> HtmlRecordin
     )
 
 
+def _log(path: Path, plan: ExecutionPlan, scenario: Scenario) -> RunLogWriter:
+    return RunLogWriter(
+        path, metadata=_metadata(plan, scenario), scenario_text=DumpScenario(scenario)
+    )
+
+
 def _metadata(plan: ExecutionPlan, scenario: Scenario) -> dict[str, str]:
     poil = scenario.poil
     return {
         **{key: str(value) for key, value in plan.metadata.items()},
+        "scenario": scenario.source.name,
+        "scenario_file": scenario.source.file,
         "object": poil.object,
         "part": poil.part,
         "fixture": poil.fixture,

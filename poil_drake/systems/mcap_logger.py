@@ -1,16 +1,18 @@
 """Writes what happens in the closed loop to a run log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.systems.statuses import RobotMode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +52,19 @@ class McapLogger(LeafSystem):
         - panda.torque_external
         - panda.velocity
         - phase
+        - fault
+        - panda.status
+        - applied_spatial_force
         - <topic>.<field>
 
     Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) and `frame` (`MultiViewFrame`
     or None) are written once for each stamp; `points` and `target_points` (3N,) row-major [m,
     world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major; `spatial_velocity` (6,), (ω
     [rad/s], v [m/s]); the measured joint positions [rad], velocities [rad/s] and torques [Nm] (J,);
-    `panda.velocity`, the joint velocities commanded [rad/s]; `phase` (1,), written when it changes;
-    and for each status topic one (1,) port per field.
+    `panda.velocity`, the joint velocities commanded [rad/s]; `phase` (1,), written when it changes,
+    with the reason, for which `fault` (1,) is looked at; `panda.status` (2,), robot mode and age
+    [s]; `applied_spatial_force`, the forces on bodies as the plant takes them, written while there
+    are any and when they end; and for each status topic one (1,) port per field.
 
     Any port may stay unconnected: what it carries is then not logged. The same holds for tracked
     points and frames before the first; NaN in the rest is logged as such. Everything is written by
@@ -74,7 +81,10 @@ class McapLogger(LeafSystem):
         num_points: int,
         joint_names: Sequence[str],
         phase_names: Sequence[str] = (),
+        phase_reason: Callable[[int, int], str] | None = None,
+        body_names: Sequence[str] = (),
         statuses: Mapping[str, Sequence[str]] | None = None,
+        texts: Mapping[str, Mapping[int, str]] | None = None,
         reference: PointTrajectory | None = None,
         config: McapLoggerConfig | None = None,
     ):
@@ -85,8 +95,12 @@ class McapLogger(LeafSystem):
             num_points: Number of points, N.
             joint_names: The arm's joints.
             phase_names: The phases' names, by index.
+            phase_reason: Says why a phase begins, from its index and the fault's.
+            body_names: The names of the plant's bodies, by index.
             statuses: Topic -> names of its scalar fields. The ports are named
                 "<topic>.<field>", the log's topics "/<topic>/status".
+            texts: "<topic>.<field>" -> what its numbers mean, written beside them as
+                "<field>_text".
             reference: What the controller follows; all its samples are written once, at the start.
             config: What is logged, and when.
         """
@@ -94,7 +108,9 @@ class McapLogger(LeafSystem):
         self._log, self._reference = log, reference
         self._config = config or McapLoggerConfig()
         self._joint_names, self._phase_names = tuple(joint_names), tuple(phase_names)
+        self._phase_reason, self._body_names = phase_reason, tuple(body_names)
         self._statuses = {topic: tuple(fields) for topic, fields in (statuses or {}).items()}
+        self._texts = texts or {}
         # What the file holds already. Nothing but the file depends on it.
         self._written: dict[str, object] = {}
         self._declare_ports(num_points)
@@ -110,6 +126,9 @@ class McapLogger(LeafSystem):
         joints = len(self._joint_names)
         self.DeclareAbstractInputPort("tracked_points", Value(TrackedPoints.lost(num_points, 0.0)))
         self.DeclareAbstractInputPort("frame", Value(object()))
+        self.DeclareAbstractInputPort(
+            "applied_spatial_force", AbstractValue.Make([ExternallyAppliedSpatialForce()])
+        )
         sizes = {
             "points": 3 * num_points,
             "confidence": num_points,
@@ -121,6 +140,8 @@ class McapLogger(LeafSystem):
             "panda.torque_external": joints,
             "panda.velocity": joints,
             "phase": 1,
+            "fault": 1,
+            "panda.status": 2,
         }
         for topic, fields in self._statuses.items():
             sizes |= {f"{topic}.{field}": 1 for field in fields}
@@ -148,7 +169,9 @@ class McapLogger(LeafSystem):
         self._write_track(context)
         self._write_points(context)
         self._write_robot(context)
+        self._write_phase(context)
         self._write_statuses(context)
+        self._write_disturbances(context)
 
     def _write_frame(self, context: Context) -> None:
         port, time = self.GetInputPort("frame"), context.get_time()
@@ -210,19 +233,60 @@ class McapLogger(LeafSystem):
             self._log.write_transform(
                 X_WG.reshape(4, 4), child=self._config.gripper_frame, time=time
             )
+        status = self._value(context, "panda.status")
+        if status is not None:
+            values = {"mode": status[0], "mode_text": _meaning(_ROBOT_MODES, status[0])}
+            self._log.write_status("/robot/status", values | {"age": status[1]}, time=time)
         twist = self._value(context, "spatial_velocity")
         if twist is not None:
             self._log.write_twist("/controller/twist", twist, time=time)
 
+    def _write_phase(self, context: Context) -> None:
+        phase, fault = self._value(context, "phase"), self._value(context, "fault")
+        if phase is None or not self._is_new("phase", float(phase[0])):
+            return
+        index = int(phase[0])
+        name = _meaning(dict(enumerate(self._phase_names)), index)
+        reason = ""
+        if self._phase_reason is not None:
+            reason = self._phase_reason(index, 0 if fault is None else int(fault[0]))
+        self._log.write_phase(name, time=context.get_time(), reason=reason)
+
     def _write_statuses(self, context: Context) -> None:
-        time = context.get_time()
-        phase = self._value(context, "phase")
-        if phase is not None and self._is_new("phase", float(phase[0])):
-            index = int(phase[0])
-            known = 0 <= index < len(self._phase_names)
-            self._log.write_phase(self._phase_names[index] if known else str(index), time=time)
         for topic, fields in self._statuses.items():
-            values = {field: self._value(context, f"{topic}.{field}") for field in fields}
-            given = {k: float(v[0]) for k, v in values.items() if v is not None}
+            given: dict[str, float | str] = {}
+            for field in fields:
+                value = self._value(context, f"{topic}.{field}")
+                if value is None:
+                    continue
+                given[field] = float(value[0])
+                if texts := self._texts.get(f"{topic}.{field}"):
+                    given[f"{field}_text"] = _meaning(texts, value[0])
             if given:
-                self._log.write_status(f"/{topic}/status", given, time=time)
+                self._log.write_status(f"/{topic}/status", given, time=context.get_time())
+
+    def _write_disturbances(self, context: Context) -> None:
+        port = self.GetInputPort("applied_spatial_force")
+        forces = port.Eval(context) if port.HasValue(context) else []
+        applied = [
+            {
+                "body": _meaning(dict(enumerate(self._body_names)), int(force.body_index)),
+                "force": force.F_Bq_W.translational(),
+                "torque": force.F_Bq_W.rotational(),
+            }
+            for force in forces
+            if np.any(force.F_Bq_W.get_coeffs())
+        ]
+        # One empty record tells that a push is over.
+        if applied or self._written.get("disturbed"):
+            values = {"applied": applied}
+            self._log.write_status("/disturbances/status", values, time=context.get_time())
+        self._written["disturbed"] = bool(applied)
+
+
+_ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
+
+
+def _meaning(texts: Mapping[int, str], number: float) -> str:
+    """Returns what a number on a port stands for, or the number itself where that is not known."""
+    return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"

@@ -15,6 +15,7 @@ from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.camera_ports import CameraPorts
 from poil_drake.systems.statuses import DetectorStatus
+from poil_drake.systems.stopwatch import Stopwatch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +90,7 @@ class PartDetector(LeafSystem):
         period: float,
         label_ids: Mapping[str, Sequence[int]] | None = None,
         fusion: FusionConfig | None = None,
+        stopwatch: Stopwatch | None = None,
     ):
         """Constructs the system.
 
@@ -100,11 +102,13 @@ class PartDetector(LeafSystem):
             period: How often to see whether there is something to do [s].
             label_ids: What render labels stand for; None: there are no label ports.
             fusion: How views are merged into a cloud.
+            stopwatch: Where to note how long captures take ("rendering", in simulation), and
+                searches ("detection").
         """
         super().__init__()
         self._detector = detector
         self._labels = {"object_label": object_label, "part_label": part_label}
-        self._fusion = fusion
+        self._fusion, self._stopwatch = fusion, stopwatch or Stopwatch()
         self._cameras = CameraPorts(system=self, cameras=cameras, label_ids=label_ids)
         self._request = self.DeclareVectorInputPort("request", 1)
         self._state = self.DeclareAbstractState(Value(Detection()))
@@ -130,12 +134,14 @@ class PartDetector(LeafSystem):
         request = float(self._request.Eval(context)[0]) if connected else 0.0
         if before.status is not DetectorStatus.WAITING and not request > before.request:
             return
-        frame = self._cameras.capture(context)
+        with self._stopwatch.measure("rendering"):
+            frame = self._cameras.capture(context)
         if frame is None:
             return
         request = before.request if np.isnan(request) else request
         try:
-            masks, cloud = find_part(self._detector, frame, fusion=self._fusion, **self._labels)
+            with self._stopwatch.measure("detection"):
+                masks, cloud = find_part(self._detector, frame, fusion=self._fusion, **self._labels)
             after = Detection(
                 status=DetectorStatus.FOUND, request=request, masks=masks, cloud=cloud
             )

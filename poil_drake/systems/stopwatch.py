@@ -21,6 +21,10 @@ class Stopwatch:
         """Returns all durations [s] of `name`, in order."""
         return np.array(self._durations.get(name, ()))
 
+    def totals(self) -> dict[str, float]:
+        """Returns the sum of the durations [s] of every name."""
+        return {name: float(np.sum(durations)) for name, durations in self._durations.items()}
+
 
 class _Measurement(AbstractContextManager[None]):
     """A class of its own, as it runs several times at each control tick: generators are slower."""
