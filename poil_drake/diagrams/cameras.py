@@ -1,13 +1,17 @@
 """Cameras of the simulated station, and whole frames taken with them."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import GetScopedFrameByName
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, RgbdSensor
 
+from poil_drake.diagrams.drake_errors import DRAKE_ERRORS, drake_reason
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
@@ -17,6 +21,7 @@ from poil_drake.systems.depth_noise_system import DepthNoiseSystem
 def AddCameras(
     *,
     builder: DiagramBuilder,
+    plant: MultibodyPlant,
     cameras: Mapping[str, CameraConfig],
     lcm_buses: LcmBuses,
     noise: StereoDepthNoiseConfig,
@@ -34,21 +39,20 @@ def AddCameras(
         The sensors by name.
 
     Raises:
-        ScenarioError: when a camera is named differently inside and outside, or delays its images.
+        ScenarioError: when a camera is named differently inside and outside, delays its images,
+            moves, or has a value that Drake does not take.
     """
     sensors = {}
     for index, (name, config) in enumerate(cameras.items()):
-        if config.name != name:
+        _check_camera(name, config)
+        _require_at_rest(plant, name, config)
+        try:
+            ApplyCameraConfig(config, builder, lcm_buses=lcm_buses)
+        except DRAKE_ERRORS as error:
             raise ScenarioError(
-                f"The camera under the key '{name}' is named '{config.name}'.",
-                remedy=f"Write 'name: {name}' in cameras.{name}.",
-            )
-        if config.output_delay > 0:
-            raise ScenarioError(
-                f"cameras.{name}.output_delay is {config.output_delay} s.",
-                remedy="Leave it at 0 and set poil.latency, which delays what the tracker gives.",
-            )
-        ApplyCameraConfig(config, builder, lcm_buses=lcm_buses)
+                f"cameras.{name} cannot be used: {drake_reason(error)}.",
+                remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
+            ) from error
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         depth = builder.AddNamedSystem(
             f"depth_noise_{name}",
@@ -66,6 +70,46 @@ def AddCameras(
         builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
         sensors[name] = sensor
     return sensors
+
+
+def _check_camera(name: str, config: CameraConfig) -> None:
+    if config.name != name:
+        raise ScenarioError(
+            f"The camera under the key '{name}' is named '{config.name}'.",
+            remedy=f"Write 'name: {name}' in cameras.{name}.",
+        )
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise ScenarioError(
+            f"A camera is named '{name}'.",
+            remedy="Use letters, digits, '_' and '-': the name becomes part of ports and topics.",
+        )
+    if config.output_delay > 0:
+        raise ScenarioError(
+            f"cameras.{name}.output_delay is {config.output_delay} s.",
+            remedy="Leave it at 0 and set poil.latency, which delays what the tracker gives.",
+        )
+
+
+def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> None:
+    """Checks that a camera stays where it is: those who look through it know its pose once."""
+    path = f"cameras.{name}.X_PB"
+    base = config.X_PB.base_frame or "world"
+    try:
+        X_PB = config.X_PB.GetDeterministicValue()
+        frame = GetScopedFrameByName(plant, base)
+    except DRAKE_ERRORS as error:
+        raise ScenarioError(
+            f"{path} cannot be used: {drake_reason(error)}.",
+            remedy="Name an existing base_frame that is not the robot's, or none for the world, "
+            "and give one certain pose.",
+        ) from error
+    if not np.isfinite(X_PB.GetAsMatrix4()).all():
+        raise ScenarioError(f"{path} is not finite.", remedy="Correct its numbers.")
+    if not plant.IsAnchored(frame.body()):
+        raise ScenarioError(
+            f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",
+            remedy="Mount the camera on what is welded to the world.",
+        )
 
 
 def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> CameraModel:

@@ -1,6 +1,5 @@
 """The scene of a simulated demonstration: the scenario's, without its robot."""
 
-import copy
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,25 +7,32 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import CalcObb, GeometryId, QueryObject, Role
 from pydrake.lcm import DrakeLcmParams
-from pydrake.manipulation import ApplyNamedPositionsAsDefaults
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import ModelDirective, Parser
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage, SensorCameraModel
+from poil_drake.diagrams.demonstration_directives import (
+    demonstration_directives,
+    models_left_out,
+)
 from poil_drake.diagrams.labels import AssignLabels
-from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario_fit import RequireFreeObject
 from poil_drake.diagrams.scenario_models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
     RequireModel,
+    SetInitialPositions,
 )
-from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.images import MultiViewFrame
+
+_OWN_MUGS = "package://poil_drake/mugs/"
+_OWN_MUGS_PART = "handle"
 
 
 class DemonstrationScene:
@@ -55,22 +61,25 @@ class DemonstrationScene:
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
         parser = Parser(self._plant)
         AddPackages(parser, package_xmls)
-        AddModels(parser, demonstration_directives(scenario))
+        AddModels(parser, demonstration_directives(scenario, parser.package_map()))
         for role, name in (("object", poil.object), ("fixture", poil.fixture)):
             RequireModel(self._plant, name, role)
-        others = {k: v for k, v in scenario.initial_position.items() if k != poil.robot}
-        ApplyNamedPositionsAsDefaults(others, self._plant)
-        parts = {poil.part: poil.part, **poil.parts}
+        # The object is another one, whose joints may have other names.
+        others = {*models_left_out(scenario, parser.package_map()), poil.object}
+        SetInitialPositions(self._plant, scenario, without=others)
+        parts = demonstrated_parts(poil)
         self._label_ids = AssignLabels(
             plant=self._plant, scene_graph=self._scene_graph, parts={poil.object: parts}
         )
         self._plant.Finalize()
+        RequireFreeObject(self._plant, poil.object)
         self._sensors = {}
         if cameras:
             # The cameras' configuration names buses, but a recording is nobody else's business.
             silent = {name: DrakeLcmParams(lcm_url="memq://null") for name in scenario.lcm_buses}
             self._sensors = AddCameras(
                 builder=builder,
+                plant=self._plant,
                 cameras=scenario.cameras,
                 lcm_buses=ApplyLcmBusConfig(silent, builder),
                 noise=poil.depth_noise,
@@ -81,11 +90,6 @@ class DemonstrationScene:
         self._context = self._diagram.CreateDefaultContext()
         self.object_name, self.fixture_name = poil.object, poil.fixture
         self.part_link = parts[poil.part]
-        if not self._object_body().is_floating_base_body():
-            raise ScenarioError(
-                f"The object '{poil.object}' is welded to something.",
-                remedy="Do not weld the object in the directives: it shall move.",
-            )
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -191,33 +195,18 @@ class DemonstrationScene:
         ]
         if named:
             return geometries
-        pattern = re.compile(part)
+        try:
+            pattern = re.compile(part)
+        except re.error:
+            return []
         return [g for g in geometries if pattern.fullmatch(inspector.GetName(g).split("::")[-1])]
 
 
-def demonstration_directives(scenario: Scenario) -> list[ModelDirective]:
-    """Returns the scenario's directives without the robot, and with the demonstration's object."""
-    poil = scenario.poil
-    kept = []
-    for directive in scenario.directives:
-        if _mentions(directive, poil.robot):
-            continue
-        directive = copy.deepcopy(directive)
-        if directive.add_model is not None and directive.add_model.name == poil.object:
-            directive.add_model.file = poil.demonstration_object
-            # The default pose names a link of the other object; this one is put elsewhere anyway.
-            directive.add_model.default_free_body_pose = {}
-        kept.append(directive)
-    return kept
+def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
+    """Returns the parts of the demonstration's object, as `AssignLabels` takes them.
 
-
-def _mentions(directive: ModelDirective, model: str) -> bool:
-    """Returns whether a directive adds the model, or joins something to it."""
-    if directive.add_model is not None:
-        return directive.add_model.name == model
-    frames: list[str | None] = []
-    if directive.add_weld is not None:
-        frames = [directive.add_weld.parent, directive.add_weld.child]
-    elif directive.add_frame is not None:
-        frames = [directive.add_frame.X_PF.base_frame]
-    return any((frame or "").split("::")[0] == model for frame in frames)
+    The scenario's patterns are those of its own object. The package's mugs have their own names.
+    """
+    if poil.demonstration_object.startswith(_OWN_MUGS):
+        return {poil.part: _OWN_MUGS_PART}
+    return {poil.part: poil.part, **poil.parts}

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
-from pydrake.manipulation import ApplyNamedPositionsAsDefaults
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -24,13 +23,15 @@ from poil_drake.diagrams.panda_arm import (
     SetControllerGains,
 )
 from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario_fit import CheckScenarioFits
 from poil_drake.diagrams.scenario_models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
     RequireModel,
+    SetInitialPositions,
 )
-from poil_drake.errors import ScenarioError, StationError
+from poil_drake.errors import StationError
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.panda_velocity_driver import PandaDriver
 
@@ -92,7 +93,7 @@ class Station(Diagram):
         robot = self._plant.GetModelInstanceByName(poil.robot)
         driver = scenario.model_drivers.get(poil.robot, PandaDriver())
         SetControllerGains(plant=self._plant, robot=robot, config=driver)
-        _set_initial_position(self._plant, scenario)
+        SetInitialPositions(self._plant, scenario)
         self._label_ids = AssignLabels(
             plant=self._plant,
             scene_graph=self._scene_graph,
@@ -101,6 +102,7 @@ class Station(Diagram):
         if parser_prefinalize_callback is not None:
             parser_prefinalize_callback(parser)
         self._plant.Finalize()
+        CheckScenarioFits(self._plant, scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(
             builder=builder,
@@ -112,6 +114,7 @@ class Station(Diagram):
         if cameras:
             self._sensors = AddCameras(
                 builder=builder,
+                plant=self._plant,
                 cameras=scenario.cameras,
                 lcm_buses=lcm_buses,
                 noise=poil.depth_noise,
@@ -266,15 +269,3 @@ def SetRobotPosition(
     for name in (ARM_DRIVER, HAND_DRIVER):
         driver = station.GetSubsystemByName(name)
         driver.Reset(station.GetMutableSubsystemContext(driver, context))
-
-
-def _set_initial_position(plant: MultibodyPlant, scenario: Scenario) -> None:
-    positions = {model: dict(joints) for model, joints in scenario.initial_position.items()}
-    try:
-        ApplyNamedPositionsAsDefaults(positions, plant)
-    except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise ScenarioError(
-            f"initial_position cannot be set: {reason}",
-            remedy="Correct the model's or joint's name, or how many values the joint has.",
-        ) from error

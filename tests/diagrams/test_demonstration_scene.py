@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.demonstration_scene import DemonstrationScene, demonstration_directives
+from poil_drake.diagrams.demonstration_scene import DemonstrationScene, demonstrated_parts
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.errors import ScenarioError
 
@@ -19,30 +19,6 @@ def at(x, y, z):
     X = np.eye(4)
     X[:3, 3] = [x, y, z]
     return X
-
-
-def test_the_robot_is_left_out_and_the_object_replaced():
-    models = {
-        d.add_model.name: d.add_model.file
-        for d in demonstration_directives(load())
-        if d.add_model is not None
-    }
-
-    assert models == {
-        "table": "package://poil_drake/fixtures/table.sdf",
-        "rack": "package://poil_drake/fixtures/rack.sdf",
-        "mug": "package://poil_drake/mugs/mug_demo/mug_demo.sdf",
-    }
-
-
-def test_the_scenario_keeps_its_own_object():
-    scenario = load()
-    files = [d.add_model.file for d in scenario.directives if d.add_model is not None]
-
-    demonstration_directives(scenario)
-
-    assert [d.add_model.file for d in scenario.directives if d.add_model is not None] == files
-    assert scenario.directives[-1].add_model.default_free_body_pose
 
 
 def test_how_deep_the_object_is_in_the_table(dut):
@@ -85,3 +61,46 @@ def test_the_object_must_be_free():
 
     with pytest.raises(ScenarioError, match="'mug' is welded"):
         DemonstrationScene(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("{}", {"handle": "handle"}),
+        # The patterns are those of the user's own mug; the package's has a link named "handle".
+        ("{parts: {handle: 'grip_.*', lid: lid}}", {"handle": "handle"}),
+        ("{part: grip, parts: {grip: 'grip_.*'}}", {"grip": "handle"}),
+        (
+            "{demonstration_object: mug.xml, parts: {handle: 'grip_.*', lid: lid}}",
+            {"handle": "grip_.*", "lid": "lid"},
+        ),
+    ],
+)
+def test_the_packages_own_mugs_have_their_own_part(text, parts):
+    assert demonstrated_parts(load(f"{{poil: {text}}}").poil) == parts
+
+
+def test_a_users_pattern_leaves_the_packages_own_mug_alone():
+    dut = DemonstrationScene(load("{poil: {parts: {handle: 'grip_.*'}}}"), cameras=False)
+
+    assert len(dut.object_boxes(dut.part_link)) > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{initial_position: {rack: {elbow: [0]}}}", "initial_position cannot be set: .*elbow"),
+        ("{initial_position: {rak: {elbow: [0]}}}", "initial_position cannot be set: .*'rak'"),
+    ],
+)
+def test_wrong_initial_positions_are_named(text, says):
+    with pytest.raises(ScenarioError, match=says):
+        DemonstrationScene(load(text), cameras=False)
+
+
+def test_initial_positions_of_robot_and_own_object_do_not_matter():
+    DemonstrationScene(load("{initial_position: {mug: {lid_hinge: [0]}}}"), cameras=False)
+
+
+def test_a_rod_that_is_no_pattern_is_no_part(dut):
+    assert dut.boxes("rack", "(") == []

@@ -154,8 +154,11 @@ def test_an_upright_rod_is_refused(scene):
 
 
 def test_an_object_without_a_handle_is_refused():
+    # By its path, it is a user's own mug.
+    mug = default_scenario_file().parents[1] / "mugs" / "mug_demo" / "mug_demo.sdf"
     scenario = LoadScenario(
-        filename=default_scenario_file(), data="{poil: {part: rim, parts: {rim: 'body'}}}"
+        filename=default_scenario_file(),
+        data=f"{{poil: {{part: rim, parts: {{rim: 'body'}}, demonstration_object: '{mug}'}}}}",
     )
 
     with pytest.raises(ScenarioError, match="no handle"):

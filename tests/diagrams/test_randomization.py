@@ -73,3 +73,54 @@ def test_an_object_that_no_directive_adds_is_named(scenario: Scenario) -> None:
 
     with pytest.raises(ScenarioError, match=r"'teapot'.*table, rack, panda, mug"):
         ApplyRandomization(other, 0)
+
+
+NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
+
+
+@pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
+def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str) -> None:
+    fixed = LoadScenario(
+        data=f"{{directives: {directives}}}",
+        defaults=LoadScenario(data=NO_RANGES, defaults=scenario),
+    )
+
+    dut = ApplyRandomization(fixed, 1)
+
+    assert len(dut.directives) == len(fixed.directives)
+    assert dut.random_seed == ApplyRandomization(scenario, 1).random_seed
+
+
+def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
+    text = (
+        "{poil: {randomization: {models: ['package://a/b.sdf'], x: [], y: [], yaw: []}},"
+        "directives: [{add_model: {name: mug, file: 'package://a/a.sdf'}}]}"
+    )
+
+    dut = ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)
+
+    assert dut.directives[0].add_model.file == "package://a/b.sdf"
+
+
+@pytest.mark.parametrize(
+    ("pose", "says"),
+    [
+        ("{}", "'mug' names 0 default poses.*leave out the ranges"),
+        (
+            "{body: {translation: [0, 0, 0]}, lid: {translation: [0, 0, 0]}}",
+            "names 2 default poses",
+        ),
+        (
+            "{body: {translation: !UniformVector {min: [0, 0, 0], max: [1, 1, 0]}}}",
+            "'mug' is random already",
+        ),
+    ],
+)
+def test_ranges_need_one_certain_pose(scenario: Scenario, pose: str, says: str) -> None:
+    text = (
+        "directives: [{add_model: {name: mug, file: 'package://a/a.sdf',"
+        f" default_free_body_pose: {pose}}}}}]"
+    )
+
+    with pytest.raises(ScenarioError, match=says):
+        ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)

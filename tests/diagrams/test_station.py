@@ -18,6 +18,7 @@ from poil_drake.diagrams.station import (
 from poil_drake.errors import ScenarioError, StationError
 
 TEST_FILE = Path(__file__).parent / "scenarios.yaml"
+TABLE = "[{add_model: {name: table, file: 'package://poil_drake/fixtures/table.sdf'}},"
 INPUTS = ["panda.velocity", "panda.velocity_time", "hand.width", "applied_spatial_force"]
 OUTPUTS = [
     "panda.position_measured",
@@ -154,10 +155,10 @@ def test_a_push_shows_in_the_external_torque(station: Station, simulator: Simula
 
 def test_a_wrong_robot_is_refused() -> None:
     scenario = LoadScenario(
-        data="{poil: {robot: mug}}", defaults=LoadScenario(filename=default_scenario_file())
+        data="{poil: {robot: table}}", defaults=LoadScenario(filename=default_scenario_file())
     )
 
-    with pytest.raises(StationError, match="'mug' has no actuator 'panda_joint1'"):
+    with pytest.raises(StationError, match="'table' has no actuator 'panda_joint1'"):
         MakeStation(scenario, cameras=False)
 
 
@@ -169,6 +170,27 @@ def test_a_wrong_robot_is_refused() -> None:
         ("{directives: [{add_model: {name: a, file: no.sdf}}]}", "no.sdf"),
         ("{initial_position: {panda: {elbow: [0]}}}", "elbow"),
         ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
+        ("{initial_position: {panda: {panda_joint1: [1, 2]}}}", r"positions in the input \(2\)"),
+        ("{initial_position: {panda: {panda_joint1: [.nan]}}}", r"panda_joint1 is \[nan\]"),
+        # Degrees, where radians are wanted.
+        ("{initial_position: {panda: {panda_joint6: [92]}}}", "panda_joint6 is 92.0, beyond.*rad"),
+        ("{poil: {fixture: rak}}", "poil.fixture is 'rak'.*table, rack, panda, mug"),
+        (
+            "{poil: {demonstration_motion: {hanging: {rod: hook}}}}",
+            "fixture 'rack' has no body 'hook'.*one of: stand, rod",
+        ),
+        ("{model_drivers: {pandy: {}}}", "model_drivers names 'pandy'.*'panda'"),
+        ("{plant_config: {contact_model: soft}}", "plant_config .*'soft'"),
+        ("{plant_config: {stiction_tolerance: -1}}", "plant_config cannot be used: Drake requires"),
+        (
+            f"{{directives: {TABLE} {{add_weld: {{parent: world, child: 'tabl::table'}}}}]}}",
+            "'tabl'",
+        ),
+        (f"{{directives: {TABLE} {{add_weld: {{parent: world, child: 'table::top'}}}}]}}", "'top'"),
+        (
+            "{directives: [{add_model: {name: a, file: 'package://pail_drake/a.sdf'}}]}",
+            "pail_drake",
+        ),
     ],
 )
 def test_a_scenario_that_does_not_fit_is_refused(text: str, says: str) -> None:
@@ -178,6 +200,76 @@ def test_a_scenario_that_does_not_fit_is_refused(text: str, says: str) -> None:
         MakeStation(scenario, cameras=False)
 
     assert "\n" not in str(info.value)
+
+
+def test_an_object_that_is_welded_is_refused() -> None:
+    scenario = LoadScenario(filename=default_scenario_file())
+    weld = "directives: [{add_weld: {parent: world, child: 'mug::body'}}]"
+    scenario.directives.extend(LoadScenario(data=weld).directives)
+    del scenario.directives[-2].add_model.default_free_body_pose["body"]
+
+    with pytest.raises(ScenarioError, match="'mug' is welded"):
+        MakeStation(scenario, cameras=False)
+
+
+def test_a_joint_may_be_given_as_a_plain_number(station: Station) -> None:
+    scenario = LoadScenario(
+        data="{initial_position: {panda: {panda_joint1: 0.25}}}",
+        defaults=LoadScenario(filename=default_scenario_file()),
+    )
+
+    plant = MakeStation(scenario, cameras=False).plant()
+
+    assert plant.GetJointByName("panda_joint1").default_positions() == [0.25]
+
+
+@pytest.mark.parametrize(
+    ("camera", "says"),
+    [
+        ("width: 0", "cameras.left cannot be used: .*Width"),
+        ("focal: !FovDegrees { y: 0 }", "cameras.left cannot be used: .*Focal"),
+        ("renderer_class: RenderEngineRay", "cameras.left cannot be used: .*'RenderEngineRay'"),
+        ("fps: .nan", "cameras.left cannot be used: .*FPS"),
+        ("z_near: 5", "cameras.left cannot be used: .*depth range"),
+        ("renderer_name: ''", "cameras.left cannot be used: .*renderer_name"),
+        ("X_PB: { base_frame: celing }", r"cameras.left.X_PB cannot be used: .*'celing'"),
+        ("X_PB: { rotation: !Uniform {} }", r"cameras.left.X_PB cannot be used: Drake requires"),
+        ("X_PB: { translation: [.nan, 0, 0] }", r"cameras.left.X_PB is not finite"),
+        ("X_PB: { base_frame: 'panda::panda_hand' }", "'panda::panda_hand', which moves"),
+        ("X_PB: { base_frame: 'mug::body' }", "'mug::body', which moves"),
+        ("name: right", "under the key 'left' is named 'right'"),
+        ("output_delay: 0.1", "cameras.left.output_delay is 0.1"),
+    ],
+)
+def test_a_camera_that_cannot_be_used_is_refused(camera: str, says: str) -> None:
+    scenario = LoadScenario(
+        data=f"{{cameras: {{left: {{{camera}}}}}}}",
+        defaults=LoadScenario(filename=default_scenario_file()),
+    )
+
+    with pytest.raises(ScenarioError, match=says) as info:
+        MakeStation(scenario)
+
+    assert "\n" not in str(info.value)
+
+
+def test_a_cameras_name_must_suit_ports_and_topics() -> None:
+    scenario = LoadScenario(
+        data="{cameras: {a/b: {name: a/b}}}",
+        defaults=LoadScenario(filename=default_scenario_file()),
+    )
+
+    with pytest.raises(ScenarioError, match=r"named 'a/b'.*letters"):
+        MakeStation(scenario)
+
+
+def test_a_camera_may_be_mounted_on_what_is_welded_to_the_world() -> None:
+    scenario = LoadScenario(
+        data="{cameras: {left: {X_PB: {base_frame: 'rack::stand'}}}}",
+        defaults=LoadScenario(filename=default_scenario_file()),
+    )
+
+    assert MakeStation(scenario).camera_names == ("left", "right")
 
 
 def test_an_empty_scenario_says_what_it_lacks() -> None:

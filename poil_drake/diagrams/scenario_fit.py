@@ -1,0 +1,81 @@
+"""Whether a scenario's names and start fit its models."""
+
+from pydrake.multibody.plant import MultibodyPlant
+
+from poil_drake.diagrams.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario_models import RequireModel
+from poil_drake.errors import ScenarioError
+
+_LIMIT_TOLERANCE = 1e-6  # [rad or m]: what decimals in a file lose of a limit
+
+
+def CheckScenarioFits(plant: MultibodyPlant, scenario: Scenario) -> None:
+    """Checks what would otherwise show only after minutes, or not at all.
+
+    Args:
+        plant: The plant with the scenario's models, finalized.
+        scenario: The scenario.
+
+    Raises:
+        ScenarioError: when the object cannot move, the fixture or what holds the object there is
+            missing, a driver drives nothing, or a joint starts beyond its limits.
+    """
+    poil = scenario.poil
+    RequireModel(plant, poil.fixture, "fixture")
+    _require_holder(plant, poil)
+    RequireFreeObject(plant, poil.object)
+    for name in scenario.model_drivers:
+        if name != poil.robot:
+            raise ScenarioError(
+                f"model_drivers names '{name}', but only the robot '{poil.robot}' is driven.",
+                remedy=f"Name it '{poil.robot}', or leave it out.",
+            )
+    for name in scenario.initial_position:
+        _require_start_within_limits(plant, name)
+
+
+def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
+    """Checks that a model can be moved as a whole.
+
+    Args:
+        plant: The plant, finalized.
+        name: The model's name.
+
+    Raises:
+        ScenarioError: when it is joined to something.
+    """
+    bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
+    if not plant.get_body(bodies[0]).is_floating_base_body():
+        raise ScenarioError(
+            f"The object '{name}' is welded to something.",
+            remedy="Do not weld the object in the directives: it shall move.",
+        )
+
+
+def _require_holder(plant: MultibodyPlant, poil: PoilConfig) -> None:
+    fixture = plant.GetModelInstanceByName(poil.fixture)
+    rod = poil.demonstration_motion.hanging.rod
+    names = [plant.get_body(index).name() for index in plant.GetBodyIndices(fixture)]
+    if rod not in names:
+        raise ScenarioError(
+            f"The fixture '{poil.fixture}' has no body '{rod}' for the object to hang on.",
+            remedy="Set poil.demonstration_motion.hanging.rod to one of: " + ", ".join(names) + ".",
+        )
+
+
+def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
+    for index in plant.GetJointIndices(plant.GetModelInstanceByName(model)):
+        joint = plant.get_joint(index)
+        limits = zip(
+            joint.default_positions(),
+            joint.position_lower_limits(),
+            joint.position_upper_limits(),
+            strict=True,
+        )
+        for position, lower, upper in limits:
+            if not lower - _LIMIT_TOLERANCE <= position <= upper + _LIMIT_TOLERANCE:
+                raise ScenarioError(
+                    f"initial_position.{model}.{joint.name()} is {position}, beyond the joint's "
+                    f"limits {lower} and {upper}.",
+                    remedy="Write a value between them, in radians or metres.",
+                )
