@@ -1,5 +1,6 @@
 """Chooses what moves the arm in each phase."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,7 +60,7 @@ class MotionSource(LeafSystem):
     approach and descent trajectories with feedback, else the inverse kinematics' answer in
     `ik_velocity` while there is a twist, else zero. `motion_done` is 1 when the phase's own motion
     has ended. Before the first update, and whenever an input it needs is NaN, both velocities
-    are zero.
+    are zero; with an unknown phase or start nothing has ended, either.
     """
 
     def __init__(
@@ -108,7 +109,10 @@ class MotionSource(LeafSystem):
         )
 
     def _phase_now(self, context: Context) -> Phase:
-        return Phase(int(self._phase.Eval(context)[0]))
+        """Returns the phase; WAIT, in which nothing moves, where it or its start is not known."""
+        phase = self._phase.Eval(context)[0]
+        known = math.isfinite(phase) and math.isfinite(self._start.Eval(context)[0])
+        return Phase(int(phase)) if known else Phase.WAIT
 
     def _elapsed(self, context: Context) -> float:
         """Returns the time since the phase began [s]."""

@@ -46,6 +46,38 @@ def test_the_hand_holds_its_opening_until_a_width_is_asked_for() -> None:
     assert velocity.Eval(context)[0] == 0.0
 
 
+def test_a_width_acts_only_through_the_state() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+
+    pairs = {
+        (dut.get_input_port(i).get_name(), dut.get_output_port(o).get_name())
+        for i in range(dut.num_input_ports())
+        for o in range(dut.num_output_ports())
+        if dut.HasDirectFeedthrough(i, o)
+    }
+
+    # The measured opening shows before the first step; a wanted one never at once.
+    assert pairs == {("width_measured", "finger_position")}
+
+
+def test_a_width_that_becomes_nan_stops_the_hand_where_it_is() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("width_measured").FixValue(context, [0.06])
+    dut.GetInputPort("width").FixValue(context, [0.0])
+    simulator = Simulator(dut, context)
+    simulator.AdvanceTo(0.25)
+    position = dut.GetOutputPort("finger_position")
+    reached = position.Eval(context)[0]
+    assert reached == pytest.approx((0.06 - 0.1 * 0.25) / 2)
+
+    dut.GetInputPort("width").FixValue(context, [math.nan])
+    simulator.AdvanceTo(0.5)
+
+    assert position.Eval(context)[0] == pytest.approx(reached)
+    assert dut.GetOutputPort("finger_velocity").Eval(context)[0] == 0.0
+
+
 def test_after_a_reset_the_measured_opening_counts() -> None:
     dut = HandDriver(speed=0.1, time_step=1 / 512)
     context = dut.CreateDefaultContext()

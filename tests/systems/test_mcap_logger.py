@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.control.point_trajectory import PointTrajectory
@@ -146,6 +149,75 @@ def test_a_phase_is_written_when_it_begins(log):
     ]
 
 
+def test_a_phase_is_written_with_its_reason(log):
+    dut = make(
+        log,
+        phase_names=["wait", "fault"],
+        phase_reason=lambda phase, fault: f"phase {phase}, fault {fault}",
+    )
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("phase").FixValue(context, [0.0])
+    dut.ForcedPublish(context)
+    dut.GetInputPort("phase").FixValue(context, [1.0])
+    dut.GetInputPort("fault").FixValue(context, [5.0])
+    dut.ForcedPublish(context)
+
+    assert [(args[0], kwargs["reason"]) for args, kwargs in log.of("write_phase")] == [
+        ("wait", "phase 0, fault 0"),
+        ("fault", "phase 1, fault 5"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("number", "text"), [(2.0, "lost"), (9.0, "9"), (np.nan, "unknown")], ids=str
+)
+def test_what_a_status_means_is_written_beside_it(log, number, text):
+    dut = make(log, statuses={"tracker": ["status", "age"]}, texts={"tracker.status": {2: "lost"}})
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("tracker.status").FixValue(context, [number])
+    dut.GetInputPort("tracker.age").FixValue(context, [0.125])
+
+    dut.ForcedPublish(context)
+
+    (((topic, values), _),) = log.of("write_status")
+    assert topic == "/tracker/status"
+    assert list(values) == ["status", "status_text", "age"]
+    assert (values["status_text"], values["age"]) == (text, 0.125)
+
+
+def test_the_robots_mode_and_the_age_of_its_status_are_written(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("panda.status").FixValue(context, [4.0, 0.03])
+
+    dut.ForcedPublish(context)
+
+    (((topic, values), _),) = log.of("write_status")
+    assert topic == "/robot/status"
+    assert values == {"mode": 4.0, "mode_text": "reflex", "age": 0.03}
+
+
+def test_a_push_is_written_while_it_lasts_and_when_it_is_over(log):
+    dut = make(log, body_names=["world", "mug::body"])
+    context = dut.CreateDefaultContext()
+    for time, force in ((0.0, 0.0), (0.25, 3.0), (0.5, 1.0), (0.75, 0.0), (1.0, 0.0)):
+        applied = ExternallyAppliedSpatialForce()
+        applied.body_index = BodyIndex(1)
+        applied.F_Bq_W = SpatialForce(tau=[0.0, 0.0, 0.1 * force], f=[force, 0.0, 0.0])
+        context.SetTime(time)
+        port = dut.GetInputPort("applied_spatial_force")
+        port.FixValue(context, AbstractValue.Make([applied]))
+        dut.ForcedPublish(context)
+
+    written = [(k["time"], a[1]["applied"]) for a, k in log.of("write_status")]
+    assert [time for time, _ in written] == [0.25, 0.5, 0.75]
+    (push,) = written[0][1]
+    assert push["body"] == "mug::body"
+    np.testing.assert_array_equal(push["force"], [3.0, 0.0, 0.0])
+    np.testing.assert_allclose(push["torque"], [0.0, 0.0, 0.3])
+    assert written[2][1] == []
+
+
 def test_status_fields_of_a_topic_are_written_together(log):
     dut = make(log, statuses={"controller": ["tau", "potential"], "ik": ["scale"]})
     context = dut.CreateDefaultContext()
@@ -233,6 +305,8 @@ def test_a_real_log_takes_everything(tmp_path, reference):
         "panda.torque_external": np.zeros(2),
         "panda.velocity": np.zeros(2),
         "phase": np.zeros(1),
+        "fault": np.zeros(1),
+        "panda.status": np.array([2.0, 0.0]),
         "ik.scale": np.ones(1),
     }.items():
         dut.GetInputPort(name).FixValue(context, value)
@@ -255,5 +329,6 @@ def test_a_real_log_takes_everything(tmp_path, reference):
         "/points/tracked",
         "/robot/joint_commands",
         "/robot/joint_states",
+        "/robot/status",
         "/tf",
     }

@@ -112,6 +112,23 @@ def test_nan_means_rest(dut: MotionSource, phase: Phase, changed: dict, output: 
     assert not evaluate(dut, context, output).any()
 
 
+def test_with_a_phase_of_nan_nothing_moves_and_nothing_ends(dut: MotionSource) -> None:
+    context = context_of(dut, Phase.FOLLOW)
+    dut.GetInputPort("phase").FixValue(context, [np.nan])
+    Simulator(dut, context).AdvanceTo(0.25)
+
+    assert not evaluate(dut, context, "spatial_velocity").any()
+    assert not evaluate(dut, context, "velocity").any()
+    assert evaluate(dut, context, "motion_done")[0] == 0.0
+
+
+def test_with_an_unknown_start_of_the_phase_the_arm_rests(dut: MotionSource) -> None:
+    context = context_of(dut, Phase.APPROACH, phase_start=[np.nan])
+
+    assert not evaluate(dut, context, "velocity").any()
+    assert evaluate(dut, context, "motion_done")[0] == 0.0
+
+
 def test_direct_feedthrough_is_as_designed(dut: MotionSource) -> None:
     pairs = {
         (dut.get_input_port(i).get_name(), dut.get_output_port(o).get_name())
