@@ -1,8 +1,8 @@
 """The file of an execution plan: a NumPy archive of arrays and one JSON text, without pickle."""
 
 import json
+import math
 import os
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,8 @@ FORMAT_VERSION = 1
 
 _HEADER = "header"  # the JSON text
 _ARRAYS = ("target_points", "object_points", "part_points", "nominal_posture")
-_SCALARS = ("object_label", "part_label", "lift_height", "retreat_distance")
+_TEXTS = ("object_label", "part_label")
+_NUMBERS = ("lift_height", "retreat_distance")
 _TRAJECTORIES = {
     "reference": PointTrajectory,
     "approach": JointTrajectory,
@@ -27,7 +28,7 @@ _TRAJECTORIES = {
 }
 _TRAJECTORY_ARRAYS = ("times", "positions", "velocities")
 _GRASP_ARRAYS = ("X_WG", "contact_points")
-_GRASP_SCALARS = ("width", "pregrasp_width", "score")
+_GRASP_NUMBERS = ("width", "pregrasp_width", "score")
 
 
 class PlanFileError(PoilError):
@@ -47,8 +48,8 @@ def write_plan(plan: ExecutionPlan, path: Path) -> None:
     header = {
         "format_version": FORMAT_VERSION,
         "metadata": dict(plan.metadata),
-        **{name: getattr(plan, name) for name in _SCALARS},
-        **{f"grasp.{name}": getattr(plan.grasp, name) for name in _GRASP_SCALARS},
+        **{name: getattr(plan, name) for name in (*_TEXTS, *_NUMBERS)},
+        **{f"grasp.{name}": getattr(plan.grasp, name) for name in _GRASP_NUMBERS},
     }
     try:
         text = json.dumps(header)
@@ -85,24 +86,51 @@ def read_plan(path: Path) -> ExecutionPlan:
     values: dict[str, Any] = _read_archive(path)
     header = _read_header(values, path)
     try:
-        fields: dict[str, Any] = {name: header[name] for name in _SCALARS}
-        fields |= {name: values[name] for name in _ARRAYS}
-        fields |= {
-            owner: kind(**{name: values[f"{owner}.{name}"] for name in _TRAJECTORY_ARRAYS})
-            for owner, kind in _TRAJECTORIES.items()
-        }
-        grasp: dict[str, Any] = {name: header[f"grasp.{name}"] for name in _GRASP_SCALARS}
-        grasp |= {name: values[f"grasp.{name}"] for name in _GRASP_ARRAYS}
-        return ExecutionPlan(**fields, grasp=GraspCandidate(**grasp), metadata=header["metadata"])
+        return _plan(values, header)
     except KeyError as error:
         raise PlanFileError(
             f"The plan '{path}' has no entry {error}.", remedy="Make the plan anew: poil transfer."
         ) from error
-    except (InvalidValueError, TypeError) as error:
+    except (TypeError, ValueError) as error:
+        problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
         raise PlanFileError(
-            f"The plan '{path}' holds values that do not fit together: {error}",
+            f"The plan '{path}' holds values that do not fit together: {problem}",
             remedy="Make the plan anew: poil transfer.",
         ) from error
+
+
+def _plan(values: dict[str, Any], header: dict[str, Any]) -> ExecutionPlan:
+    fields: dict[str, Any] = {name: _text(header, name) for name in _TEXTS}
+    fields |= {name: _number(header, name) for name in _NUMBERS}
+    fields |= {name: values[name] for name in _ARRAYS}
+    fields |= {
+        owner: kind(**{name: values[f"{owner}.{name}"] for name in _TRAJECTORY_ARRAYS})
+        for owner, kind in _TRAJECTORIES.items()
+    }
+    grasp: dict[str, Any] = {name: _number(header, f"grasp.{name}") for name in _GRASP_NUMBERS}
+    grasp |= {name: values[f"grasp.{name}"] for name in _GRASP_ARRAYS}
+    for owner in ("approach", "descent"):
+        joints = fields[owner].positions.shape[1]
+        if joints != fields["nominal_posture"].size:
+            raise InvalidValueError(
+                f"{owner}.positions has {joints} joints, nominal_posture "
+                f"{fields['nominal_posture'].size}.",
+                remedy="Write both for the same arm.",
+            )
+    return ExecutionPlan(**fields, grasp=GraspCandidate(**grasp), metadata=header["metadata"])
+
+
+def _text(header: dict[str, Any], name: str) -> str:
+    if not isinstance(header[name], str):
+        raise TypeError(f"{name} is {header[name]!r}, but a text is needed.")
+    return header[name]
+
+
+def _number(header: dict[str, Any], name: str) -> float:
+    value = header[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise TypeError(f"{name} is {value!r}, but a finite number is needed.")
+    return float(value)
 
 
 def _read_archive(path: Path) -> dict[str, np.ndarray]:
@@ -112,10 +140,17 @@ def _read_archive(path: Path) -> dict[str, np.ndarray]:
         )
     try:
         with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            values = {name: archive[name] for name in archive.files}
+        for name, value in values.items():
+            # NumPy hands out the bytes of entries that it does not know.
+            if not isinstance(value, np.ndarray):
+                raise TypeError(f"its entry '{name}' is no array")
+        return values
+    except Exception as error:
+        # What is damaged decides which layer trips: zip, zlib, NumPy's header, Python's tokenizer.
+        reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise PlanFileError(
-            f"The plan '{path}' cannot be read: {error}.",
+            f"The plan '{path}' cannot be read: {reason}.",
             remedy="Check that it is a whole .npz file that poil transfer wrote, or make it anew.",
         ) from error
 
@@ -127,7 +162,9 @@ def _read_header(values: dict[str, np.ndarray], path: Path) -> dict:
     try:
         header = json.loads(str(values[_HEADER]))
         version = header["format_version"]
-    except (ValueError, TypeError, KeyError) as error:
+        if not isinstance(header["metadata"], dict):
+            raise TypeError("its metadata is no mapping")
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise PlanFileError(
             f"The header of '{path}' is damaged: {error}.", remedy=remedy
         ) from error

@@ -1,7 +1,13 @@
+import io
 import json
+import tempfile
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from poil_drake.control.joint_trajectory import JointTrajectory
@@ -118,6 +124,19 @@ def test_truncated_file_is_reported(plan, tmp_path):
         ExecutionPlan.load(path)
 
 
+def test_an_entry_without_content_is_named(plan, tmp_path):
+    path = tmp_path / "plan.npz"
+    plan.save(path)
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in (entries | {"nominal_posture.npy": b""}).items():
+            archive.writestr(name, content)
+
+    with pytest.raises(PlanFileError, match="'nominal_posture' is no array"):
+        ExecutionPlan.load(path)
+
+
 @pytest.mark.parametrize("name", ["target_points", "reference.times", "grasp.X_WG", "header"])
 def test_missing_entry_is_named(plan, tmp_path, name):
     path = tmp_path / "plan.npz"
@@ -153,6 +172,103 @@ def test_values_that_do_not_fit_are_reported(plan, tmp_path):
 
     with pytest.raises(PlanFileError, match=r"ExecutionPlan.target_points has shape \(2, 3\)"):
         ExecutionPlan.load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"object_label": 3}, "object_label is 3, but a text"),
+        ({"lift_height": "high"}, "lift_height is 'high', but a finite number"),
+        ({"retreat_distance": float("nan")}, "retreat_distance is nan"),
+        ({"grasp.width": None}, "grasp.width is None"),
+        ({"metadata": [1]}, "header of .* is damaged: its metadata"),
+    ],
+)
+def test_header_values_of_the_wrong_kind_are_named(plan, tmp_path, changes, says):
+    path = tmp_path / "plan.npz"
+    plan.save(path)
+    rewrite(path, header=header_with(path, **changes))
+
+    with pytest.raises(PlanFileError, match=says):
+        ExecutionPlan.load(path)
+
+
+def test_motions_of_another_arm_are_named(plan, tmp_path):
+    path = tmp_path / "plan.npz"
+    plan.save(path)
+    six = {f"descent.{name}": np.zeros((3, 6)) for name in ("positions", "velocities")}
+    rewrite(path, **six)
+
+    with pytest.raises(PlanFileError, match=r"descent.positions has 6 joints"):
+        ExecutionPlan.load(path)
+
+
+def test_text_in_place_of_numbers_is_reported(plan, tmp_path):
+    path = tmp_path / "plan.npz"
+    plan.save(path)
+    rewrite(path, target_points=np.array(["a"]))
+
+    with pytest.raises(PlanFileError, match="could not convert string"):
+        ExecutionPlan.load(path)
+
+
+@pytest.fixture
+def whole_file(plan, tmp_path) -> Path:
+    plan.save(tmp_path / "plan.npz")
+    return tmp_path / "plan.npz"
+
+
+def load_bytes(content: bytes) -> None:
+    """Reads a plan; whatever is wrong with it, only the typed error may come, in one line."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.npz"
+        path.write_bytes(content)
+        said = ""
+        try:
+            ExecutionPlan.load(path)
+        except PlanFileError as error:
+            said = str(error)
+        assert "\n" not in said
+
+
+def damaged(content: bytes, flips: list[tuple[float, int]], kept: float) -> bytes:
+    """Flips bits at places given as shares of the length, and cuts the end off."""
+    damaged = bytearray(content)
+    for place, mask in flips:
+        damaged[int(place * (len(content) - 1))] ^= mask
+    return bytes(damaged[: int(kept * len(content))])
+
+
+FLIPS = st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), max_size=4)
+# The fixtures only hold a file, which no example changes.
+SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@SHARED
+@given(flips=FLIPS, kept=st.one_of(st.just(1.0), st.floats(0, 1)))
+def test_any_damage_to_the_file_ends_in_the_typed_error(whole_file, flips, kept):
+    load_bytes(damaged(whole_file.read_bytes(), flips, kept))
+
+
+@SHARED
+@given(
+    entry=st.integers(0, 15), flips=FLIPS, kept=st.one_of(st.just(1.0), st.floats(0, 1)), start=...
+)
+def test_any_damage_below_the_checksums_ends_in_the_typed_error(
+    whole_file, entry: int, flips, kept, start: bool
+):
+    """The archive is whole, but what it holds is not: as another program might have written it."""
+    target = io.BytesIO()
+    with zipfile.ZipFile(whole_file) as source, zipfile.ZipFile(target, "w") as copy:
+        names = source.namelist()
+        for i, name in enumerate(names):
+            content = source.read(name)
+            if i == entry % len(names):
+                # NumPy's header is in the first 128 bytes.
+                head = 128 if start else len(content)
+                content = damaged(content[:head], flips, kept) + content[head:]
+            copy.writestr(name, content)
+    load_bytes(target.getvalue())
 
 
 def test_metadata_beyond_json_is_refused(fields, tmp_path):
