@@ -237,13 +237,20 @@ def doctor() -> None:
     raise typer.Exit(0 if all(row.ok for row in rows) else 1)
 
 
-class Terminated(KeyboardInterrupt):
-    """Somebody asked the process to end (SIGTERM); outputs are finished as after Ctrl-C."""
+class Stopped(BaseException):
+    """Somebody asked the process to end; what is unfinished is finished on its way up.
+
+    No KeyboardInterrupt, which typer would turn into a status without a word.
+    """
+
+    def __init__(self, number: int):
+        self.number = number
+        super().__init__("terminated" if number == signal.SIGTERM else "stopped by the user")
 
 
 def main() -> None:
     """Runs the command line; every deliberate error ends in one line and a non-zero status."""
-    signal.signal(signal.SIGTERM, _terminate)
+    before = {n: signal.signal(n, _stop) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         sys.exit(app(standalone_mode=False) or 0)
     except PoilError as error:
@@ -252,14 +259,17 @@ def main() -> None:
         _fail(f"'{error.filename}': {error.strerror}. Choose a path that can be used.", 1)
     except TyperException as error:
         _fail(getattr(error, "message", str(error)), getattr(error, "exit_code", 2))
-    except Terminated:
-        _fail("terminated", 143)
-    except (typer.Abort, KeyboardInterrupt):
+    except Stopped as stop:
+        _fail(str(stop), 128 + stop.number)
+    except typer.Abort:
         _fail("stopped", 130)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated("terminated")
+def _stop(number: int, frame: FrameType | None) -> None:
+    raise Stopped(number)
 
 
 def _fail(message: str, status: int) -> None:

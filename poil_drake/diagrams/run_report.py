@@ -127,7 +127,7 @@ def failure_reason(error: BaseException) -> str:
     if isinstance(error, PoilError):
         return error.problem.rstrip(".")
     text = " ".join(str(error).split())
-    if isinstance(error, KeyboardInterrupt):
+    if not isinstance(error, Exception):  # A signal's, such as KeyboardInterrupt.
         return text or "stopped by the user"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 

@@ -55,7 +55,8 @@ def RunSkill(
     Raises:
         PoilError: when there is no plan to execute, which the figures written say, too; a failed
             execution is in the summary.
-        KeyboardInterrupt: when somebody stopped it, after the outputs were written.
+        BaseException: that stopped it and is no error, e.g. KeyboardInterrupt, after the outputs
+            were written.
     """
     stages = Stopwatch()
     with FreshOutputs(outputs, scenario, stages):
@@ -117,7 +118,8 @@ def ExecutePlan(
 
     Raises:
         PoilError: when the loop cannot be built.
-        KeyboardInterrupt: when somebody stopped it, after the outputs were written.
+        BaseException: that stopped it and is no error, e.g. KeyboardInterrupt, after the outputs
+            were written.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
     with FreshOutputs(outputs, scenario, stages), ExitStack() as stack:
@@ -153,7 +155,7 @@ def ExecutePlan(
         with stages.measure("report"):
             stack.close()
         summary = WriteReport(report, album=album, outputs=outputs, stages=stages)
-        if isinstance(report.stopped, KeyboardInterrupt):
+        if report.stopped is not None and not isinstance(report.stopped, Exception):
             raise report.stopped
         return summary
 
@@ -186,7 +188,7 @@ def _simulate(
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
             progress("closed loop", min(root.get_time() / expected, 0.99))
-    except (KeyboardInterrupt, Exception) as error:
+    except BaseException as error:  # Also of signals; it goes on once the outputs are written.
         if not recorder.times:
             raise
         stopped = error

@@ -1,0 +1,56 @@
+"""A plan made by hand, with which the real closed loop runs a second or two without rendering."""
+
+import dataclasses
+
+import numpy as np
+
+from poil_drake.control.joint_trajectory import JointTrajectory
+from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.grasping.candidates import GraspCandidate
+from poil_drake.grasping.execution_plan import ExecutionPlan
+
+HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, 0.785398])
+POINTS = np.array([[0.50, -0.10, 0.04], [0.51, -0.10, 0.05], [0.50, -0.09, 0.06]])
+
+
+def short_scenario() -> Scenario:
+    """The package's scenario with the ground-truth tracker and without cameras."""
+    return dataclasses.replace(ChooseScenario(tracker="ground_truth"), cameras={})
+
+
+def short_plan() -> ExecutionPlan:
+    """The arm stays where it is and closes the hand on nothing, which ends in a fault."""
+    stay = JointTrajectory([0.0, 0.125], [HOME, HOME], np.zeros((2, 7)))
+    rise = np.linspace(0.0, 0.1, 5)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    velocities = np.zeros((5, 3, 3))
+    velocities[:-1, :, 2] = 0.1
+    grasp = GraspCandidate(
+        make_transform(np.diag([1.0, -1.0, -1.0]), [0.50, -0.10, 0.05]),
+        0.004,
+        0.028,
+        0.7,
+        np.array([[0.50, -0.102, 0.05], [0.50, -0.098, 0.05]]),
+    )
+    return ExecutionPlan(
+        object_label="mug",
+        part_label="handle",
+        target_points=POINTS,
+        object_points=POINTS,
+        part_points=POINTS,
+        reference=PointTrajectory(np.linspace(0.0, 1.0, 5), POINTS + rise, velocities),
+        grasp=grasp,
+        approach=stay,
+        descent=stay,
+        lift_height=0.05,
+        retreat_distance=0.1,
+        nominal_posture=HOME,
+        metadata={"seed": 0},
+    )
+
+
+def lasting(scenario: Scenario, duration: float) -> Scenario:
+    """Returns the scenario with another longest run [s]."""
+    return dataclasses.replace(scenario, simulation_duration=duration)
