@@ -1,5 +1,6 @@
 """The `poil` command: parses, calls, prints. Nothing else."""
 
+import math
 import signal
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer.exceptions import TyperException
 
-from poil_drake.errors import PoilError
+from poil_drake.errors import PoilError, ScenarioError
 
 if TYPE_CHECKING:
     from poil_drake.diagrams.scenario import Scenario
@@ -51,10 +52,21 @@ Mcap = Annotated[Path | None, typer.Option("--mcap", help="Where the log goes.")
 Png = Annotated[Path | None, typer.Option("--png", help="Where the summary picture goes.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Where the figures go.")]
 NoMeshcat = Annotated[bool, typer.Option("--no-meshcat", help="Neither live page nor recording.")]
+
+
+def _finite(value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a finite number.")
+    return value
+
+
 RealtimeRate = Annotated[
-    float,
+    float | None,
     typer.Option(
-        "--realtime-rate", min=0.0, help="Slow down to this rate; 0 runs as fast as it can."
+        "--realtime-rate",
+        min=0.0,
+        callback=_finite,
+        help="Slow down to this rate; 0 runs as fast as it can. Default: the scenario's.",
     ),
 ]
 
@@ -70,6 +82,11 @@ def _scenario(
 ) -> "Scenario":
     from poil_drake.diagrams.scenario_choice import ChooseScenario
 
+    if argument is not None and file is not None:
+        raise ScenarioError(
+            f"Two scenario files are given, '{argument}' and '{file}'.",
+            remedy="Leave out one of them.",
+        )
     return ChooseScenario(
         filename=argument or file,
         scenario_name=name,
@@ -95,7 +112,7 @@ def run(
     png: Png = None,
     json: Json = None,
     no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = 0.0,
+    realtime_rate: RealtimeRate = None,
 ) -> None:
     """Do the main job: demonstration, transfer, grasp, closed loop."""
     from poil_drake.diagrams.run_report import OutputPaths
@@ -126,11 +143,12 @@ def demo_record(
     seed: Seed = None,
 ) -> None:
     """Simulate a demonstration: the object moves by itself, the cameras record."""
+    from poil_drake.diagrams.output_files import require_writable
     from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 
-    frames = RecordScenarioDemonstration(
-        _scenario(scenario, None, scenario_name, scenario_text, seed), output
-    )
+    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed)
+    require_writable(output)
+    frames = RecordScenarioDemonstration(chosen, output)
     typer.echo(f"recorded {frames} frames to {output}")
 
 
@@ -142,11 +160,14 @@ def demo_show(
     ] = None,
 ) -> None:
     """Draw a demonstration's contact sheet as PNG."""
+    from poil_drake.diagrams.output_files import require_writable
     from poil_drake.recording.contact_sheet import contact_sheet
     from poil_drake.recording.demonstration import load_demonstration
 
     picture = output or demonstration.with_suffix(".png")
-    contact_sheet(load_demonstration(demonstration), picture)
+    frames = load_demonstration(demonstration)
+    require_writable(picture)
+    contact_sheet(frames, picture)
     typer.echo(f"drew {picture}")
 
 
@@ -163,12 +184,12 @@ def transfer(
     detector: Detector = None,
 ) -> None:
     """Carry a demonstration over to the scenario's object and choose a grasp."""
+    from poil_drake.diagrams.output_files import require_writable
     from poil_drake.diagrams.planning import PlanScenario
 
-    plan = PlanScenario(
-        _scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector),
-        demonstration,
-    )
+    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
+    require_writable(output)
+    plan = PlanScenario(chosen, demonstration)
     plan.save(output)
     typer.echo(f"wrote the plan to {output}")
 
@@ -187,7 +208,7 @@ def execute(
     png: Png = None,
     json: Json = None,
     no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = 0.0,
+    realtime_rate: RealtimeRate = None,
 ) -> None:
     """Execute a plan in closed loop."""
     from poil_drake.diagrams.run_report import OutputPaths
@@ -218,7 +239,11 @@ def bench_pipeline(
 ) -> None:
     """Run the main job with object, pose, texture and noise drawn anew in each trial."""
     from poil_drake.benchmarks.pipeline import run_pipeline_benchmark
+    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
 
+    MakeScenarioTracker(_scenario(None, None, None, None, None, tracker).poil)
+    require_writable(json)
     run_pipeline_benchmark(
         tasks=tasks.split(","), trials=trials, jobs=jobs, tracker=tracker, json_path=json
     )
@@ -256,9 +281,10 @@ def main() -> None:
     except PoilError as error:
         _fail(str(error), 1)
     except OSError as error:
-        _fail(f"'{error.filename}': {error.strerror}. Choose a path that can be used.", 1)
+        where = "" if error.filename is None else f"'{error.filename}': "
+        _fail(f"{where}{error.strerror or error}. Choose a path that can be used.", 1)
     except TyperException as error:
-        _fail(getattr(error, "message", str(error)), getattr(error, "exit_code", 2))
+        _fail(error.format_message(), error.exit_code)
     except Stopped as stop:
         _fail(str(stop), 128 + stop.number)
     except typer.Abort:
@@ -273,5 +299,5 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    typer.echo(f"poil: {message}", err=True)
+    typer.echo(f"poil: {' '.join(message.split())}", err=True)
     sys.exit(status)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from poil_drake import cli
+from poil_drake.errors import InvalidValueError
 
 
 def run(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
@@ -41,6 +42,27 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
             ["run", "--json", "/dev/null/x.json", "--scenario_text", "{poil: {part: x}}"],
             "/dev/null",
         ),
+        (["run", "."], "'.' cannot be read (Is a directory)"),
+        (["run", "a.yaml", "--scenario_file", "b.yaml"], "'a.yaml' and 'b.yaml'"),
+        (["run", "--scenario_text", "mug"], "a mapping (Scenario) is needed"),
+        (["run", "--scenario_text", "{random_seed: -1}"], "random_seed is -1"),
+        (["run", "--scenario_text", "{poil: {fixture: rak}}"], "poil.fixture is 'rak'"),
+        (["run", "--scenario_text", "{cameras: {left: {width: 0}}}"], "cameras.left"),
+        (["run", "--scenario_text", "{plant_config: {contact_model: soft}}"], "'soft'"),
+        (["run", "--scenario_text", "{poil: {demonstration: no.mcap}}"], "no.mcap"),
+        (["run", "--mcap", "."], "The output '.' is a folder"),
+        (["run", "--png", "run.gif"], "run.gif"),
+        (["run", "--html", "a", "--json", "a"], "both go to 'a'"),
+        (["execute", "."], "There is no plan '.'"),
+        (["demo", "record", "-o", "."], "The output '.' is a folder"),
+        (["demo", "record", "--scenario_text", "{poil: {fixture: rak}}"], "poil.fixture is 'rak'"),
+        (
+            ["demo", "record", "--scenario_text", "{initial_position: {rack: {hinge: [0]}}}"],
+            "initial_position cannot be set",
+        ),
+        (["transfer", "missing.mcap", "-o", "/dev/null/p.npz"], "/dev/null/p.npz"),
+        (["bench", "pipeline", "--tracker", "magic"], "'magic'"),
+        (["bench", "pipeline", "--json", "."], "The output '.' is a folder"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -66,6 +88,54 @@ def test_unknown_options_name_the_usage(
 ) -> None:
     assert run(monkeypatch, ["run", "--speed", "9"]) == 2
     assert "No such option" in one_line(capsys)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (["run", "--realtime-rate", "nan"], "--realtime-rate"),
+        (["run", "--realtime-rate", "inf"], "--realtime-rate"),
+        (["run", "--realtime-rate", "-1"], "--realtime-rate"),
+        (["execute", "plan.npz", "--realtime-rate", "fast"], "--realtime-rate"),
+        (["run", "--seed", "-1"], "--seed"),
+        (["run", "--seed", "1.5"], "--seed"),
+        (["bench", "pipeline", "--trials", "0"], "--trials"),
+        (["transfer"], "'demonstration'"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_wrong_values_name_their_option(
+    arguments: list[str],
+    option: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(monkeypatch, arguments) == 2
+    assert option in one_line(capsys)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "poil: No space left on device."),
+        (OSError(28, "No space left on device", "a.mcap"), "poil: 'a.mcap': No space left"),
+        (OSError("odd"), "poil: odd."),
+        (InvalidValueError("One\nline.", remedy="Is enough."), "poil: One line. Is enough."),
+    ],
+)
+def test_errors_of_the_system_end_in_one_line(
+    error: Exception,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("poil_drake.diagrams.doctor.Examine", fail)
+
+    assert run(monkeypatch, ["doctor"]) == 1
+    assert one_line(capsys).startswith(said)
 
 
 def test_help_lists_the_verbs(

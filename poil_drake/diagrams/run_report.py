@@ -9,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from poil_drake.diagrams.output_files import OutputError, require_writable
 from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
 from poil_drake.diagrams.scenario import Scenario
@@ -23,6 +24,9 @@ from poil_drake.systems.stopwatch import Stopwatch
 
 REQUIRED_HANGING_TIME = 2.0
 """For how long [s, simulated] an object must hang, after release and retreat, to count."""
+
+PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
+"""What the picture's name may end in, which tells its format."""
 
 _MEASURED_PARTS = ("rendering", "detection", "waiting", "control", "publishing", "reporting")
 """What one thread does in turn, so that these and what is left add up to the whole."""
@@ -59,10 +63,26 @@ class OutputPaths:
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
     def remove(self) -> None:
-        """Removes the files, where there are any."""
-        for path in vars(self).values():
-            if path is not None:
-                path.unlink(missing_ok=True)
+        """Removes the files, where there are any, so that all can be written.
+
+        Raises:
+            OutputError: when one cannot be written, or two are the same.
+        """
+        paths = {kind: path for kind, path in vars(self).items() if path is not None}
+        for kind, path in paths.items():
+            twins = [other for other in paths if other != kind and paths[other] == path]
+            if twins:
+                raise OutputError(
+                    f"The outputs '{kind}' and '{twins[0]}' both go to '{path}'.",
+                    remedy="Name a file of its own for each.",
+                )
+            require_writable(path)
+            path.unlink(missing_ok=True)
+        if self.png is not None and self.png.suffix not in PICTURE_SUFFIXES:
+            raise OutputError(
+                f"The picture '{self.png}' ends in '{self.png.suffix}'.",
+                remedy=f"Let it end in one of: {', '.join(PICTURE_SUFFIXES)}.",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -171,9 +171,10 @@ class Scenario:
         random_seed: Seeds all noise.
         simulation_duration: Longest run [s].
         simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down,
-            unless the command line says otherwise. The others reach the simulator, but every
-            system here is discrete: there is nothing to integrate, and `max_step_size` only
-            bounds how far time moves at once. `start_time` stays 0.
+            unless the command line says otherwise. All reach the simulator, but every system here
+            is discrete, so there is nothing to integrate: `integration_scheme`, `max_step_size`,
+            `accuracy`, `use_error_control` and `publish_every_time_step` change no run, and
+            `start_time` stays 0.
         plant_config: Drake's plant settings, except `time_step`: that is `poil.rates.plant`.
         directives: The models: files, welds, default poses. A file may be `package://...`,
             `file://...`, or a path relative to the scenario file.

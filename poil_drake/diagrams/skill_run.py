@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
 from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat
+from poil_drake.diagrams.plan_fit import CheckPlanFits
 from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.progress import ProgressBar
 from poil_drake.diagrams.run_recorder import RunRecorder
@@ -22,6 +22,7 @@ from poil_drake.diagrams.run_report import FreshOutputs, OutputPaths, Report, Wr
 from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.diagrams.station import MakeStation
 from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -38,7 +39,7 @@ def RunSkill(
     outputs: OutputPaths,
     hardware: bool = False,
     show: bool = True,
-    realtime_rate: float = 0.0,
+    realtime_rate: float | None = None,
     demonstration: Path | None = None,
 ) -> RunSummary:
     """Does the main job: demonstration, transfer, grasp, closed loop.
@@ -48,7 +49,8 @@ def RunSkill(
         outputs: Where the outputs go.
         hardware: Whether to drive the real robot.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can.
+        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
+            the scenario's `simulator_config` says.
         demonstration: Where to record the built-in demonstration, if the scenario names none. None:
             beside the outputs.
 
@@ -63,7 +65,7 @@ def RunSkill(
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        MakeStation(scenario, hardware=hardware, cameras=False)
+        MakeStation(scenario, hardware=hardware)
         recorded = scenario.poil.demonstration
         if recorded is None:
             beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
@@ -80,6 +82,7 @@ def RunSkill(
             show=show,
             realtime_rate=realtime_rate,
             stages=stages,
+            check=False,
         )
 
 
@@ -100,9 +103,10 @@ def ExecutePlan(
     outputs: OutputPaths,
     hardware: bool = False,
     show: bool = True,
-    realtime_rate: float = 0.0,
+    realtime_rate: float | None = None,
     show_progress: bool = True,
     stages: Stopwatch | None = None,
+    check: bool = True,
 ) -> RunSummary:
     """Executes a plan in closed loop, judges the outcome and writes the outputs.
 
@@ -112,12 +116,15 @@ def ExecutePlan(
         outputs: Where the outputs go. They are written even if the run fails or is stopped.
         hardware: Whether to drive the real robot.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can.
+        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
+            the scenario's `simulator_config` says.
         show_progress: Whether to draw a progress bar.
         stages: How long the stages of the job before this one took.
+        check: Whether to look first if the plan fits the scene; there is no need to right after
+            it was made.
 
     Raises:
-        PoilError: when the loop cannot be built.
+        PoilError: when the plan does not fit the scene, or the loop cannot be built.
         BaseException: that stopped it and is no error, e.g. KeyboardInterrupt, after the outputs
             were written.
     """
@@ -132,6 +139,8 @@ def ExecutePlan(
         log = None
         if outputs.mcap is not None:
             log = stack.enter_context(_log(outputs.mcap, plan, scenario))
+        if check:
+            CheckPlanFits(plan, scenario, hardware=hardware)
         with stages.measure("execution"):
             loop = MakeClosedLoop(
                 scenario,
@@ -166,14 +175,13 @@ def _simulate(
     scenario: Scenario,
     recorder: RunRecorder,
     stopwatch: Stopwatch,
-    realtime_rate: float,
+    realtime_rate: float | None,
     progress: ProgressBar,
 ) -> Report:
-    simulator = Simulator(loop.diagram)
-    simulator.set_target_realtime_rate(realtime_rate)
+    simulator = MakeSimulator(loop.diagram, scenario, realtime_rate=realtime_rate)
     root = simulator.get_mutable_context()
     expected = _expected_duration(plan, scenario)
-    period = scenario.poil.rates.logger
+    rates = scenario.poil.rates
     # Imported libraries and the diagram stay; scanning them for garbage again and again is waste.
     gc.collect()
     gc.freeze()
@@ -184,7 +192,7 @@ def _simulate(
         with stopwatch.measure("reporting"):
             recorder.sample(root)
         while recorder.phase < Phase.DONE and root.get_time() < scenario.simulation_duration:
-            simulator.AdvanceTo(root.get_time() + period)
+            simulator.AdvanceTo(rates.next_report(root.get_time()))
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
             progress("closed loop", min(root.get_time() / expected, 0.99))
