@@ -164,8 +164,8 @@ def demo_show(
     from poil_drake.recording.contact_sheet import contact_sheet
     from poil_drake.recording.demonstration import load_demonstration
 
-    picture = output or demonstration.with_suffix(".png")
     frames = load_demonstration(demonstration)
+    picture = output or demonstration.with_suffix(".png")
     require_writable(picture)
     contact_sheet(frames, picture)
     typer.echo(f"drew {picture}")
@@ -299,5 +299,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    typer.echo(f"poil: {' '.join(message.split())}", err=True)
+    if message:  # Where only help was shown, there is nothing to add.
+        typer.echo(f"poil: {' '.join(message.split())}", err=True)
     sys.exit(status)

@@ -54,6 +54,7 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["run", "--png", "run.gif"], "run.gif"),
         (["run", "--html", "a", "--json", "a"], "both go to 'a'"),
         (["execute", "."], "There is no plan '.'"),
+        (["demo", "show", "."], "Is a directory"),
         (["demo", "record", "-o", "."], "The output '.' is a folder"),
         (["demo", "record", "--scenario_text", "{poil: {fixture: rak}}"], "poil.fixture is 'rak'"),
         (
@@ -136,6 +137,15 @@ def test_errors_of_the_system_end_in_one_line(
 
     assert run(monkeypatch, ["doctor"]) == 1
     assert one_line(capsys).startswith(said)
+
+
+def test_a_group_of_verbs_alone_shows_its_help(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, ["demo"]) == 2
+    said = capsys.readouterr()
+    assert "record" in said.out + said.err
+    assert "poil:" not in said.err
 
 
 def test_help_lists_the_verbs(

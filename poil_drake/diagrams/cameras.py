@@ -17,6 +17,8 @@ from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.systems.depth_noise_system import DepthNoiseSystem
 
+_LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
+
 
 def AddCameras(
     *,
@@ -83,6 +85,11 @@ def _check_camera(name: str, config: CameraConfig) -> None:
             f"A camera is named '{name}'.",
             remedy="Use letters, digits, '_' and '-': the name becomes part of ports and topics.",
         )
+    if max(config.width, config.height) > _LARGEST_SIDE:
+        raise ScenarioError(
+            f"cameras.{name} has {config.width} x {config.height} pixels.",
+            remedy=f"At most {_LARGEST_SIDE} either way are drawn.",
+        )
     if config.output_delay > 0:
         raise ScenarioError(
             f"cameras.{name}.output_delay is {config.output_delay} s.",
@@ -93,9 +100,14 @@ def _check_camera(name: str, config: CameraConfig) -> None:
 def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> None:
     """Checks that a camera stays where it is: those who look through it know its pose once."""
     path = f"cameras.{name}.X_PB"
+    # The camera's own poses: of its colour and its depth image in its body.
+    poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
     base = config.X_PB.base_frame or "world"
     try:
-        X_PB = config.X_PB.GetDeterministicValue()
+        finite = {
+            key: np.isfinite(pose.GetDeterministicValue().GetAsMatrix4()).all()
+            for key, pose in poses.items()
+        }
         frame = GetScopedFrameByName(plant, base)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
@@ -103,8 +115,9 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
             remedy="Name an existing base_frame that is not the robot's, or none for the world, "
             "and give one certain pose.",
         ) from error
-    if not np.isfinite(X_PB.GetAsMatrix4()).all():
-        raise ScenarioError(f"{path} is not finite.", remedy="Correct its numbers.")
+    if not all(finite.values()):
+        wrong = ", ".join(key for key in finite if not finite[key])
+        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Correct its numbers.")
     if not plant.IsAnchored(frame.body()):
         raise ScenarioError(
             f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",

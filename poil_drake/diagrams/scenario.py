@@ -110,6 +110,10 @@ class PoilConfig:
                     f"poil.{name} is {getattr(self, name)}.",
                     remedy="It must be positive and finite.",
                 )
+        if not all((self.part, *self.parts)):
+            raise ScenarioError(
+                "poil.part, or a key of poil.parts, is empty.", remedy="Give each part a name."
+            )
         roles = {"object": self.object, "fixture": self.fixture, "robot": self.robot}
         for role, name in roles.items():
             twins = [other for other in roles if other != role and roles[other] == name]
@@ -180,7 +184,8 @@ class Scenario:
             `file://...`, or a path relative to the scenario file.
         lcm_buses: LCM networks; by default none is opened.
         model_drivers: Model instance -> how its commands are followed.
-        cameras: Name -> camera.
+        cameras: Name -> camera. Its `rgb`, `depth`, `label` and `fps` only say what is published on
+            its LCM bus: here every camera gives all images, whenever somebody looks.
         visualization: What Meshcat shows.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task, and how POIL does it.

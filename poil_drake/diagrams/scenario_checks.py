@@ -1,7 +1,9 @@
 """What can be wrong with a scenario's values before anything is built."""
 
+import ipaddress
 import math
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
@@ -12,7 +14,8 @@ from poil_drake.errors import ScenarioError
 if TYPE_CHECKING:
     from poil_drake.diagrams.scenario import Scenario
 
-_LCM_SCHEMES = ("memq", "udpm", "mpudpm", "tcpq", "file")
+_MULTICAST_SCHEMES = ("udpm", "mpudpm")
+_OTHER_SCHEMES = ("memq", "tcpq", "file")
 
 # "cenic" integrates the plant as a continuous system, which ours is not.
 _INTEGRATION_SCHEMES = (
@@ -105,8 +108,7 @@ def _check_time_step(scenario: "Scenario") -> None:
 
 def _check_buses(scenario: "Scenario") -> None:
     for name, params in scenario.lcm_buses.items():
-        scheme = params.lcm_url.split("://")[0]
-        if params.lcm_url and scheme not in _LCM_SCHEMES:
+        if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
                 f"lcm_buses.{name}.lcm_url is '{params.lcm_url}'.",
                 remedy="Write e.g. memq://null (no network) or udpm://239.255.76.67:7667?ttl=0.",
@@ -119,3 +121,16 @@ def _check_buses(scenario: "Scenario") -> None:
                 f"{path}.lcm_bus is '{bus}', which lcm_buses does not define.",
                 remedy=f"Choose one of: {', '.join(scenario.lcm_buses)}.",
             )
+
+
+def _is_lcm_url(url: str) -> bool:
+    """Returns whether LCM can use an address; it would only print that it cannot."""
+    parts = urlsplit(url)
+    if parts.scheme not in _MULTICAST_SCHEMES:
+        return parts.scheme in _OTHER_SCHEMES
+    try:
+        # An empty one stands for LCM's defaults.
+        address = parts.hostname or "239.255.76.67"
+        return ipaddress.IPv4Address(address).is_multicast and parts.port != 0
+    except ValueError:
+        return False

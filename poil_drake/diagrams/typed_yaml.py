@@ -118,6 +118,7 @@ def _merge_drake(node: Any, schema: Any, default: Any, path: str) -> Any:
         ).value
     except _DRAKE_ERRORS as error:
         _find_culprit(node, schema, path)
+        schema, _ = _strip_optional(schema)
         wanted = getattr(schema, "__name__", str(schema))
         raise _wrong(path, node, f"{wanted}{_reason(error)}") from error
 

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,8 @@ def _read_archive(path: Path) -> dict[str, np.ndarray]:
             f"There is no plan '{path}'.", remedy="Make one with: poil transfer DEMO SCENARIO -o F"
         )
     try:
+        if not zipfile.is_zipfile(path):  # NumPy would take it for a pickle.
+            raise TypeError("it is no archive")
         with np.load(path, allow_pickle=False) as archive:
             values = {name: archive[name] for name in archive.files}
         for name, value in values.items():

@@ -139,6 +139,14 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{visualization: {lcm_bus: lab}}", "visualization.lcm_bus is 'lab'"),
         ("{visualization: {publish_period: 0}}", "visualization.publish_period is 0"),
         ("{lcm_buses: {default: {lcm_url: 'ros://x'}}}", "lcm_url is 'ros://x'"),
+        (
+            "{lcm_buses: {lab: {lcm_url: 'udpm://hello'}}}",
+            "lcm_buses.lab.lcm_url is 'udpm://hello'",
+        ),
+        ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
+        ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
+        ("{poil: {parts: {'': body}}}", "a key of poil.parts, is empty"),
+        ("{directives: [{add_model: mug}]}", r"'directives\[0\].add_model' is 'mug', but AddModel"),
         ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),
         ("{simulator_config: {integration_scheme: euler}}", "'euler'.*runge_kutta3"),
         ("{simulator_config: {max_step_size: -1}}", "max_step_size is -1"),
@@ -209,6 +217,15 @@ def test_a_file_that_is_no_scenario_file_is_refused(
         LoadScenario(filename=path)
 
     assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["", "memq://null", "udpm://239.255.76.67:7667?ttl=0", "udpm://", "tcpq://", "memq://"]
+)
+def test_the_addresses_that_lcm_knows_are_taken(url: str) -> None:
+    dut = LoadScenario(data=f"{{lcm_buses: {{lab: {{lcm_url: '{url}'}}}}}}")
+
+    assert dut.lcm_buses["lab"].lcm_url == url
 
 
 def test_a_folder_is_no_scenario_file(tmp_path: Path) -> None:

@@ -227,6 +227,7 @@ def test_a_joint_may_be_given_as_a_plain_number(station: Station) -> None:
     ("camera", "says"),
     [
         ("width: 0", "cameras.left cannot be used: .*Width"),
+        ("width: 64000", "cameras.left has 64000 x 480 pixels.*At most 8192"),
         ("focal: !FovDegrees { y: 0 }", "cameras.left cannot be used: .*Focal"),
         ("renderer_class: RenderEngineRay", "cameras.left cannot be used: .*'RenderEngineRay'"),
         ("fps: .nan", "cameras.left cannot be used: .*FPS"),
@@ -235,6 +236,7 @@ def test_a_joint_may_be_given_as_a_plain_number(station: Station) -> None:
         ("X_PB: { base_frame: celing }", r"cameras.left.X_PB cannot be used: .*'celing'"),
         ("X_PB: { rotation: !Uniform {} }", r"cameras.left.X_PB cannot be used: Drake requires"),
         ("X_PB: { translation: [.nan, 0, 0] }", r"cameras.left.X_PB is not finite"),
+        ("X_BD: { translation: [.nan, 0, 0] }", r"cameras.left.X_BD is not finite"),
         ("X_PB: { base_frame: 'panda::panda_hand' }", "'panda::panda_hand', which moves"),
         ("X_PB: { base_frame: 'mug::body' }", "'mug::body', which moves"),
         ("name: right", "under the key 'left' is named 'right'"),
