@@ -18,7 +18,7 @@ from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.load_scenario import LoadScenario
 from poil_drake.diagrams.run_report import OutputPaths
 from poil_drake.diagrams.run_summary import RunSummary
-from poil_drake.diagrams.skill_run import ExecutePlan
+from poil_drake.diagrams.skill_run import ExecutePlan, RunSkill
 from poil_drake.errors import PoilError
 from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.systems import skill_sequencer
@@ -175,10 +175,24 @@ def test_an_older_runs_outputs_do_not_outlive_a_plan_that_does_not_fit(
     with pytest.raises(PoilError, match="spout"):
         ExecutePlan(short_plan(), wrong, outputs=outputs, show=False, show_progress=False)
 
-    assert list(tmp_path.iterdir()) == [outputs.json]
+    assert not outputs.png.exists()
+    assert read_log(outputs.mcap) == {}
     figures = json.loads(outputs.json.read_text())
     assert figures["success"] is False
     assert "spout" in figures["reason"]
+
+
+def test_a_job_that_cannot_begin_leaves_its_figures(tmp_path: Path) -> None:
+    wrong = LoadScenario(data="{poil: {detector: magic}}", defaults=short_scenario())
+
+    with pytest.raises(PoilError, match="magic"):
+        RunSkill(wrong, outputs=OutputPaths.under(tmp_path), show=False)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+    figures = json.loads((tmp_path / "run.json").read_text())
+    assert figures["success"] is False
+    assert "magic" in figures["reason"]
+    assert figures["versions"]["drake"]
 
 
 def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
