@@ -27,10 +27,12 @@ def demonstration_directives(scenario: Scenario, packages: PackageMap) -> list[M
         packages: Where the files of directives are.
 
     Raises:
-        ScenarioError: when a file of directives cannot be read, or the object hangs on the robot.
+        ScenarioError: when a file of directives cannot be read, a weld does not say whose link it
+            means, or object or fixture are welded to the robot.
     """
     poil = scenario.poil
     directives = _flat(scenario.directives, packages)
+    _require_scoped_names(directives)
     gone, frames = _attached(directives, poil.robot)
     for role, name in (("object", poil.object), ("fixture", poil.fixture)):
         if name in gone:
@@ -79,6 +81,20 @@ def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[Mo
             f"A file of directives cannot be read: {drake_reason(error)}.",
             remedy="Check the files that add_directives names.",
         ) from error
+
+
+def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
+    """Checks that welds tell which model their links belong to."""
+    free = {"world", *(d.add_frame.name for d in directives if d.add_frame is not None)}
+    for directive in directives:
+        weld = directive.add_weld
+        for name in () if weld is None else (weld.parent, weld.child):
+            if "::" not in name and name not in free:
+                raise ScenarioError(
+                    f"A weld names '{name}' without its model, so that it is not known whether it "
+                    "goes with the robot.",
+                    remedy=f"Write <model>::{name} in the directives.",
+                )
 
 
 def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> bool:

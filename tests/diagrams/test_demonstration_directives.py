@@ -133,3 +133,8 @@ def test_a_fixture_on_the_robot_is_refused() -> None:
 
     with pytest.raises(ScenarioError, match="fixture 'rack' is welded to the robot 'panda'"):
         directives(scenario)
+
+
+def test_a_weld_must_say_whose_link_it_means() -> None:
+    with pytest.raises(ScenarioError, match=r"'stand' without its model.*Write <model>::stand"):
+        directives(with_more("[{add_weld: {parent: world, child: stand}}]"))
