@@ -1,5 +1,6 @@
 """Straight, rotation-free gripper motions: lift after the grasp, retreat after release."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,7 @@ def trapezoid(
         speed: Cruising speed [m/s].
         acceleration: Acceleration and deceleration [m/s^2].
     """
-    ramp = min(speed / acceleration, np.sqrt(distance / acceleration))
+    ramp = min(speed / acceleration, math.sqrt(distance / acceleration))
     top = acceleration * ramp
     cruise = max(distance - top * ramp, 0.0) / top if top > 0.0 else 0.0
     total = 2.0 * ramp + cruise
@@ -53,8 +54,8 @@ def straight_motion_twist(
     distance: float,
     elapsed: float,
     config: StraightMotionConfig,
-) -> tuple[np.ndarray, bool]:
-    """Returns the spatial velocity (6,) (ω, v) of the gripper in the world, and whether it ended.
+) -> np.ndarray:
+    """Returns the spatial velocity (6,) (ω [rad/s], v [m/s]) of the gripper in the world.
 
     Args:
         X_WStart: (4, 4) gripper pose when the motion began.
@@ -64,8 +65,13 @@ def straight_motion_twist(
         elapsed: Time since the motion began [s].
         config: Speed, acceleration and gain.
     """
-    covered, speed, duration = trapezoid(distance, elapsed, config.speed, config.acceleration)
+    covered, speed, _ = trapezoid(distance, elapsed, config.speed, config.acceleration)
     p_wanted = X_WStart[:3, 3] + covered * direction
     omega = config.gain * rotation_log(X_WStart[:3, :3] @ X_WG[:3, :3].T)
     v = speed * direction + config.gain * (p_wanted - X_WG[:3, 3])
-    return np.concatenate([omega, v]), elapsed >= duration
+    return np.concatenate([omega, v])
+
+
+def straight_motion_duration(distance: float, config: StraightMotionConfig) -> float:
+    """Returns how long a straight motion over a distance [m] takes [s]."""
+    return trapezoid(distance, 0.0, config.speed, config.acceleration)[2]

@@ -15,6 +15,7 @@ from poil_drake.diagrams.drake_errors import DRAKE_ERRORS, drake_reason
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.systems.camera_ports import copied_depth, copied_rgb
 from poil_drake.systems.depth_noise_system import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
@@ -166,8 +167,8 @@ def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) ->
             dtype=np.int16,
         )
     return RgbdImage(
-        rgb=np.array(rgba[:, :, :3]),
-        depth=np.array(depth[:, :, 0]),
+        rgb=copied_rgb(rgba),
+        depth=copied_depth(depth),
         stamp=context.get_time(),
         label=label,
     )

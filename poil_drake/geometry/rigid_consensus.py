@@ -47,7 +47,7 @@ def rigid_inliers(
     w = np.ones(len(source)) if weights is None else weights
     everyone = np.ones(len(source), dtype=bool)
     limit = config.inlier_distance**2
-    if len(source) < 4 or np.all(_squares(kabsch(source, target, w), source, target) <= limit):
+    if len(source) < 4 or _largest_square(source, target, w) <= limit:
         return everyone
     triples = choose_triples(source, config.triples, seed)
     if len(triples) == 0:
@@ -58,6 +58,23 @@ def rigid_inliers(
     inliers[triples[best]] = True
     grown = _squares(kabsch(source, target, w * inliers), source, target) <= limit
     return grown if np.count_nonzero(grown) > np.count_nonzero(inliers) else inliers
+
+
+def _largest_square(source: np.ndarray, target: np.ndarray, weights: np.ndarray) -> float:
+    """Returns the largest squared distance that the best rigid motion of all points leaves.
+
+    `kabsch` without its checks and without making a transform, as it runs at every control tick.
+    """
+    shares = weights / weights.sum()
+    arms, target_arms = source - shares @ source, target - shares @ target
+    U, _, Vt = np.linalg.svd((target_arms.T * shares) @ arms)
+    R = U @ Vt
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:  # A reflection.
+        U[:, 2] *= -1.0
+        R = U @ Vt
+    errors = target_arms - arms @ R.T
+    return float(np.einsum("ni,ni->n", errors, errors).max())
 
 
 def _triangle_motions(source: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
@@ -88,8 +89,8 @@ class CameraPorts:
         time = self._system.GetInputPort(f"{camera}.image_time")
         stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
         return RgbdImage(
-            rgb=np.ascontiguousarray(rgba[:, :, :3]),
-            depth=np.where(np.isfinite(depth[:, :, 0]), depth[:, :, 0], np.float32(0.0)),
+            rgb=copied_rgb(rgba),
+            depth=copied_depth(depth),
             stamp=float(stamp),
             label=None if label is None else np.array(label[:, :, 0]),
         )
@@ -98,3 +99,20 @@ class CameraPorts:
         """Returns Drake's own array of an image (H, W, channels), or None if not connected."""
         port = self._system.GetInputPort(port_name)
         return port.Eval(context).data if port.HasValue(context) else None
+
+
+def copied_rgb(rgba: np.ndarray) -> np.ndarray:
+    """Returns the colours (H, W, 3) uint8, read-only, of Drake's own array (H, W, 4)."""
+    rgb = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+    rgb.flags.writeable = False
+    return rgb
+
+
+def copied_depth(depth: np.ndarray) -> np.ndarray:
+    """Returns (H, W) float32 [m], read-only, of Drake's own array (H, W, 1); not finite becomes 0."""
+    copy = depth[:, :, 0].copy()
+    finite = np.isfinite(copy)
+    if not finite.all():
+        copy[~finite] = 0.0
+    copy.flags.writeable = False
+    return copy

@@ -7,7 +7,11 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from poil_drake.control.joint_trajectory import JointTrajectory, follow_joint_trajectory
-from poil_drake.control.straight_motion import StraightMotionConfig, straight_motion_twist
+from poil_drake.control.straight_motion import (
+    StraightMotionConfig,
+    straight_motion_duration,
+    straight_motion_twist,
+)
 from poil_drake.geometry.all_finite import all_finite
 from poil_drake.systems.skill_phases import Phase
 
@@ -104,9 +108,7 @@ class MotionSource(LeafSystem):
             self._calc_velocity,
             {phase.ticket(), start.ticket(), self.time_ticket(), joints.ticket(), ik.ticket()},
         )
-        self.DeclareVectorOutputPort(
-            "motion_done", 1, self._calc_done, by_phase | {gripper.ticket()}
-        )
+        self.DeclareVectorOutputPort("motion_done", 1, self._calc_done, by_phase)
 
     def _phase_now(self, context: Context) -> Phase:
         """Returns the phase; WAIT, in which nothing moves, where it or its start is not known."""
@@ -126,18 +128,26 @@ class MotionSource(LeafSystem):
         if all_finite(gripper):
             discrete_state.set_value(np.r_[phase, gripper])
 
-    def _straight(self, context: Context, phase: Phase) -> tuple[np.ndarray, bool]:
+    def _latched(self, context: Context, phase: Phase) -> np.ndarray | None:
+        """Returns the gripper's pose (4, 4) when a straight phase began; None before it is known."""
         latched = context.get_discrete_state_vector().value()
-        if latched[0] != phase:
-            return np.zeros(6), False
-        X_WStart = latched[1:].reshape(4, 4)
+        return latched[1:].reshape(4, 4) if latched[0] == phase else None
+
+    def _distance(self, phase: Phase) -> float:
+        return self._config.lift_distance if phase is _LIFT else self._config.retreat_distance
+
+    def _straight(self, context: Context, phase: Phase) -> np.ndarray:
+        X_WStart = self._latched(context, phase)
+        if X_WStart is None:
+            return np.zeros(6)
         X_WG = self._gripper.Eval(context).reshape(4, 4)
-        if phase is _LIFT:
-            direction, distance = _UP, self._config.lift_distance
-        else:
-            direction, distance = -X_WStart[:3, 2], self._config.retreat_distance
         return straight_motion_twist(
-            X_WStart, X_WG, direction, distance, self._elapsed(context), self._config.straight
+            X_WStart,
+            X_WG,
+            _UP if phase is _LIFT else -X_WStart[:3, 2],
+            self._distance(phase),
+            self._elapsed(context),
+            self._config.straight,
         )
 
     def _calc_twist(self, context: Context, output: BasicVector) -> None:
@@ -146,7 +156,7 @@ class MotionSource(LeafSystem):
         if phase is _FOLLOW:
             twist = self._field.Eval(context)
         elif phase in _STRAIGHT_PHASES:
-            twist, _ = self._straight(context, phase)
+            twist = self._straight(context, phase)
         output.SetFromVector(_finite_or_zero(twist))
 
     def _calc_velocity(self, context: Context, output: BasicVector) -> None:
@@ -169,7 +179,9 @@ class MotionSource(LeafSystem):
         if phase in _JOINT_PHASES:
             done = self._elapsed(context) >= self._trajectory[phase].duration
         elif phase in _STRAIGHT_PHASES:
-            _, done = self._straight(context, phase)
+            latched = self._latched(context, phase) is not None
+            duration = straight_motion_duration(self._distance(phase), self._config.straight)
+            done = latched and self._elapsed(context) >= duration
         output.SetAtIndex(0, float(done))
 
 

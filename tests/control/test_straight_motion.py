@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.control.straight_motion import (
     StraightMotionConfig,
+    straight_motion_duration,
     straight_motion_twist,
     trapezoid,
 )
@@ -51,17 +52,21 @@ def test_trapezoid_speed_is_the_derivative_of_the_distance(
 def test_twist_on_track_is_pure_feedforward() -> None:
     X = np.eye(4)
     X[2, 3] = 0.05
-    twist, done = straight_motion_twist(
+    twist = straight_motion_twist(
         np.eye(4), X, UP, 0.1, 0.625, StraightMotionConfig(speed=0.1, acceleration=0.4)
     )
     assert twist == pytest.approx([0, 0, 0, 0, 0, 0.1])
-    assert not done
 
 
 def test_twist_pulls_back_position_and_orientation() -> None:
     X = np.eye(4)
     X[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 0.2]).as_matrix()
     X[0, 3] = 0.01
-    twist, done = straight_motion_twist(np.eye(4), X, UP, 0.0, 1.0, StraightMotionConfig(gain=5.0))
+    twist = straight_motion_twist(np.eye(4), X, UP, 0.0, 1.0, StraightMotionConfig(gain=5.0))
     assert twist == pytest.approx([0, 0, -1.0, -0.05, 0, 0])
-    assert done
+
+
+def test_duration_by_hand() -> None:
+    config = StraightMotionConfig(speed=0.1, acceleration=0.4)
+    assert straight_motion_duration(0.1, config) == pytest.approx(1.25)
+    assert straight_motion_duration(0.0, config) == 0.0
