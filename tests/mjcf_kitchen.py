@@ -87,6 +87,9 @@ Kitchen:
   - add_weld:
       parent: world
       child: panda::panda_link0
+      X_PC:
+        translation: [-0.04, 0.03, 0.0]
+        rotation: !Rpy { deg: [0, 0, 8] }
   - add_model:
       name: mug
       file: mug.xml

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
@@ -114,7 +115,7 @@ def MakeClosedLoop(
         "station",
         MakeStation(scenario, meshcat=meshcat, hardware=hardware, cameras=not truth),
     )
-    parts = {"station": station, **_add_control(builder, scenario, plan, stopwatch)}
+    parts = {"station": station, **_add_control(builder, station, plan, stopwatch)}
     if truth:
         parts["tracker"] = _add_ground_truth_tracker(builder, scenario, plan, station)
     else:
@@ -161,13 +162,14 @@ def MakeClosedLoop(
 
 def _add_control(
     builder: DiagramBuilder,
-    scenario: Scenario,
+    station: Station,
     plan: ExecutionPlan,
     stopwatch: Stopwatch | None,
 ) -> dict[str, LeafSystem]:
-    poil = scenario.poil
+    poil = station.scenario.poil
     period = poil.rates.control
-    kinematics = MakePandaKinematics()
+    X_WB = station.robot_base_pose()
+    kinematics = MakePandaKinematics(X_WB)
     ik = DifferentialIkConfig()
     ik = replace(ik, resolution=replace(ik.resolution, nominal_posture=tuple(plan.nominal_posture)))
     systems = {
@@ -185,6 +187,7 @@ def _add_control(
                 bcsdm=BcsdmConfig(eta=poil.eta),
                 max_angular_speed=poil.max_angular_speed,
                 max_linear_speed=poil.max_linear_speed,
+                **_workspace(X_WB.translation(), poil.table_height),
             ),
         ),
         "inverse_kinematics": DifferentialIk(
@@ -209,6 +212,18 @@ def _add_control(
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     return systems
+
+
+def _workspace(p_WB: np.ndarray, table_height: float) -> dict[str, tuple[float, float, float]]:
+    """Returns the box in which points are believed, for a robot whose base is at p_WB (3,) [m].
+
+    The Panda reaches 0.855 m, and what it holds somewhat further.
+    """
+    x, y, z = p_WB.tolist()
+    return {
+        "workspace_lower": (x - 1.0, y - 1.0, table_height - 0.05),
+        "workspace_upper": (x + 1.0, y + 1.0, z + 1.3),
+    }
 
 
 def _add_ground_truth_tracker(

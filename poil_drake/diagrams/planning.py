@@ -12,6 +12,7 @@ from poil_drake.diagrams.scenario import PoilConfig, Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
@@ -88,7 +89,8 @@ def PlanScenario(
         part_points=transferred.part_cloud.points,
         scene_points=_everything(frame, config.scene_fusion),
         q_start=np.array(q_start),
-        config=_with_the_scenarios_field(config.planner, poil),
+        model=PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4()),
+        config=_with_the_scenarios_values(config.planner, poil),
         seed=scenario.random_seed,
         metadata={
             "poil_drake": version("poil-drake"),
@@ -99,15 +101,19 @@ def PlanScenario(
     )
 
 
-def _with_the_scenarios_field(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
-    """Returns the planner's parameters with the field that will lead the object."""
+def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
+    """Returns the planner's parameters with the scene's table, and the field that will lead."""
     path = replace(
         config.selection.path,
         field=BcsdmConfig(eta=poil.eta),
         max_angular_speed=poil.max_angular_speed,
         max_linear_speed=poil.max_linear_speed,
     )
-    return replace(config, selection=replace(config.selection, path=path))
+    feasibility = config.selection.feasibility
+    collision = replace(feasibility.collision, ground_height=poil.table_height)
+    feasibility = replace(feasibility, collision=collision)
+    selection = replace(config.selection, path=path, feasibility=feasibility)
+    return replace(config, selection=selection)
 
 
 def _everything(frame: MultiViewFrame, fusion: FusionConfig) -> np.ndarray:

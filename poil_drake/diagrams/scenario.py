@@ -59,6 +59,7 @@ class PoilConfig:
             part that is not listed is the link of its own name.
         fixture: Model instance of what the object interacts with.
         robot: Model instance of the robot.
+        table_height: Height of the plane that things stand on [m, world].
         demonstration: A recorded demonstration (.mcap), or None for the built-in one.
         demonstration_object: Model file of the object in the built-in demonstration.
         demonstration_motion: How that object moves.
@@ -80,6 +81,7 @@ class PoilConfig:
     parts: Mapping[str, str] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
+    table_height: float = 0.0
     demonstration: str | None = None
     demonstration_object: str = "package://poil_drake/mugs/mug_demo/mug_demo.sdf"
     demonstration_motion: DemonstrationMotionConfig = field(
@@ -113,6 +115,10 @@ class PoilConfig:
         if not all((self.part, *self.parts)):
             raise ScenarioError(
                 "poil.part, or a key of poil.parts, is empty.", remedy="Give each part a name."
+            )
+        if not math.isfinite(self.table_height):
+            raise ScenarioError(
+                f"poil.table_height is {self.table_height}.", remedy="Write a height in metres."
             )
         roles = {"object": self.object, "fixture": self.fixture, "robot": self.robot}
         for role, name in roles.items():

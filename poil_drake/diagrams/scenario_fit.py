@@ -5,6 +5,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from poil_drake.diagrams.scenario import PoilConfig, Scenario
 from poil_drake.diagrams.scenario_models import RequireModel
 from poil_drake.errors import ScenarioError
+from poil_drake.models.panda_model import BASE_LINK
 
 _LIMIT_TOLERANCE = 1e-6  # [rad or m]: what decimals in a file lose of a limit
 
@@ -17,13 +18,14 @@ def CheckScenarioFits(plant: MultibodyPlant, scenario: Scenario) -> None:
         scenario: The scenario.
 
     Raises:
-        ScenarioError: when the object cannot move, the fixture or what holds the object there is
-            missing, a driver drives nothing, or a joint starts beyond its limits.
+        ScenarioError: when the object cannot move or the robot's base can, the fixture or what
+            holds the object there is missing, a driver drives nothing, or a joint starts beyond its limits.
     """
     poil = scenario.poil
     RequireModel(plant, poil.fixture, "fixture")
     _require_holder(plant, poil)
     RequireFreeObject(plant, poil.object)
+    _require_welded_base(plant, poil)
     for name in scenario.model_drivers:
         if name != poil.robot:
             raise ScenarioError(
@@ -49,6 +51,16 @@ def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
         raise ScenarioError(
             f"The object '{name}' is welded to something.",
             remedy="Do not weld the object in the directives: it shall move.",
+        )
+
+
+def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:
+    robot = plant.GetModelInstanceByName(poil.robot)
+    if not plant.IsAnchored(plant.GetBodyByName(BASE_LINK, robot)):
+        raise ScenarioError(
+            f"The base '{poil.robot}::{BASE_LINK}' of the robot is not fixed to the world.",
+            remedy="Weld it in the directives: add_weld: {parent: world, child: "
+            f"{poil.robot}::{BASE_LINK}}}.",
         )
 
 

@@ -32,6 +32,7 @@ from poil_drake.diagrams.scenario_models import (
     SetInitialPositions,
 )
 from poil_drake.errors import StationError
+from poil_drake.models.panda_model import BASE_LINK
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.panda_velocity_driver import PandaDriver
 
@@ -159,6 +160,12 @@ class Station(Diagram):
         """Returns the object's base body, whose frame is the object's frame O."""
         instance = self._plant.GetModelInstanceByName(self._scenario.poil.object)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+
+    def robot_base_pose(self) -> RigidTransform:
+        """Returns X_WB, the pose of the robot's base, which does not move."""
+        plant = self._plant
+        robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
+        return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())
 
     def camera_models(self, context: Context) -> tuple[CameraModel, ...]:
         """Returns the cameras' models, at the poses that they have in the station's context."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.geometry.rigid_transform import rotation_log
+from poil_drake.geometry.rigid_transform import inverse, rotation_log, transform_points
 from poil_drake.grasping.robot_model import NOMINAL_POSTURE, PandaModel
 
 
@@ -175,7 +175,8 @@ def distinct_solutions(
     offsets = _seed_offsets(config)
     seeds = np.repeat((nominal + offsets)[None], len(X_WG), axis=0)
     # The first joint turns the nominal posture, which works in the x-z plane, to the target.
-    seeds[:, :, 0] += np.arctan2(X_WG[:, 1, 3], X_WG[:, 0, 3])[:, None]
+    p_BG = transform_points(inverse(model.X_WB), X_WG[:, :3, 3])
+    seeds[:, :, 0] += np.arctan2(p_BG[:, 1], p_BG[:, 0])[:, None]
     pose_index = np.repeat(np.arange(len(X_WG)), len(offsets))
     q, reached = solve_inverse_kinematics(
         model, X_WG[pose_index], seeds.reshape(-1, 7), nominal=nominal, config=config

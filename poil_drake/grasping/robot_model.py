@@ -33,14 +33,16 @@ class PandaModel:
         lower: (7,) lower joint limits [rad].
         upper: (7,) upper joint limits [rad].
         velocity: (7,) joint velocity limits [rad/s].
+        X_WB: (4, 4) pose of the robot's base, panda_link0.
     """
 
-    def __init__(self, *, urdf_path: Path | str | None = None):
+    def __init__(self, *, urdf_path: Path | str | None = None, X_WB: np.ndarray | None = None):
         """Reads the description.
 
         Args:
             urdf_path: A URDF of the Panda with its hand. By default the one with primitive
                 collision shapes in the package example-robot-data.
+            X_WB: (4, 4) where the robot's base stands; None: at the world's origin.
 
         Raises:
             MissingDependencyError: Pinocchio is not installed.
@@ -54,6 +56,9 @@ class PandaModel:
         self.lower = frozen_array(model.lowerPositionLimit, name="lower limits", shape=(7,))
         self.upper = frozen_array(model.upperPositionLimit, name="upper limits", shape=(7,))
         self.velocity = frozen_array(model.velocityLimit, name="velocity limits", shape=(7,))
+        self.X_WB = frozen_array(
+            np.eye(4) if X_WB is None else X_WB, name="PandaModel.X_WB", shape=(4, 4)
+        )
         self._placements = np.array(
             [model.jointPlacements[i + 1].homogeneous for i in range(model.nq)]
         )
@@ -61,14 +66,14 @@ class PandaModel:
         self._X_7G = frame.placement.homogeneous
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
-        """Returns the poses (..., 9, 4, 4) of panda_link0 to panda_link7 and of the gripper frame.
+        """Returns the poses (..., 9, 4, 4), in the world, of panda_link0 to panda_link7 and of the gripper frame.
 
         Args:
             q: (..., 7) joint positions [rad].
         """
         q = np.asarray(q, dtype=float)
         poses = np.empty((*q.shape[:-1], 9, 4, 4))
-        poses[..., 0, :, :] = np.eye(4)
+        poses[..., 0, :, :] = self.X_WB
         cos, sin = np.cos(q)[..., None], np.sin(q)[..., None]
         for joint, placement in enumerate(self._placements):
             before = poses[..., joint, :, :] @ placement

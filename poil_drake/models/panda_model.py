@@ -20,6 +20,9 @@ PANDA_PACKAGE = "poil_drake_panda"
 ARM_JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 """The arm's joints, in the order of every 7-vector."""
 
+BASE_LINK = "panda_link0"
+"""The link that is welded to the world."""
+
 FINGER_JOINTS = ("panda_finger_joint1", "panda_finger_joint2")
 """The fingers' joints; the second one mimics the first."""
 

@@ -6,6 +6,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
 from poil_drake.grasping.robot_model import GRIPPER_FRAME, NOMINAL_POSTURE, PandaModel
 from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
 
@@ -46,6 +47,17 @@ def test_jacobian_is_that_of_pinocchio(model: PandaModel):
         )
         # Pinocchio puts the linear velocity first.
         assert_allclose(jacobian, np.vstack([whole[3:, :7], whole[:3, :7]]), atol=1e-12)
+
+
+def test_the_base_carries_every_link(model: PandaModel):
+    X_WB = make_transform(rotation_exp([0.1, -0.2, 2.0]), [0.3, -0.4, 0.5])
+    configurations = random_configurations(model, 3)
+
+    moved = PandaModel(X_WB=X_WB)
+
+    assert_allclose(
+        moved.link_poses(configurations), X_WB @ model.link_poses(configurations), atol=1e-12
+    )
 
 
 def test_nominal_posture_points_the_gripper_down(model: PandaModel):

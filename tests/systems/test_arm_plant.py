@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import LeafSystem
 
 from poil_drake.systems.arm_plant import MakePandaKinematics
@@ -22,6 +23,17 @@ def test_stretched_out_the_gripper_is_where_the_datasheet_says(
 
     np.testing.assert_allclose(X_WG[:3, 3], [0.088, 0.0, height], atol=1e-6)
     np.testing.assert_allclose(X_WG[:3, 2], [0.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_the_base_carries_the_gripper(pose_and_limits: tuple[np.ndarray, np.ndarray]) -> None:
+    X_WB = RigidTransform(RollPitchYaw(0.1, -0.2, 2.0), [0.3, -0.4, 0.5])
+    kinematics = MakePandaKinematics(X_WB)
+    system = LeafSystem()
+    scratch = kinematics.declare_scratch(system).Eval(system.CreateDefaultContext())
+
+    X_WG = kinematics.pose(scratch, np.zeros(7))
+
+    np.testing.assert_allclose(X_WG, X_WB.GetAsMatrix4() @ pose_and_limits[0], atol=1e-12)
 
 
 def test_acceleration_limits_are_the_datasheets(
