@@ -30,6 +30,11 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["run", "--scenario_text", "{poil: {etta: 2}}"], "etta"),
         (["run", "--scenario_text", "{poil: {tracker: magic}}"], "'magic'"),
         (["run", "--scenario_text", "{poil: {detector: magic}}"], "'magic'"),
+        (["run", "--tracker", ""], "''"),
+        (
+            ["transfer", "missing.mcap", "--seed", "1", "--scenario_text", "{directives: []}"],
+            "'mug'",
+        ),
         (["run", "--scenario_text", "{poil: {part: spout}}"], "'spout'"),
         (["run", "--scenario_text", "{poil: {eta: -1}}"], "eta"),
         (["run", "--scenario_text", "{poil: ["], "not valid YAML"),

@@ -38,7 +38,7 @@ def ChooseScenario(
         scenario = ApplyRandomization(scenario, seed)
     poil = dataclasses.replace(
         scenario.poil,
-        tracker=tracker or scenario.poil.tracker,
-        detector=detector or scenario.poil.detector,
+        tracker=scenario.poil.tracker if tracker is None else tracker,
+        detector=scenario.poil.detector if detector is None else detector,
     )
     return dataclasses.replace(scenario, poil=poil)

@@ -104,3 +104,11 @@ def test_initial_positions_of_robot_and_own_object_do_not_matter():
 
 def test_a_rod_that_is_no_pattern_is_no_part(dut):
     assert dut.boxes("rack", "(") == []
+
+
+@pytest.mark.render
+def test_a_camera_on_the_robot_is_refused_as_there_is_none():
+    mounted = "{cameras: {left: {X_PB: {base_frame: 'panda::panda_link0'}}}}"
+
+    with pytest.raises(ScenarioError, match=r"left\.X_PB .*base_frame that is not the robot's"):
+        DemonstrationScene(load(mounted))
