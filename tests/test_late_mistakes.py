@@ -1,6 +1,8 @@
 """Mistakes that show only once a demonstration meets a scene: one line, non-zero status."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from test_cli import run
@@ -55,6 +57,7 @@ def test_a_part_that_no_camera_sees(
     )
     assert "'handle'" in line
     assert "seen" in line
+    assert f"poil: {_only_output(tmp_path)['reason']}" in line
 
 
 def test_an_object_out_of_reach(
@@ -63,13 +66,21 @@ def test_an_object_out_of_reach(
     demonstration: Path,
     tmp_path: Path,
 ) -> None:
-    text = DIRECTIVES.format(x=0.85, y=-0.05)
+    welded = "child: panda::panda_link0"
+    far_back = f"{welded}, X_PC: {{ translation: [-0.9, 0.0, 0.0] }}"
+    text = DIRECTIVES.format(x=0.47, y=-0.12).replace(welded, far_back)
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "run.mcap").write_text("of an earlier run")
     line = mistake(
         monkeypatch, capsys, ["run", "--no-meshcat", "--scenario_text", _with(text, demonstration)]
     )
     assert "feasible" in line
     assert "reach" in line
+    figures = _only_output(tmp_path)
+    assert figures["success"] is False
+    assert f"poil: {figures['reason']}" in line
+    assert figures["timing"]["stages"].keys() == {"planning"}
 
 
 def test_a_demonstration_without_one_of_its_cameras(
@@ -87,6 +98,12 @@ def test_a_demonstration_without_one_of_its_cameras(
     line = mistake(monkeypatch, capsys, ["transfer", str(damaged), "-o", str(tmp_path / "p.npz")])
     assert "/camera/right/depth" in line
     assert not (tmp_path / "p.npz").exists()
+
+
+def _only_output(folder: Path) -> dict[str, Any]:
+    """Returns the figures of a run that left nothing else."""
+    assert [path.name for path in (folder / "out").iterdir()] == ["run.json"]
+    return json.loads((folder / "out" / "run.json").read_text())
 
 
 def _with(text: str, demonstration: Path) -> str:
