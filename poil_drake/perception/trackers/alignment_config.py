@@ -43,6 +43,45 @@ class ModelConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LookConfig:
+    """How the object is told by its colours, and by where it is not.
+
+    Attributes:
+        surroundings: How far around the object empty space is known [m].
+        spacing: Of the grid of empty space [m].
+        clearance: A place was seen to be empty with measured depth this far behind it [m].
+        tolerance: The object may be this far inside of empty space: errors of the pose [m].
+        softness: From there on it counts more and more against a pose, over this distance [m].
+        margin: Points up to this far beyond the object's radius tell about its pose [m].
+        looked_at: How many pixels of a view are looked at, about.
+        observed: How many of those that show the object are used, at most.
+        min_sureness: Pixels whose colour shows the object less surely do not count.
+        few_observed: With no more of such pixels than this, they count half as much.
+        deviation: Standard deviation of how far inside of empty space the object is [m].
+        correlation: How many of the observed points count as one.
+        gate: Points farther inside of empty space are another thing's [m].
+        share_deviation: Colours whose shares of red or blue differ by this are not the same.
+        brightness_deviation: Likewise with their brightness, which changes with the light.
+    """
+
+    surroundings: float = 0.04
+    spacing: float = 0.004
+    clearance: float = 0.008
+    tolerance: float = 0.002
+    softness: float = 0.008
+    margin: float = 0.02
+    looked_at: int = 4096
+    observed: int = 128
+    min_sureness: float = 0.3
+    few_observed: float = 20.0
+    deviation: float = 0.003
+    correlation: float = 4.0
+    gate: float = 0.03
+    share_deviation: float = 0.06
+    brightness_deviation: float = 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
 class DepthConfig:
     """The point-to-plane term: model points against measured depth.
 

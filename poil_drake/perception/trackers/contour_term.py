@@ -33,6 +33,7 @@ class ContourMatches:
         targets: (K,) where along its direction each one's edge is [px].
         displacements: (K,) how far outward of the outline, as rendered, each edge is [px].
         searched: How many outline pixels were searched from and not hidden by anything.
+        rendering: (h, w) float32 depth of the model as rendered [m].
     """
 
     points: np.ndarray
@@ -40,6 +41,7 @@ class ContourMatches:
     targets: np.ndarray
     displacements: np.ndarray
     searched: int
+    rendering: np.ndarray
 
 
 def match_contour(
@@ -79,7 +81,7 @@ def match_contour(
     start_u, start_v = u - du * config.splat, v - dv * config.splat
     points = sight.to_object(window.unproject(start_u, start_v, z.astype(float)))
     targets = start_u * du + start_v * dv + shift - bias
-    return ContourMatches(points, np.stack([du, dv], axis=1), targets, shift, searched)
+    return ContourMatches(points, np.stack([du, dv], axis=1), targets, shift, searched, rendering)
 
 
 def add_contour_term(
@@ -129,7 +131,7 @@ def render_depth(
         return None
     u, v, z = u[inside], v[inside], z[inside].astype(np.float32)
     rendering = np.full((height, width), z.max() + np.float32(_FAR), dtype=np.float32)
-    far_to_near = np.argsort(-z, kind="stable")
+    far_to_near = np.argsort(-z)
     rendering[v[far_to_near], u[far_to_near]] = z[far_to_near]
     return cv2.erode(rendering, _square(splat), borderType=cv2.BORDER_REPLICATE)
 

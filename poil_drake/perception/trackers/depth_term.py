@@ -23,6 +23,7 @@ class OrientedPoints:
         offsets: (M,) n . q [m].
         rows: (M, 6) (q x n, n), the Jacobian of n . q by a motion (ω, v).
         trust: (M,) weights in (0, 1].
+        features: (3, M) of their colours, as of `color_features`.
     """
 
     points: np.ndarray
@@ -30,6 +31,7 @@ class OrientedPoints:
     offsets: np.ndarray
     rows: np.ndarray
     trust: np.ndarray
+    features: np.ndarray
 
     def select(self, index: np.ndarray) -> "OrientedPoints":
         """Returns some of the points, by index."""
@@ -39,6 +41,7 @@ class OrientedPoints:
             self.offsets[index],
             self.rows[index],
             self.trust[index],
+            self.features[:, index],
         )
 
 
@@ -48,11 +51,13 @@ class DepthSamples:
 
     Attributes:
         index: (K,) which model points.
+        pixels: (2, K) u and v of theirs in the window.
         residuals: (K,) how far outward along its normal each one's surface is measured [m].
         behind: (K,) how much farther than predicted the depth is measured [m].
     """
 
     index: np.ndarray
+    pixels: tuple[np.ndarray, np.ndarray]
     residuals: np.ndarray
     behind: np.ndarray
 
@@ -86,7 +91,7 @@ def sample_depth(
     index, u, v, depth = candidates[valid], u[valid], v[valid], depth[valid]
     measured = sight.to_object(window.unproject(u, v, depth))
     residuals = np.einsum("mi,mi->m", surface.normals[index], measured) - surface.offsets[index]
-    return DepthSamples(index, residuals, depth - z[index])
+    return DepthSamples(index, (u, v), residuals, depth - z[index])
 
 
 def add_depth_term(

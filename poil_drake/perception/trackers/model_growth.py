@@ -145,6 +145,7 @@ def grow_model(
         config: Parameters.
     """
     points, normals, trust, patches = model.points, model.normals, model.trust, model.patches
+    colors = model.colors
     tree = cKDTree(points)
     for window in windows:
         sight = window.sight(X_WO)
@@ -166,6 +167,7 @@ def grow_model(
         new_normals = surface.normals[fresh][allowed] @ sight.R_CO
         points = np.concatenate([points, new_O[allowed]])[: config.growth.max_points]
         normals = np.concatenate([normals, new_normals])[: config.growth.max_points]
+        colors = np.concatenate([colors, surface.colors[fresh][allowed]])[: len(points)]
         trust = np.concatenate([trust, np.full(len(points) - len(trust), config.growth.trust)])
         known_normals = view_normals(window, known, config)
         usable = known & np.isfinite(known_normals[..., 0])
@@ -185,8 +187,10 @@ def grow_model(
     return assemble_model(
         points,
         normals,
+        colors,
         trust,
         patches,
+        look=model.look,
         part_points=model.part_points,
         contour_bias=model.contour_bias,
         config=config.model,

@@ -14,6 +14,7 @@ from poil_drake.perception.trackers.alignment_config import ModelConfig
 from poil_drake.perception.trackers.contour_term import match_contour
 from poil_drake.perception.trackers.depth_term import OrientedPoints
 from poil_drake.perception.trackers.normal_equations import cross_rows
+from poil_drake.perception.trackers.object_look import ObjectLook, color_features, learn_look
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
 from poil_drake.perception.trackers.texture_patches import TexturePatches, take_patches
 from poil_drake.perception.trackers.view_surface import ViewSurface, view_surface
@@ -27,10 +28,12 @@ class ObjectModel(SharedOnCopy):
     Attributes:
         points: (M, 3) surface points [m].
         normals: (M, 3) unit.
+        colors: (M, 3) uint8 RGB.
         trust: (M,) how much each counts, in (0, 1]; less than 1 where the model grew.
         aligned: Those of them that enter the alignment.
         support: Those of them, spread evenly over the object, that tell how much of it is seen.
         patches: Texture.
+        look: Its colours and where it is not.
         part_points: (N, 3) the points to report [m].
         contour_bias: How far outward of its rendered outline the object really ends [px].
         radius: Largest distance of a point from the origin [m].
@@ -38,10 +41,12 @@ class ObjectModel(SharedOnCopy):
 
     points: np.ndarray
     normals: np.ndarray
+    colors: np.ndarray
     trust: np.ndarray
     aligned: OrientedPoints
     support: OrientedPoints
     patches: TexturePatches
+    look: ObjectLook
     part_points: np.ndarray
     contour_bias: float
     radius: float
@@ -80,8 +85,10 @@ def build_model(
     in_world = [(w.sight(np.eye(4)), surface) for w, surface in surfaces]
     points_W = np.concatenate([sight.to_object(surface.points) for sight, surface in in_world])
     normals = np.concatenate([surface.normals @ sight.R_CO for sight, surface in in_world])
+    colors = np.concatenate([surface.colors for _, surface in surfaces])
     origin = points_W.mean(axis=0)
     X_WO = make_transform(np.eye(3), origin)
+    radius = float(np.linalg.norm(points_W - origin, axis=1).max())
     patches = TexturePatches.empty(config.texture)
     for window, surface in surfaces:
         taken = take_patches(
@@ -97,8 +104,10 @@ def build_model(
     model = assemble_model(
         points_W - origin,
         normals,
+        colors,
         np.ones(len(normals)),
         patches,
+        look=learn_look(frame, masks, X_WO, radius, config.look),
         part_points=query_points - origin,
         contour_bias=0.0,
         config=config.model,
@@ -110,32 +119,39 @@ def build_model(
 def assemble_model(
     points: np.ndarray,
     normals: np.ndarray,
+    colors: np.ndarray,
     trust: np.ndarray,
     patches: TexturePatches,
     *,
+    look: ObjectLook,
     part_points: np.ndarray,
     contour_bias: float,
     config: ModelConfig,
 ) -> ObjectModel:
-    """Returns the model of a surface (M, 3), (M, 3), (M,) with what follows from it."""
-    every = _oriented(points, normals, trust)
+    """Returns the model of a surface of M points with what follows from it."""
+    every = _oriented(points, normals, colors, trust)
     support = farthest_point_sampling(points, min(config.support_points, len(points)))
     return ObjectModel(
         points=points,
         normals=normals,
+        colors=colors,
         trust=trust,
         aligned=every.select(_stable_choice(every.rows, config.aligned_points)),
         support=every.select(support),
         patches=patches,
+        look=look,
         part_points=part_points,
         contour_bias=contour_bias,
         radius=float(np.linalg.norm(points, axis=1).max()),
     )
 
 
-def _oriented(points: np.ndarray, normals: np.ndarray, trust: np.ndarray) -> OrientedPoints:
+def _oriented(
+    points: np.ndarray, normals: np.ndarray, colors: np.ndarray, trust: np.ndarray
+) -> OrientedPoints:
     rows = np.hstack([cross_rows(points, normals), normals])
-    return OrientedPoints(points, normals, np.einsum("mi,mi->m", points, normals), rows, trust)
+    offsets = np.einsum("mi,mi->m", points, normals)
+    return OrientedPoints(points, normals, offsets, rows, trust, color_features(colors))
 
 
 def _stable_choice(rows: np.ndarray, count: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from poil_drake.perception.trackers.contour_term import (
 )
 from poil_drake.perception.trackers.depth_term import add_depth_term
 from poil_drake.perception.trackers.normal_equations import NormalEquations
+from poil_drake.perception.trackers.object_look import ObservedPoints
 from poil_drake.perception.trackers.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
 from poil_drake.perception.trackers.texture_patches import TexturePatches
@@ -24,6 +25,7 @@ from poil_drake.perception.trackers.texture_term import (
     match_patches,
     select_shown,
 )
+from poil_drake.perception.trackers.vacancy_term import add_vacancy_term
 from poil_drake.perception.trackers.view_window import ViewWindow
 
 
@@ -57,6 +59,7 @@ class PoseEstimate(SharedOnCopy):
 def align(
     model: ObjectModel,
     windows: Sequence[ViewWindow],
+    around: ObservedPoints,
     predicted: PoseEstimate,
     config: RigidFlowConfig,
 ) -> PoseEstimate:
@@ -65,6 +68,7 @@ def align(
     Args:
         model: The object.
         windows: The views in which it may be seen.
+        around: What is around it and is its own by its colour.
         predicted: Where it is expected; the alignment starts there.
         config: Parameters.
 
@@ -80,6 +84,7 @@ def align(
         equations = NormalEquations()
         for view in views:
             view.add_to(equations, model, X, k, k == last, config)
+        add_vacancy_term(equations, model.look, around, X, model.radius, config.look)
         deviation = motion_between(predicted.X_WO, X)
         # Student's t in place of a normal distribution: a large deviation loosens its own hold.
         freedom = config.motion.robustness

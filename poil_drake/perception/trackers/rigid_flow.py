@@ -25,15 +25,17 @@ from poil_drake.perception.trackers.model_growth import (
     make_witnesses,
     needs_lesson,
 )
+from poil_drake.perception.trackers.object_look import observe
 from poil_drake.perception.trackers.object_model import ObjectModel, build_model
 from poil_drake.perception.trackers.pose_alignment import PoseEstimate, align, motion_between, move
-from poil_drake.perception.trackers.pose_retry import retry
+from poil_drake.perception.trackers.pose_search import Guess, search
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
 from poil_drake.perception.trackers.track_quality import (
     Evidence,
     examine,
     is_borne_out,
+    is_found,
     part_confidence,
 )
 from poil_drake.perception.trackers.view_window import ViewWindow, make_window
@@ -50,7 +52,12 @@ class RigidFlowState(SharedOnCopy):
         pose: Where the object is, or where it was last believed to be.
         velocity: (6,) of the object in its own frame [rad/s, m/s].
         stamp: Time of capture of the last frame [s].
-        lost: Whether the object is lost.
+        surprise: (angular [rad], linear [m]) how far the last motion was from what was expected
+            of it, by the motion prior if there was one.
+        lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
+            tracked.
+        guess: (4, 4) where a lost object may be, from the last search; None without an idea.
+        found: Whether the last search found a lost object, and the next has to confirm it.
         evidence: What the last views said about the pose; None at the start.
     """
 
@@ -60,7 +67,10 @@ class RigidFlowState(SharedOnCopy):
     pose: PoseEstimate
     velocity: np.ndarray
     stamp: float
-    lost: bool
+    surprise: tuple[float, float]
+    lost_since: float | None
+    guess: np.ndarray | None
+    found: bool
     evidence: Evidence | None
 
 
@@ -105,7 +115,10 @@ class RigidFlowTracker:
             pose=PoseEstimate(X_WO, spread, spread),
             velocity=np.zeros(6),
             stamp=frame.stamp,
-            lost=False,
+            surprise=(0.0, 0.0),
+            lost_since=None,
+            guess=None,
+            found=False,
             evidence=None,
         )
         return TrackerOutput(state, TrackedPoints(points, np.ones(len(points)), frame.stamp), False)
@@ -121,44 +134,89 @@ class RigidFlowTracker:
             motion_prior = frozen_array(motion_prior, name="motion_prior", shape=(4, 4))
         elapsed = max(frame.stamp - state.stamp, 0.0)
         predicted = self._predict(state, elapsed, motion_prior)
-        windows = self._windows(state.model, frame, predicted.X_WO)
-        pose, evidence = self._locate(state, windows, predicted)
-        needed = (
-            self.config.quality.found_agreement
-            if state.lost
-            else self.config.quality.lost_agreement
-        )
-        lost = not is_borne_out(evidence, pose, state.model, needed, self.config.quality)
-        if lost:
-            pose = replace(predicted, doubt=state.pose.doubt)
-            velocity = np.zeros(6)
-            points = TrackedPoints.lost(len(state.model.part_points), frame.stamp)
+        pose, evidence, windows = self._locate(state, frame, predicted)
+        expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
+        surprise = _distance(expected, pose.X_WO)
+        quality = self.config.quality
+        if state.lost_since is None:
+            tracked = is_borne_out(evidence, pose, state.model, quality.lost_agreement, quality)
+            found = False
         else:
-            velocity = self._velocity(state, pose, elapsed)
-            confidence = part_confidence(evidence, pose, state.model, windows, self.config.quality)
-            positions = transform_points(pose.X_WO, state.model.part_points)
-            points = TrackedPoints(positions, confidence, frame.stamp)
+            found = is_found(evidence, pose, state.model, quality)
+            near = (
+                surprise[0] <= quality.found_near_angular
+                and surprise[1] <= quality.found_near_linear
+            )
+            tracked = found and (near or state.found)
+        if not tracked:
+            return self._lost(state, frame, predicted, pose, evidence, found=found)
+        confidence = part_confidence(evidence, pose, state.model, windows, quality)
+        positions = transform_points(pose.X_WO, state.model.part_points)
         new_state = replace(
-            state, pose=pose, velocity=velocity, stamp=frame.stamp, lost=lost, evidence=evidence
+            state,
+            pose=pose,
+            velocity=self._velocity(state, pose, elapsed),
+            stamp=frame.stamp,
+            surprise=surprise,
+            lost_since=None,
+            guess=None,
+            found=False,
+            evidence=evidence,
         )
-        if not lost:
-            new_state = self._learn(new_state, windows, held=motion_prior is not None)
-        return TrackerOutput(new_state, points, lost)
+        new_state = self._learn(new_state, windows, held=motion_prior is not None)
+        return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
+
+    def _lost(
+        self,
+        state: RigidFlowState,
+        frame: MultiViewFrame,
+        predicted: PoseEstimate,
+        best: PoseEstimate,
+        evidence: Evidence,
+        *,
+        found: bool,
+    ) -> TrackerOutput:
+        """Returns what a frame comes to in which the object is not found."""
+        likely = evidence.agreement >= self.config.quality.guess_agreement
+        state = replace(
+            state,
+            pose=replace(predicted, doubt=state.pose.doubt),
+            velocity=np.zeros(6),
+            stamp=frame.stamp,
+            lost_since=frame.stamp if state.lost_since is None else state.lost_since,
+            guess=best.X_WO if likely else None,
+            found=found,
+            evidence=evidence,
+        )
+        points = TrackedPoints.lost(len(state.model.part_points), frame.stamp)
+        return TrackerOutput(state, points, True)
 
     def _predict(
         self, state: RigidFlowState, elapsed: float, motion_prior: np.ndarray | None
     ) -> PoseEstimate:
         """Returns where the object is expected, and how surely."""
         motion = self.config.motion
-        if motion_prior is not None:
+        angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
+        obeyed = self._is_obedient(state, elapsed)
+        if motion_prior is not None and (obeyed or state.lost_since is not None):
             X_WO = motion_prior @ state.pose.X_WO
-            angular, linear = motion.prior_angular, motion.prior_linear
         else:
             ahead = motion.velocity_damping * min(elapsed, motion.max_extrapolation)
             X_WO = move(state.pose.X_WO, state.velocity * ahead)
-            angular, linear = motion.free_angular, motion.free_linear
-        spread = np.diag(np.repeat((np.array([angular, linear]) * elapsed) ** 2, 3))
+            # A motion that was off once may be as far off again.
+            angular = max(motion.free_angular * elapsed, state.surprise[0])
+            linear = max(motion.free_linear * elapsed, state.surprise[1])
+        spread = np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
         return PoseEstimate(X_WO, state.pose.covariance + spread, state.pose.doubt + spread)
+
+    def _is_obedient(self, state: RigidFlowState, elapsed: float) -> bool:
+        """Returns whether the last motion was about as expected."""
+        motion = self.config.motion
+        angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
+        return (
+            state.surprise[0] <= motion.disobedience * angular
+            and state.surprise[1] <= motion.disobedience * linear
+        )
 
     def _windows(
         self, model: ObjectModel, frame: MultiViewFrame, X_WO: np.ndarray
@@ -172,24 +230,62 @@ class RigidFlowTracker:
         return [window for window in windows if window is not None]
 
     def _locate(
-        self, state: RigidFlowState, windows: Sequence[ViewWindow], predicted: PoseEstimate
-    ) -> tuple[PoseEstimate, Evidence]:
-        """Aligns from the prediction, and where that fails from poses around it."""
-        pose = align(state.model, windows, predicted, self.config)
-        evidence = examine(state.model, windows, pose.X_WO, self.config)
+        self, state: RigidFlowState, frame: MultiViewFrame, predicted: PoseEstimate
+    ) -> tuple[PoseEstimate, Evidence, list[ViewWindow]]:
+        """Aligns from the prediction, and where that fails from poses found by search."""
         quality = self.config.quality
-        good = quality.found_agreement if state.lost else quality.retry_agreement
-        if evidence.agreement >= good and evidence.support >= quality.min_support:
-            return pose, evidence
-        guesses = [predicted.X_WO, state.pose.X_WO]
-        other = retry(state.model, windows, guesses, predicted.doubt, self.config)
-        if other is not None and other[1].score > evidence.score:
-            return other
-        return pose, evidence
+        best: tuple[PoseEstimate, Evidence, list[ViewWindow]] | None = None
+        if state.lost_since is None:
+            best = self._align(state, frame, predicted)
+            borne_out = is_borne_out(
+                best[1], best[0], state.model, quality.retry_agreement, quality
+            )
+            obedient = self._is_obedient(state, frame.stamp - state.stamp)
+            doubtful = quality.max_vacant if obedient else quality.retry_vacant
+            if borne_out and best[1].vacant <= doubtful:
+                return best
+        sizes = self.config.search
+        spread = np.diag(np.repeat(np.array([sizes.aligned_angular, sizes.aligned_linear]) ** 2, 3))
+        for X_WO in search(
+            state.model,
+            frame,
+            self._guesses(state, frame.stamp, predicted),
+            round(frame.stamp / 1e-3),
+            self.config,
+        ):
+            start = PoseEstimate(X_WO, spread, predicted.doubt + spread)
+            other = self._align(state, frame, start)
+            if best is None or other[1].score > best[1].score:
+                best = other
+        assert best is not None, "a search finds at least one pose"
+        return best
+
+    def _align(
+        self, state: RigidFlowState, frame: MultiViewFrame, start: PoseEstimate
+    ) -> tuple[PoseEstimate, Evidence, list[ViewWindow]]:
+        """Aligns the model from one pose; returns the result, its evidence and the windows."""
+        model, config = state.model, self.config
+        windows = self._windows(model, frame, start.X_WO)
+        around = observe(model.look, frame, start.X_WO[None, :3, 3], model.radius, config.look)
+        pose = align(model, windows, around, start, config)
+        return pose, examine(model, windows, around, pose.X_WO, config), windows
+
+    def _guesses(self, state: RigidFlowState, stamp: float, predicted: PoseEstimate) -> list[Guess]:
+        """Returns where to search: around what was expected, what was last seen, and the guess."""
+        sizes = self.config.search
+        missed = 0.0 if state.lost_since is None else stamp - state.lost_since
+        angular = min(sizes.near_angular + sizes.growth_angular * missed, sizes.far_angular)
+        linear = min(sizes.near_linear + sizes.growth_linear * missed, sizes.far_linear)
+        guesses = [Guess(predicted.X_WO, angular, linear)]
+        if state.lost_since is None:
+            guesses.append(Guess(state.pose.X_WO, angular, linear))
+        if state.guess is not None:
+            guesses.append(Guess(state.guess, sizes.near_angular, sizes.near_linear))
+        return guesses
 
     def _velocity(self, state: RigidFlowState, pose: PoseEstimate, elapsed: float) -> np.ndarray:
         """Returns the velocity (6,) to carry on."""
-        if elapsed <= 0.0 or state.lost:
+        if elapsed <= 0.0 or state.lost_since is not None:
             return np.zeros(6)
         gain = self.config.motion.velocity_gain
         newest = motion_between(state.pose.X_WO, pose.X_WO) / elapsed
@@ -215,6 +311,12 @@ class RigidFlowTracker:
         model = grow_model(state.model, state.witnesses, wanted, pose.X_WO, self.config)
         lessons = state.lessons + tuple(new[w.index] for w in wanted)
         return replace(state, model=model, lessons=lessons)
+
+
+def _distance(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:
+    """Returns the angle [rad] and the length [m] of the motion between poses (4, 4)."""
+    motion = motion_between(X, Y)
+    return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
 
 
 def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:

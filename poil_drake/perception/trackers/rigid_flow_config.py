@@ -8,6 +8,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.alignment_config import (
     ContourConfig,
     DepthConfig,
+    LookConfig,
     ModelConfig,
     TextureConfig,
     WindowConfig,
@@ -27,6 +28,8 @@ class MotionConfig:
         prior_linear: Likewise [m/s].
         start_angular: Deviation of the first pose from itself [rad]: what the model's noise makes.
         start_linear: Likewise [m].
+        disobedience: An object that in the last step was this many deviations off its motion prior
+            is not expected to follow it in the next.
         robustness: Degrees of freedom of the prediction's Student-t error: the fewer, the more
             readily the data overrule it (slip, pushes).
         velocity_gain: Share of the newest velocity in the velocity that is carried on.
@@ -42,6 +45,7 @@ class MotionConfig:
     prior_linear: float = 0.015
     start_angular: float = 1e-3
     start_linear: float = 1e-4
+    disobedience: float = 3.0
     robustness: float = 4.0
     velocity_gain: float = 0.7
     velocity_damping: float = 0.95
@@ -91,12 +95,28 @@ class QualityConfig:
 
     Attributes:
         inlier_error: A model point whose depth is measured within this is seen [m].
+        enough_points: With fewer than this share of the model points to look at, in all views
+            together, a pose is borne out the less.
+        hidden_share: With no more than this share of the points seen otherwise, the object is taken
+            to be hidden, not gone.
+        retry_vacant: Above this share of what is the object's by its colour, but lies where the
+            object is known not to be, other poses are tried, unless the object has just moved as
+            was expected.
+        max_vacant: Of what is the object's by its colour, no more than this share may lie where the
+            object is known not to be.
+        found_deviation: A lost object is found only with part points this sure [m].
+        found_near_angular: A lost object that is found this near to where it was expected [rad],
+        found_near_linear: and this near [m], is found at once. Elsewhere the next frame has to
+            confirm it.
         hidden_error: A model point this much behind measured depth is hidden by something [m].
+        self_hidden: A model point this much behind the model's own nearest surface is hidden by
+            the object itself [m].
         min_cosine: Least cosine between normal and line of sight of the model points that count.
         min_support: With fewer support points seen, in all views together, a pose has no support.
         edge_error: An outline pixel whose edge is found within this is confirmed [px].
         retry_agreement: Below this agreement other poses are tried.
         lost_agreement: Below this agreement the object is lost.
+        guess_agreement: A pose above this agreement is where a lost object is searched next.
         found_agreement: A lost object is found again above this agreement.
         learn_agreement: The model grows only above this agreement.
         learn_deviation: The model grows only while part points are this sure [m].
@@ -109,13 +129,22 @@ class QualityConfig:
     """
 
     inlier_error: float = 0.006
+    enough_points: float = 0.1
+    hidden_share: float = 0.1
+    retry_vacant: float = 0.02
+    max_vacant: float = 0.04
+    found_deviation: float = 0.01
+    found_near_angular: float = float(np.radians(5.0))
+    found_near_linear: float = 0.01
     hidden_error: float = 0.03
+    self_hidden: float = 0.008
     min_cosine: float = 0.4
     min_support: int = 4
     edge_error: float = 2.5
-    retry_agreement: float = 0.8
-    lost_agreement: float = 0.6
-    found_agreement: float = 0.8
+    retry_agreement: float = 0.85
+    lost_agreement: float = 0.7
+    guess_agreement: float = 0.5
+    found_agreement: float = 0.85
     learn_agreement: float = 0.85
     learn_deviation: float = 0.006
     point_deviation: float = 0.01
@@ -126,25 +155,52 @@ class QualityConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RetryConfig:
-    """Which poses are tried when the predicted one leads nowhere.
+class SearchConfig:
+    """How the object is searched for where it was not found as predicted.
 
     Attributes:
-        rotations: Turned about each axis, to both sides, by these [rad].
-        translations: Moved along each axis, to both sides, by these [m].
-        stride: Poses are first compared by every so-many-th point.
-        aligned: How many of the tried poses, the most promising ones, are aligned; each costs as
-            much as a step.
-        angular: Standard deviation of the aligned pose around the tried one [rad].
+        near_angular: Standard deviation of the poses that are searched first [rad].
+        near_linear: Likewise [m].
+        growth_angular: By how much more they differ for every second that the object is lost
+            [rad/s].
+        growth_linear: Likewise [m/s].
+        far_angular: But no more than this [rad],
+        far_linear: and this [m].
+        points: How many model points are compared with depth.
+        elsewhere: Weight of the points that are the object's by their colour, against the object's
+            own surface.
+        drawn: How many poses are drawn around what is known.
+        kept: How many of them, the best, are varied in each further round.
+        varied: Into how many poses each of these.
+        angular: Standard deviation of the first variation [rad]; each further one is half as far.
         linear: Likewise [m].
+        gates: Residuals above this do not count [m]; one for each round, coarse to fine.
+        aligned: How many of the poses found are aligned; each costs as much as a step.
+        aligned_angular: Standard deviation of an aligned pose around the one found [rad].
+        aligned_linear: Likewise [m].
+        distinct_angular: Poses that differ by less than this [rad] and by less than
+        distinct_linear: this [m] are the same.
     """
 
-    rotations: tuple[float, ...] = (float(np.radians(8.0)), float(np.radians(20.0)))
-    translations: tuple[float, ...] = (0.012, 0.03)
-    stride: int = 4
-    aligned: int = 2
+    near_angular: float = float(np.radians(20.0))
+    near_linear: float = 0.025
+    growth_angular: float = float(np.radians(20.0))
+    growth_linear: float = 0.03
+    far_angular: float = float(np.radians(60.0))
+    far_linear: float = 0.1
+    points: int = 128
+    elsewhere: float = 1.5
+    drawn: int = 640
+    kept: int = 12
+    varied: int = 20
     angular: float = float(np.radians(10.0))
     linear: float = 0.01
+    gates: tuple[float, ...] = (0.02, 0.012, 0.008)
+    aligned: int = 2
+    aligned_angular: float = float(np.radians(10.0))
+    aligned_linear: float = 0.01
+    distinct_angular: float = float(np.radians(10.0))
+    distinct_linear: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,13 +209,14 @@ class RigidFlowConfig:
 
     window: WindowConfig = field(default_factory=WindowConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    look: LookConfig = field(default_factory=LookConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
     contour: ContourConfig = field(default_factory=ContourConfig)
     texture: TextureConfig = field(default_factory=TextureConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     growth: GrowthConfig = field(default_factory=GrowthConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
-    retry: RetryConfig = field(default_factory=RetryConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
 
     def __post_init__(self) -> None:
         lengths = {

@@ -5,12 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.perception.trackers.contour_term import match_contour
+from poil_drake.perception.trackers.contour_term import ContourMatches, match_contour
 from poil_drake.perception.trackers.depth_term import OrientedPoints, sample_depth
+from poil_drake.perception.trackers.object_look import ObservedPoints, contradiction, likeness
 from poil_drake.perception.trackers.object_model import ObjectModel
 from poil_drake.perception.trackers.pose_alignment import PoseEstimate
 from poil_drake.perception.trackers.rigid_flow_config import QualityConfig, RigidFlowConfig
 from poil_drake.perception.trackers.view_window import ViewWindow
+
+_AHEAD_WEIGHT = 0.5  # against 1 for points that the camera sees through
+_VACANT_WEIGHT = 8.0  # few pixels show a handle, but they tell much
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,57 +23,63 @@ class Evidence:
 
     Attributes:
         seen: Measured depth agrees.
+        other: Those of them whose colour is another.
         through: Measured depth is farther: the camera sees through where the object should be.
         ahead: Something is a little nearer: a wrong pose, or a thing that touches the object.
         hidden: Something is much nearer and hides the object.
         support: How many of the support points some view shows.
         edges: Share of the outline, where nothing hides it, whose edge is where it should be.
+        vacant: Share of what is around, and is the object's by its colour, that lies where the
+            object is known not to be.
+        enough: With fewer points to look at, a pose is borne out the less.
     """
 
     seen: int
+    other: int
     through: int
     ahead: int
     hidden: int
     support: int
     edges: float
+    vacant: float
+    enough: int
 
     @property
     def agreement(self) -> float:
         """The share of points that agree, of those that nothing hides; 0 where there are none."""
-        looked_at = self.seen + self.through + self.ahead
-        return self.seen / looked_at if looked_at else 0.0
+        return self.seen / (self.seen + self.against) if self.seen else 0.0
+
+    @property
+    def against(self) -> float:
+        """How many points speak against the pose; what is ahead may be a thing that touches."""
+        return self.through + _AHEAD_WEIGHT * self.ahead
+
+    @property
+    def looked_at(self) -> int:
+        """How many points nothing hides."""
+        return self.seen + self.through + self.ahead
 
     @property
     def score(self) -> float:
         """How well the pose is borne out; for comparing poses in the same views."""
-        all_points = max(self.seen + self.through + self.ahead + self.hidden, 1)
-        return (self.seen - self.through - self.ahead) / all_points + self.edges
-
-
-def glance(
-    surface: OrientedPoints,
-    windows: Sequence[ViewWindow],
-    X_WO: np.ndarray,
-    config: QualityConfig,
-) -> float:
-    """Returns a score of a pose (4, 4) by the depth at some points only; for choosing of many."""
-    counts = sum((_count(surface, window, X_WO, config) for window in windows), np.zeros(4, int))
-    return float((counts[0] - counts[1] - counts[2]) / max(counts.sum(), 1))
+        all_points = max(self.looked_at + self.hidden, self.enough)
+        points = (self.seen - 2 * self.other - self.against) / all_points
+        return points + self.edges - _VACANT_WEIGHT * self.vacant
 
 
 def examine(
     model: ObjectModel,
     windows: Sequence[ViewWindow],
+    around: ObservedPoints,
     X_WO: np.ndarray,
     config: RigidFlowConfig,
 ) -> Evidence:
-    """Compares the model at a pose (4, 4) with the views."""
+    """Compares the model at a pose (4, 4) with the views, and with what is around it by colour."""
     quality = config.quality
-    counts = np.zeros(4, dtype=int)
+    counts = np.zeros(5, dtype=int)
     supported = np.zeros(len(model.support.points), dtype=bool)
     confirmed = searched = 0
     for window in windows:
-        counts += _count(model.aligned, window, X_WO, quality)
         support = sample_depth(model.support, window, X_WO, quality.min_cosine)
         agrees = np.abs(support.residuals) < quality.inlier_error
         supported[support.index[agrees]] = True
@@ -80,14 +90,19 @@ def examine(
             error = np.abs(matches.displacements - model.contour_bias)
             confirmed += int(np.count_nonzero(error < quality.edge_error))
             searched += matches.searched
-    seen_count, through_count, ahead_count, hidden_count = counts.tolist()
+        counts += _count(model.aligned, window, X_WO, matches, config)
+    seen_count, other_count, through_count, ahead_count, hidden_count = counts.tolist()
+    explained, vacant = contradiction(model.look, around, X_WO[None], model.radius, config.look)
     return Evidence(
         seen=seen_count,
+        other=other_count,
         through=through_count,
         ahead=ahead_count,
         hidden=hidden_count,
         support=int(np.count_nonzero(supported)),
         edges=confirmed / searched if searched else 0.0,
+        enough=round(quality.enough_points * len(model.aligned.points)),
+        vacant=float(vacant[0] / (explained[0] + vacant[0] + config.look.few_observed)),
     )
 
 
@@ -100,14 +115,28 @@ def is_borne_out(
 ) -> bool:
     """Returns whether a pose has the support that a tracked object must have.
 
-    Without model points in sight (all hidden) there is no support, but neither is there evidence
-    against the pose; then its doubt, which grows from step to step, decides.
+    With nearly all model points hidden there is no support, but neither is there evidence against
+    the pose; then its doubt, which grows from step to step, decides.
     """
     if pose.point_deviations(model.part_points).max() > config.lost_deviation:
         return False
-    if evidence.support < config.min_support:
-        return evidence.through + evidence.ahead < evidence.hidden
-    return evidence.agreement >= agreement
+    if not _is_supported(evidence, config):
+        return evidence.looked_at < config.hidden_share * (evidence.looked_at + evidence.hidden)
+    return evidence.agreement >= agreement and evidence.vacant <= config.max_vacant
+
+
+def is_found(
+    evidence: Evidence, pose: PoseEstimate, model: ObjectModel, config: QualityConfig
+) -> bool:
+    """Returns whether a pose is so well borne out that an object that was lost is there."""
+    sure = pose.point_deviations(model.part_points).max() <= config.found_deviation
+    return bool(
+        sure
+        and _is_supported(evidence, config)
+        and evidence.looked_at >= evidence.enough
+        and evidence.agreement >= config.found_agreement
+        and evidence.vacant <= config.max_vacant
+    )
 
 
 def part_confidence(
@@ -119,30 +148,51 @@ def part_confidence(
 ) -> np.ndarray:
     """Returns the confidence (N,) in [0, 1] of the part points of a pose that is borne out.
 
-    The product of three factors: how sure the pose is at the point, how well the views agree with
-    the pose, and whether a view shows the point.
+    The product of four factors: how sure the pose is at the point, how well the views agree with
+    the pose, how little they contradict it, and whether a view shows the point.
     """
     sureness = pose.point_deviations(model.part_points) / config.point_deviation
     agreement = np.clip(
         (evidence.agreement - config.lost_agreement) / (1.0 - config.lost_agreement), 0.0, 1.0
     )
-    if evidence.support < config.min_support:
+    if not _is_supported(evidence, config):
         agreement = 0.0
     visible = _visible(pose.X_WO, model.part_points, windows, config.visible_error)
     shown = np.where(visible, 1.0, config.hidden_confidence)
-    return np.clip(np.exp(-0.5 * sureness**2) * (0.2 + 0.8 * agreement) * shown, 0.0, 1.0)
+    unopposed = np.clip(1.0 - evidence.vacant / config.max_vacant, 0.1, 1.0)
+    belief = (0.2 + 0.8 * agreement) * unopposed * shown
+    return np.clip(np.exp(-0.5 * sureness**2) * belief, 0.0, 1.0)
+
+
+def _is_supported(evidence: Evidence, config: QualityConfig) -> bool:
+    """Returns whether enough of the object is seen: points all over it, or many at one place."""
+    return evidence.support >= config.min_support or evidence.seen >= evidence.enough
 
 
 def _count(
-    surface: OrientedPoints, window: ViewWindow, X_WO: np.ndarray, config: QualityConfig
+    surface: OrientedPoints,
+    window: ViewWindow,
+    X_WO: np.ndarray,
+    matches: ContourMatches | None,
+    config: RigidFlowConfig,
 ) -> np.ndarray:
-    """Returns how many points are seen, seen through, ahead and hidden (4,)."""
-    samples = sample_depth(surface, window, X_WO, config.min_cosine)
-    seen = np.abs(samples.residuals) < config.inlier_error
-    through = ~seen & (samples.behind > 0.0)
-    hidden = ~seen & (samples.behind < -config.hidden_error)
-    ahead = ~(seen | through | hidden)
-    return np.array([np.count_nonzero(x) for x in (seen, through, ahead, hidden)])
+    """Returns how many points are seen, of other colour, seen through, ahead and hidden (5,)."""
+    quality = config.quality
+    samples = sample_depth(surface, window, X_WO, quality.min_cosine)
+    u, v = samples.pixels
+    near = np.abs(samples.residuals) < quality.inlier_error
+    shown = near.copy()
+    if matches is not None:
+        # What the object itself hides tells nothing.
+        z = window.depth[v, u] - samples.behind
+        shown |= z < matches.rendering[v, u] + quality.self_hidden
+    own = surface.features[:, samples.index]
+    alike = likeness(window.rgb[v, u], own, config.look) > 0.0
+    through = ~near & (samples.behind > 0.0)
+    hidden = ~near & (samples.behind < -quality.hidden_error)
+    ahead = ~(near | through | hidden)
+    kinds = (near, near & ~alike, through, ahead, hidden)
+    return np.array([np.count_nonzero(kind & shown) for kind in kinds])
 
 
 def _visible(

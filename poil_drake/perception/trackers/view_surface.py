@@ -21,12 +21,14 @@ class ViewSurface:
     Attributes:
         points: (M, 3) at the model's spacing [m].
         normals: (M, 3) unit.
+        colors: (M, 3) uint8 RGB.
         usable: (h, w) bool, the pixels that they were made from.
         normal_image: (h, w, 3) normals, finite where usable.
     """
 
     points: np.ndarray
     normals: np.ndarray
+    colors: np.ndarray
     usable: np.ndarray
     normal_image: np.ndarray
 
@@ -66,7 +68,10 @@ def view_surface(window: ViewWindow, mask: np.ndarray, config: RigidFlowConfig) 
     usable = np.zeros_like(trusted)
     usable[v[kept], u[kept]] = True
     cloud = voxel_downsample(
-        PointCloud(points[kept], normals[v[kept], u[kept]].astype(float)), config.model.voxel_size
+        PointCloud(
+            points[kept], normals[v[kept], u[kept]].astype(float), window.rgb[v[kept], u[kept]]
+        ),
+        config.model.voxel_size,
     )
-    thinned = np.empty((0, 3)) if cloud.normals is None else cloud.normals
-    return ViewSurface(cloud.points, thinned, usable, normals)
+    assert cloud.normals is not None and cloud.colors is not None  # noqa: PT018 (as given)
+    return ViewSurface(cloud.points, cloud.normals, cloud.colors, usable, normals)

@@ -45,6 +45,7 @@ class ViewWindow(SharedOnCopy):
         corner: (u, v) of the window's first pixel in the image.
         depth: (h, w) float32 measured depth [m], 0 where invalid.
         surface: (h, w) float32, `depth` without the pixels at depth edges.
+        rgb: (h, w, 3) uint8 colour.
         grey: (h, w, 3) float32: blurred grey level and its gradients along u and v.
         focal: (fx, fy) [px].
         centre: (cx, cy) in the window [px].
@@ -55,6 +56,7 @@ class ViewWindow(SharedOnCopy):
     corner: tuple[int, int]
     depth: np.ndarray
     surface: np.ndarray
+    rgb: np.ndarray
     grey: np.ndarray
     focal: tuple[float, float]
     centre: tuple[float, float]
@@ -130,7 +132,8 @@ def make_window(
     u0, v0, u1, v1 = box
     depth = image.depth[v0:v1, u0:u1]
     edges = depth_edges(depth, config.edge_jump)
-    grey = cv2.cvtColor(np.ascontiguousarray(image.rgb[v0:v1, u0:u1]), cv2.COLOR_RGB2GRAY)
+    rgb = np.ascontiguousarray(image.rgb[v0:v1, u0:u1])
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), config.blur)
     # Scharr's kernel sums to 32 for a unit slope.
     gu = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
@@ -143,6 +146,7 @@ def make_window(
         corner=(u0, v0),
         depth=depth,
         surface=np.where(edges, np.float32(0.0), depth),
+        rgb=rgb,
         grey=cv2.merge([blurred, gu, gv]),
         focal=(float(camera.K[0, 0]), float(camera.K[1, 1])),
         centre=(float(camera.K[0, 2]) - u0, float(camera.K[1, 2]) - v0),

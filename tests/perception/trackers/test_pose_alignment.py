@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
+from poil_drake.perception.trackers.object_look import observe
 from poil_drake.perception.trackers.object_model import build_model
 from poil_drake.perception.trackers.pose_alignment import (
     PoseEstimate,
@@ -59,7 +60,8 @@ def aligned(mug_scene):
         points = transform_points(start, model.points)
         views = zip(shot.frame.cameras, shot.frame.images, strict=True)
         windows = [make_window(i, c, im, points, config.window) for i, (c, im) in enumerate(views)]
-        return align(model, windows, predicted, config), X_WO
+        around = observe(model.look, shot.frame, start[None, :3, 3], model.radius, config.look)
+        return align(model, windows, around, predicted, config), X_WO
 
     return run
 
