@@ -1,7 +1,7 @@
 """Samples a running closed loop for its summary. Nothing in the loop depends on it."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -29,27 +29,40 @@ _VECTORS = {
 }
 
 
+class Sample(NamedTuple):
+    """What was seen at one time: name of a signal -> its value."""
+
+    time: float
+    values: dict[str, np.ndarray]
+
+
+class CheckedTrack(NamedTuple):
+    """A track that was released, and (N, 3) where the points truly were at its stamp [m, world]."""
+
+    track: TrackedPoints
+    truth: np.ndarray
+
+
 @dataclass
 class RunRecorder:
     """Collects samples of a closed loop; `sample` is called between steps of the simulation.
+
+    A sample is added whole or not at all, so that a signal which stops the run in the middle of
+    one leaves a record that fits together.
 
     Attributes:
         loop: The closed loop.
         query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
         judge: Tells whether the object hangs.
-        times: Times of the samples [s].
-        signals: Name -> one row a sample.
+        samples: What was seen, in order.
         tracks: Every track that was released.
-        truths: For each of these, (N, 3) where the points truly were at its stamp [m, world].
     """
 
     loop: ClosedLoop
     query_points: np.ndarray
     judge: HangingJudge
-    times: list[float] = field(default_factory=list)
-    signals: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    tracks: list[TrackedPoints] = field(default_factory=list)
-    truths: list[np.ndarray] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
+    tracks: list[CheckedTrack] = field(default_factory=list)
     _poses: dict[float, np.ndarray] = field(default_factory=dict)
 
     def sample(self, root: Context) -> None:
@@ -59,10 +72,11 @@ class RunRecorder:
             root: The root context of the loop's diagram.
         """
         loop = self.loop
-        self.times.append(root.get_time())
-        for name, (system, port) in _VECTORS.items():
-            value = np.array(self._evaluate(root, system, port))
-            self.signals.setdefault(name, []).append(value)
+        values = {
+            name: np.array(self._evaluate(root, system, port))
+            for name, (system, port) in _VECTORS.items()
+        }
+        self.samples.append(Sample(root.get_time(), values))
         station = loop.station.GetMyContextFromRoot(root)
         self._poses[root.get_time()] = GetObjectPose(loop.station, station).GetAsMatrix4()
         self._sample_track(root)
@@ -76,9 +90,14 @@ class RunRecorder:
             self.judge.observe(root.get_time(), touched)
 
     @property
+    def times(self) -> list[float]:
+        """Times of the samples [s]."""
+        return [sample.time for sample in self.samples]
+
+    @property
     def phase(self) -> Phase:
         """The phase at the last sample."""
-        return Phase(int(self.signals["phase"][-1][0]))
+        return Phase(int(self.samples[-1].values["phase"][0]))
 
     def fault(self, root: Context) -> Fault:
         """Returns the fault that the sequencer reports."""
@@ -86,7 +105,7 @@ class RunRecorder:
 
     def signal(self, name: str) -> np.ndarray:
         """Returns one signal, a row (or, for scalars, an entry) for each sample."""
-        rows = np.array(self.signals[name])
+        rows = np.array([sample.values[name] for sample in self.samples])
         return rows[:, 0] if rows.shape[1] == 1 else rows
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -95,10 +114,10 @@ class RunRecorder:
         NaN where a point was not observed.
         """
         errors = np.full((len(self.tracks), len(self.query_points)), np.nan)
-        for row, track, truth in zip(errors, self.tracks, self.truths, strict=True):
+        for row, (track, truth) in zip(errors, self.tracks, strict=True):
             distances = np.linalg.norm(track.positions - truth, axis=1)
             row[:] = np.where(track.confidence > 0.0, distances, np.nan)
-        return np.array([track.stamp for track in self.tracks]), errors
+        return np.array([checked.track.stamp for checked in self.tracks]), errors
 
     def _evaluate(self, root: Context, system: str, port: str) -> Any:
         part = getattr(self.loop, system)
@@ -106,11 +125,11 @@ class RunRecorder:
 
     def _sample_track(self, root: Context) -> None:
         track = self._evaluate(root, "tracker", "tracked_points")
-        if self.tracks and track.stamp <= self.tracks[-1].stamp:
+        if self.tracks and track.stamp <= self.tracks[-1].track.stamp:
             return
         now = self._poses.get(track.stamp)
         if now is None:
             return
         start = self._poses[min(self._poses)]
-        self.tracks.append(track)
-        self.truths.append(transform_points(now @ inverse(start), self.query_points))
+        truth = transform_points(now @ inverse(start), self.query_points)
+        self.tracks.append(CheckedTrack(track, truth))

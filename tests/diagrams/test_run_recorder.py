@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 from short_skill import POINTS, short_plan, short_scenario
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.run_recorder import RunRecorder
+from poil_drake.diagrams.run_recorder import CheckedTrack, RunRecorder
 from poil_drake.diagrams.station import GetObjectPose, SetObjectPose
 from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.perception.tracked_points import TrackedPoints
@@ -73,6 +73,26 @@ def test_samples_do_not_change_with_what_comes_later(
     np.testing.assert_array_equal(dut.signal("points")[: len(before)], before)
 
 
+def test_a_signal_in_the_middle_of_a_sample_leaves_a_record_that_fits_together(
+    dut: RunRecorder, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = run(dut, simulator, until=0.125)
+    evaluated = []
+
+    def stop_at_the_fifth(root: Context, system: str, port: str) -> np.ndarray:
+        evaluated.append(port)
+        if len(evaluated) == 5:
+            raise KeyboardInterrupt
+        return np.zeros(1)
+
+    monkeypatch.setattr(dut, "_evaluate", stop_at_the_fifth)
+    with pytest.raises(KeyboardInterrupt):
+        dut.sample(root)
+
+    lengths = {len(dut.signal(name)) for name in ("points", "tau", "phase")}
+    assert lengths == {len(dut.times)} == {5}
+
+
 def test_each_track_is_kept_once_and_compared_with_the_truth_at_its_capture(
     dut: RunRecorder, simulator: Simulator
 ) -> None:
@@ -94,11 +114,11 @@ def test_points_that_were_not_observed_have_no_error(
     dut: RunRecorder, simulator: Simulator
 ) -> None:
     run(dut, simulator, until=0.125)
-    (track,) = dut.tracks
+    ((track, truth),) = dut.tracks
     half_lost = TrackedPoints(
         np.vstack([track.positions[:2], np.full((1, 3), np.nan)]), np.array([1.0, 1.0, 0.0]), 0.0
     )
-    dut = dataclasses.replace(dut, tracks=[half_lost])
+    dut = dataclasses.replace(dut, tracks=[CheckedTrack(half_lost, truth)])
 
     _, errors = dut.tracking_errors()
 
