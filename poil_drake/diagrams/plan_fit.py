@@ -128,6 +128,6 @@ def _check_object(plan: ExecutionPlan, station: Station, config: PlanFitConfig) 
             raise PlanningError(
                 f"The {name} is not as the plan has seen it: surfaces are {1e3 * distance:.0f} mm "
                 "apart.",
-                remedy="Put back the same object (option --seed draws another pose), or plan "
-                "again: poil transfer.",
+                remedy="Put back object and cameras as they were (option --seed draws another "
+                "pose), or plan again: poil transfer.",
             )
