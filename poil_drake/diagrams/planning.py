@@ -12,8 +12,8 @@ from poil_drake.diagrams.scenario import PoilConfig, Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
+from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import MultiViewFrame

@@ -19,7 +19,8 @@ def CheckScenarioFits(plant: MultibodyPlant, scenario: Scenario) -> None:
 
     Raises:
         ScenarioError: when the object cannot move or the robot's base can, the fixture or what
-            holds the object there is missing, a driver drives nothing, or a joint starts beyond its limits.
+            holds the object there is missing, a driver drives nothing, or a joint starts beyond
+            its limits.
     """
     poil = scenario.poil
     RequireModel(plant, poil.fixture, "fixture")
