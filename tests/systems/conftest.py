@@ -1,7 +1,10 @@
-"""Toy arms built in code, whose kinematics can be written down by hand."""
+"""Toy arms built in code, whose kinematics can be written down by hand; a tracker's bench."""
+
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from point_tracker_bench import Bench
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -67,3 +70,17 @@ def gantry() -> ArmKinematics:
     slides = [(PrismaticJoint, axis, 0.0) for axis in (X_AXIS, X_AXIS, Y_AXIS, Z_AXIS)]
     turns = [(RevoluteJoint, axis, 0.0) for axis in (X_AXIS, Y_AXIS, Z_AXIS)]
     return make_arm([*slides, *turns], tip=0.0)
+
+
+@pytest.fixture
+def make_bench() -> Iterator[Callable[..., Bench]]:
+    """Makes benches of the point tracker; their workers end with the test."""
+    benches: list[Bench] = []
+
+    def make(**arguments) -> Bench:
+        benches.append(Bench(**arguments))
+        return benches[-1]
+
+    yield make
+    for bench in benches:
+        bench.dut.close()

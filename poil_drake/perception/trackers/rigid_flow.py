@@ -5,73 +5,40 @@ ones. What it knows of the object is a cloud of oriented surface points and smal
 (`object_model`). In every frame it aligns them with all views at once (`pose_alignment`), by depth,
 by the object's outline and by texture, starting from a prediction: the motion of the hand that
 holds the object, or constant velocity. All three compare with the first sight of a surface, never
-with the previous frame, so errors do not add up from frame to frame.
+with the previous frame, so errors do not add up from frame to frame. Where the prediction leads
+nowhere, many poses are searched (`pose_search`), in every frame until the object is found again.
+A pose is only believed if what is around it does not speak against it (`object_look`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.model_growth import (
     Lesson,
-    Witness,
     grow_model,
     make_witnesses,
     needs_lesson,
 )
-from poil_drake.perception.trackers.object_look import observe
-from poil_drake.perception.trackers.object_model import ObjectModel, build_model
-from poil_drake.perception.trackers.pose_alignment import PoseEstimate, align, motion_between, move
-from poil_drake.perception.trackers.pose_search import Guess, search
+from poil_drake.perception.trackers.object_model import build_model
+from poil_drake.perception.trackers.pose_alignment import PoseEstimate, motion_between
+from poil_drake.perception.trackers.pose_location import locate, predict
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow_state import RigidFlowState
 from poil_drake.perception.trackers.track_quality import (
     Evidence,
-    examine,
     is_borne_out,
     is_found,
     part_confidence,
 )
-from poil_drake.perception.trackers.view_window import ViewWindow, make_window
-
-
-@dataclass(frozen=True, eq=False)
-class RigidFlowState(SharedOnCopy):
-    """What one step hands to the next.
-
-    Attributes:
-        model: The object.
-        witnesses: What the first frame saw, for growth to compare with.
-        lessons: From where the model has been learnt.
-        pose: Where the object is, or where it was last believed to be.
-        velocity: (6,) of the object in its own frame [rad/s, m/s].
-        stamp: Time of capture of the last frame [s].
-        surprise: (angular [rad], linear [m]) how far the last motion was from what was expected
-            of it, by the motion prior if there was one.
-        lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
-            tracked.
-        guess: (4, 4) where a lost object may be, from the last search; None without an idea.
-        found: Whether the last search found a lost object, and the next has to confirm it.
-        evidence: What the last views said about the pose; None at the start.
-    """
-
-    model: ObjectModel
-    witnesses: tuple[Witness, ...]
-    lessons: tuple[Lesson, ...]
-    pose: PoseEstimate
-    velocity: np.ndarray
-    stamp: float
-    surprise: tuple[float, float]
-    lost_since: float | None
-    guess: np.ndarray | None
-    found: bool
-    evidence: Evidence | None
+from poil_drake.perception.trackers.view_window import ViewWindow
 
 
 class RigidFlowTracker:
@@ -133,8 +100,8 @@ class RigidFlowTracker:
         if motion_prior is not None:
             motion_prior = frozen_array(motion_prior, name="motion_prior", shape=(4, 4))
         elapsed = max(frame.stamp - state.stamp, 0.0)
-        predicted = self._predict(state, elapsed, motion_prior)
-        pose, evidence, windows = self._locate(state, frame, predicted)
+        predicted = predict(state, elapsed, motion_prior, self.config)
+        pose, evidence, windows = locate(state, frame, predicted, self.config)
         expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
         surprise = _distance(expected, pose.X_WO)
         quality = self.config.quality
@@ -191,98 +158,6 @@ class RigidFlowTracker:
         points = TrackedPoints.lost(len(state.model.part_points), frame.stamp)
         return TrackerOutput(state, points, True)
 
-    def _predict(
-        self, state: RigidFlowState, elapsed: float, motion_prior: np.ndarray | None
-    ) -> PoseEstimate:
-        """Returns where the object is expected, and how surely."""
-        motion = self.config.motion
-        angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
-        obeyed = self._is_obedient(state, elapsed)
-        if motion_prior is not None and (obeyed or state.lost_since is not None):
-            X_WO = motion_prior @ state.pose.X_WO
-        else:
-            ahead = motion.velocity_damping * min(elapsed, motion.max_extrapolation)
-            X_WO = move(state.pose.X_WO, state.velocity * ahead)
-            # A motion that was off once may be as far off again.
-            angular = max(motion.free_angular * elapsed, state.surprise[0])
-            linear = max(motion.free_linear * elapsed, state.surprise[1])
-        spread = np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
-        return PoseEstimate(X_WO, state.pose.covariance + spread, state.pose.doubt + spread)
-
-    def _is_obedient(self, state: RigidFlowState, elapsed: float) -> bool:
-        """Returns whether the last motion was about as expected."""
-        motion = self.config.motion
-        angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
-        return (
-            state.surprise[0] <= motion.disobedience * angular
-            and state.surprise[1] <= motion.disobedience * linear
-        )
-
-    def _windows(
-        self, model: ObjectModel, frame: MultiViewFrame, X_WO: np.ndarray
-    ) -> list[ViewWindow]:
-        """Returns the windows around the object of the views that it may be seen in."""
-        points_W = transform_points(X_WO, model.points)
-        windows = [
-            make_window(index, camera, image, points_W, self.config.window)
-            for index, (camera, image) in enumerate(zip(frame.cameras, frame.images, strict=True))
-        ]
-        return [window for window in windows if window is not None]
-
-    def _locate(
-        self, state: RigidFlowState, frame: MultiViewFrame, predicted: PoseEstimate
-    ) -> tuple[PoseEstimate, Evidence, list[ViewWindow]]:
-        """Aligns from the prediction, and where that fails from poses found by search."""
-        quality = self.config.quality
-        best: tuple[PoseEstimate, Evidence, list[ViewWindow]] | None = None
-        if state.lost_since is None:
-            best = self._align(state, frame, predicted)
-            borne_out = is_borne_out(
-                best[1], best[0], state.model, quality.retry_agreement, quality
-            )
-            obedient = self._is_obedient(state, frame.stamp - state.stamp)
-            doubtful = quality.max_vacant if obedient else quality.retry_vacant
-            if borne_out and best[1].vacant <= doubtful:
-                return best
-        sizes = self.config.search
-        spread = np.diag(np.repeat(np.array([sizes.aligned_angular, sizes.aligned_linear]) ** 2, 3))
-        for X_WO in search(
-            state.model,
-            frame,
-            self._guesses(state, frame.stamp, predicted),
-            round(frame.stamp / 1e-3),
-            self.config,
-        ):
-            start = PoseEstimate(X_WO, spread, predicted.doubt + spread)
-            other = self._align(state, frame, start)
-            if best is None or other[1].score > best[1].score:
-                best = other
-        assert best is not None, "a search finds at least one pose"
-        return best
-
-    def _align(
-        self, state: RigidFlowState, frame: MultiViewFrame, start: PoseEstimate
-    ) -> tuple[PoseEstimate, Evidence, list[ViewWindow]]:
-        """Aligns the model from one pose; returns the result, its evidence and the windows."""
-        model, config = state.model, self.config
-        windows = self._windows(model, frame, start.X_WO)
-        around = observe(model.look, frame, start.X_WO[None, :3, 3], model.radius, config.look)
-        pose = align(model, windows, around, start, config)
-        return pose, examine(model, windows, around, pose.X_WO, config), windows
-
-    def _guesses(self, state: RigidFlowState, stamp: float, predicted: PoseEstimate) -> list[Guess]:
-        """Returns where to search: around what was expected, what was last seen, and the guess."""
-        sizes = self.config.search
-        missed = 0.0 if state.lost_since is None else stamp - state.lost_since
-        angular = min(sizes.near_angular + sizes.growth_angular * missed, sizes.far_angular)
-        linear = min(sizes.near_linear + sizes.growth_linear * missed, sizes.far_linear)
-        guesses = [Guess(predicted.X_WO, angular, linear)]
-        if state.lost_since is None:
-            guesses.append(Guess(state.pose.X_WO, angular, linear))
-        if state.guess is not None:
-            guesses.append(Guess(state.guess, sizes.near_angular, sizes.near_linear))
-        return guesses
-
     def _velocity(self, state: RigidFlowState, pose: PoseEstimate, elapsed: float) -> np.ndarray:
         """Returns the velocity (6,) to carry on."""
         if elapsed <= 0.0 or state.lost_since is not None:
@@ -300,6 +175,8 @@ class RigidFlowTracker:
         if not (growth.with_motion_prior if held else growth.enabled) or evidence is None:
             return state
         if evidence.agreement < quality.learn_agreement or evidence.support < quality.min_support:
+            return state
+        if evidence.vacant > quality.retry_vacant:
             return state
         new = {
             window.index: Lesson.at(window.sight(pose.X_WO).eye, pose.X_WO) for window in windows

@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
+from poil_drake.perception.trackers.alignment_config import LookConfig
+from poil_drake.perception.trackers.object_look import (
+    ObservedPoints,
+    color_features,
+    contradiction,
+    learn_look,
+    likeness,
+    observe,
+)
+
+RADIUS = 0.1
+MIDDLE = make_transform(np.eye(3), np.array([0.0, 0.0, 0.045]))
+
+
+@pytest.fixture(scope="module")
+def look(mug_scene):
+    shot = mug_scene.shoot(mug_scene.start)
+    return learn_look(shot.frame, shot.masks, mug_scene.start, RADIUS, LookConfig())
+
+
+def turned(mug_scene, degrees):
+    turn = rotation_exp(np.array([0.0, 0.0, np.radians(degrees)]))
+    return mug_scene.start @ make_transform(turn, np.zeros(3))
+
+
+def test_space_that_a_camera_looked_through_is_vacant(look):
+    # Above the rim, in the handle's opening, and beside the mug on the cameras' side.
+    points = np.array([[0.0, 0.0, 0.125], [0.05, 0.0, 0.05], [0.05, 0.05, 0.05]])
+
+    assert np.all(look.vacancy_at(tuple(points.T)) > 0.0)
+
+
+def test_what_the_object_fills_or_hides_is_not_vacant(look):
+    # In the wall, in the handle, and below the foot.
+    points = np.array([[0.038, 0.0, 0.01], [0.067, 0.0, 0.05], [0.0, 0.0, -0.02]])
+
+    np.testing.assert_array_equal(look.vacancy_at(tuple(points.T)), 0.0)
+
+
+def test_vacancy_is_the_distance_from_what_may_be_the_object(look):
+    # 2 cm above the rim's near side; clearance and grid take off up to 8 mm and a cell.
+    depth = look.vacancy_at(tuple(np.array([[0.038, 0.0, 0.115]]).T))
+
+    assert 0.005 < depth[0] < 0.022
+
+
+def test_observed_points_lie_on_the_object(look, mug_scene):
+    shot = mug_scene.shoot(mug_scene.start)
+
+    dut = observe(look, shot.frame, mug_scene.start[None, :3, 3], 0.15, LookConfig())
+
+    points_M = dut.points - mug_scene.start[:3, 3]
+    assert len(dut.points) > 100
+    assert np.all(np.linalg.norm(points_M[:, :2], axis=1) < 0.072)
+    assert np.all((points_M[:, 2] > -0.001) & (points_M[:, 2] < 0.097))
+
+
+def test_a_handle_elsewhere_contradicts_the_pose(look, mug_scene):
+    config = LookConfig()
+    shot = mug_scene.shoot(mug_scene.start)
+    seen = observe(look, shot.frame, mug_scene.start[None, :3, 3], RADIUS, config)
+    poses = np.stack([turned(mug_scene, degrees) for degrees in (0.0, 30.0, -90.0)])
+
+    explained, vacant = contradiction(look, seen, poses, RADIUS, config)
+
+    share = vacant / (explained + vacant)
+    # Less than a fiftieth of the right pose's pixels errs; a handle is a tenth of a mug.
+    assert share[0] < 0.02
+    assert share[1] > 0.03
+    assert share[2] > 0.03
+
+
+def test_what_is_far_from_the_object_says_nothing(look, mug_scene):
+    far = ObservedPoints(
+        transform_points(mug_scene.start, np.array([[0.5, 0.0, 0.0]])).astype(np.float32),
+        np.ones(1, np.float32),
+    )
+
+    explained, vacant = contradiction(look, far, mug_scene.start[None], RADIUS, LookConfig())
+
+    assert explained[0] == vacant[0] == 0.0
+
+
+def test_colours_are_alike_in_light_and_shade_and_others_are_not():
+    own = color_features(np.array([[200, 60, 40]] * 3, dtype=np.uint8))
+    seen = np.array([[200, 60, 40], [130, 39, 26], [40, 60, 200]], dtype=np.uint8)
+
+    same, shaded, other = likeness(seen, own, LookConfig())
+
+    assert same == 1.0
+    assert shaded > 0.5
+    assert other == -1.0

@@ -1,0 +1,135 @@
+"""A scene, a tracker whose points tell of every frame, and both in a diagram with the system."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
+from poil_drake.systems.statuses import TrackerStatus
+from poil_drake.systems.stopwatch import Stopwatch
+
+PERIOD = 1 / 8
+AFTER = 1 / 1024  # long enough after an event to see what it did
+W, H, N = 4, 3, 3
+CAMERA = CameraModel(
+    name="left",
+    width=W,
+    height=H,
+    K=np.array([[5.0, 0.0, 1.5], [0.0, 5.0, 1.0], [0.0, 0.0, 1.0]]),
+    X_WC=np.eye(4),
+)
+QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
+MASK = (np.ones((H, W), dtype=bool),)
+MASKS = PartMasks(object_masks=MASK, part_masks=MASK)
+
+
+class Scene(LeafSystem):
+    """A camera whose depth is 1 m + the time, and forward kinematics along x with the time."""
+
+    def __init__(self, frozen_from: float = np.inf):
+        super().__init__()
+        self._frozen_from = frozen_from
+        self.looks: list[float] = []
+        time = {self.time_ticket()}
+        self.DeclareAbstractOutputPort(
+            "rgb", lambda: Value(ImageRgba8U(W, H)), lambda context, output: None, time
+        )
+        self.DeclareAbstractOutputPort(
+            "depth", lambda: Value(ImageDepth32F(W, H)), self._depth, time
+        )
+        self.DeclareVectorOutputPort("stamp", 1, self._stamp, time)
+        self.DeclareVectorOutputPort("object_motion", 16, self._motion, time)
+
+    def _depth(self, context: Context, output: AbstractValue) -> None:
+        self.looks.append(context.get_time())
+        output.get_mutable_value().mutable_data[:] = 1.0 + context.get_time()
+
+    def _stamp(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, min(context.get_time(), self._frozen_from))
+
+    def _motion(self, context: Context, output: BasicVector) -> None:
+        X_M = np.eye(4)
+        X_M[0, 3] = context.get_time()
+        output.SetFromVector(X_M.ravel())
+
+
+class SummingTracker:
+    """Its points depend on every frame and prior so far, so that nothing can go missing."""
+
+    lost_at: frozenset[float] = frozenset()
+
+    def start(
+        self, frame: MultiViewFrame, query_points: np.ndarray, object_masks: tuple[np.ndarray, ...]
+    ) -> TrackerOutput:
+        return self._output(query_points, frame)
+
+    def step(
+        self, state: np.ndarray, frame: MultiViewFrame, motion_prior: np.ndarray | None = None
+    ) -> TrackerOutput:
+        forward = 0.0 if motion_prior is None else motion_prior[0, 3]
+        return self._output(np.sin(state) + frame.images[0].depth[0, 0] + forward, frame)
+
+    def _output(self, points: np.ndarray, frame: MultiViewFrame) -> TrackerOutput:
+        if frame.stamp in self.lost_at:
+            return TrackerOutput(points, TrackedPoints.lost(N, frame.stamp), True)
+        return TrackerOutput(points, TrackedPoints(points, np.ones(N), frame.stamp), False)
+
+
+class Bench:
+    """Scene and tracker in a diagram."""
+
+    def __init__(
+        self,
+        *,
+        config: PointTrackerConfig,
+        tracker: object | None = None,
+        scene: Scene | None = None,
+        with_stamps: bool = False,
+        query_points: np.ndarray | None = QUERY,
+        masks: PartMasks | None = MASKS,
+        stopwatch: Stopwatch | None = None,
+    ):
+        builder = DiagramBuilder()
+        self.scene = builder.AddSystem(scene or Scene())
+        self.dut = builder.AddSystem(
+            PointTracker(
+                tracker=tracker or SummingTracker(),
+                cameras=[CAMERA],
+                num_points=N,
+                query_points=query_points,
+                config=config,
+                stopwatch=stopwatch,
+            )
+        )
+        wires = {"rgb": "left.rgb_image", "depth": "left.depth_image"}
+        wires |= {"object_motion": "object_motion"}
+        wires |= {"stamp": "left.image_time"} if with_stamps else {}
+        for output, name in wires.items():
+            builder.Connect(self.scene.GetOutputPort(output), self.dut.GetInputPort(name))
+        self.simulator = Simulator(builder.Build())
+        self.context = self.dut.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        self.fix_masks(masks)
+
+    def fix_masks(self, masks: PartMasks | None) -> None:
+        self.dut.GetInputPort("masks").FixValue(self.context, Value(masks))
+
+    def advance_to(self, time: float) -> None:
+        self.simulator.AdvanceTo(time)
+
+    @property
+    def points(self) -> TrackedPoints:
+        return self.dut.GetOutputPort("tracked_points").Eval(self.context)
+
+    @property
+    def status(self) -> TrackerStatus:
+        return TrackerStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
+
+    @property
+    def frame(self) -> MultiViewFrame | None:
+        return self.dut.GetOutputPort("frame").Eval(self.context)

@@ -1,0 +1,134 @@
+"""When the point tracker looks, works and reports."""
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from point_tracker_bench import AFTER, PERIOD, QUERY, Bench, N, Scene, SummingTracker
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.systems.point_tracker import PointTrackerConfig
+from poil_drake.systems.statuses import TrackerStatus
+from poil_drake.systems.stopwatch import Stopwatch
+
+
+def test_before_the_first_event_nothing_is_tracked(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(config=PointTrackerConfig())
+
+    assert bench.status is TrackerStatus.WAITING
+    assert bench.points.stamp == -np.inf
+    np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
+    assert bench.frame is None
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("latency", [1 / 64, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 0.3])
+def test_each_capture_is_released_exactly_its_latency_later(
+    make_bench: Callable[..., Bench], latency: float, parallel: bool
+) -> None:
+    config = PointTrackerConfig(period=PERIOD, latency=latency, parallel=parallel)
+    bench = make_bench(config=config)
+    previous = -np.inf
+
+    for tick in range(4):
+        stamp = tick * PERIOD
+        # Time's end is before the updates of that instant.
+        bench.advance_to(stamp + latency)
+        assert bench.points.stamp == previous
+        bench.advance_to(stamp + latency + AFTER)
+        assert bench.points.stamp == stamp
+        assert bench.status is TrackerStatus.TRACKING
+        previous = stamp
+
+
+def test_without_latency_a_capture_is_released_at_once(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.0))
+
+    bench.advance_to(AFTER)
+
+    assert bench.points.stamp == 0.0
+    np.testing.assert_array_equal(bench.points.positions, QUERY)
+
+
+@pytest.mark.parametrize("latency", [0.0, 1 / 16, 1 / 8, 0.3])
+def test_the_outcome_is_the_same_with_and_without_a_worker(
+    make_bench: Callable[..., Bench], latency: float
+) -> None:
+    alone, beside = (
+        make_bench(config=PointTrackerConfig(latency=latency, parallel=parallel))
+        for parallel in (False, True)
+    )
+
+    for time in np.arange(AFTER, 2.0, 1 / 32):
+        alone.advance_to(time)
+        beside.advance_to(time)
+
+        assert alone.points.stamp == beside.points.stamp
+        np.testing.assert_array_equal(alone.points.positions, beside.points.positions)
+
+
+def test_images_are_looked_at_once_per_capture(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+
+    for time in np.arange(AFTER, 0.5, 1 / 64):
+        bench.advance_to(time)
+
+    assert bench.scene.looks == [0.0, 0.125, 0.25, 0.375]
+
+
+def test_a_frozen_camera_is_not_tracked(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(
+        config=PointTrackerConfig(latency=0.0), scene=Scene(frozen_from=0.25), with_stamps=True
+    )
+
+    bench.advance_to(1.0)
+
+    assert bench.points.stamp == 0.25
+
+
+def test_nothing_feeds_through(make_bench: Callable[..., Bench]) -> None:
+    assert not make_bench(config=PointTrackerConfig()).dut.HasAnyDirectFeedthrough()
+
+
+def test_a_stopwatch_counts_the_work(make_bench: Callable[..., Bench]) -> None:
+    stopwatch = Stopwatch()
+    bench = make_bench(config=PointTrackerConfig(latency=0.0), stopwatch=stopwatch)
+
+    bench.advance_to(0.3)
+
+    assert stopwatch.durations("tracking").shape == (3,)
+
+
+class PausedTracker(SummingTracker):
+    """Goes on only when told."""
+
+    def __init__(self) -> None:
+        self.go = threading.Event()
+
+    def start(self, *arguments) -> TrackerOutput:
+        self.go.wait()
+        return super().start(*arguments)
+
+
+def test_on_hardware_a_late_result_is_late_and_blocks_nothing() -> None:
+    tracker = PausedTracker()
+    config = PointTrackerConfig(latency=1 / 64, blocking=False, poll_period=1 / 256)
+    bench = Bench(config=config, tracker=tracker)
+
+    bench.advance_to(0.5 + AFTER)  # would never come back if it waited for the tracker
+    status = bench.status
+    tracker.go.set()
+    bench.dut.close()  # the work in hand is finished first
+    bench.advance_to(0.5 + 1 / 256 + AFTER)
+
+    assert status is TrackerStatus.WAITING
+    assert bench.scene.looks == [0.0]  # frames that come while it is busy are skipped
+    assert bench.status is TrackerStatus.TRACKING
+    assert bench.points.stamp == 0.0
+
+
+def test_a_tracker_that_is_not_awaited_runs_in_parallel() -> None:
+    with pytest.raises(InvalidValueError, match="parallel"):
+        PointTrackerConfig(blocking=False, parallel=False)
