@@ -110,15 +110,20 @@ def score_poses(
     """
     quality = config.quality
     total, looked_at = np.zeros(len(poses)), np.zeros(len(poses))
-    points, normals = (x.T.astype(np.float32) for x in (surface.points, surface.normals))
+    points, normals, offsets = (
+        x.astype(np.float32) for x in (surface.points, surface.normals, surface.offsets)
+    )
     for camera, image in zip(frame.cameras, frame.images, strict=True):
         X_CO = (inverse(camera.X_WC) @ poses).astype(np.float32)
-        R = np.ascontiguousarray(X_CO[:, :3, :3])
-        x, y, z = (R @ points + X_CO[:, :3, 3:]).transpose(1, 0, 2)
-        nx, ny, nz = (R @ normals).transpose(1, 0, 2)
-        facing = -(nx * x + ny * y + nz * z)
+        R, origin = X_CO[:, :3, :3], X_CO[:, :3, 3]
+        eye = -np.einsum("pij,pi->pj", R, origin)
+        z = R[:, 2] @ points.T + origin[:, 2:]
+        facing = eye @ normals.T - offsets
+        # Most points face away; only for the others the rest is worth its while.
         pose, point = np.nonzero((facing > np.float32(quality.min_cosine) * z) & (z > _NEAREST))
-        x, y, z, facing = (a[pose, point] for a in (x, y, z, facing))
+        z, facing = z[pose, point], facing[pose, point]
+        shown = points[point]
+        x, y = (np.einsum("mi,mi->m", R[pose, axis], shown) + origin[pose, axis] for axis in (0, 1))
         per_z = 1.0 / z
         fx, fy, cx, cy = (camera.K[i] for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
         # Half a pixel more, as the conversion to integers rounds down.
