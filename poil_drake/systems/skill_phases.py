@@ -70,7 +70,8 @@ class SkillConfig:
         accepted_error: Largest mean distance from the reference's end that may be released [m].
         progress_step: A decrease of the error, or an advance along the reference, that counts as
             progress [m, s].
-        lost_grace: How long the points may be lost before the part is searched anew [s].
+        lost_grace: How long the points may be lost before the part is searched anew [s]; while
+            the robot waits for the first track, it is searched as often.
         lost_fault: How long the points may be lost before giving up [s].
         stuck_time: How long the inverse kinematics may be stuck [s].
         status_age_limit: Oldest acceptable robot status [s].
@@ -172,7 +173,7 @@ _OPEN_BEFORE = frozenset({Phase.WAIT, Phase.APPROACH, Phase.DESCEND})
 _OPEN_AFTER = frozenset({Phase.RELEASE, Phase.RETREAT, Phase.SETTLE, Phase.DONE})
 _TWIST_PHASES = frozenset({Phase.LIFT, Phase.FOLLOW, Phase.RETREAT})
 # Looking a member up in its class takes longer than all the rest of a comparison.
-_GRASP, _FOLLOW, _NO_FAULT = Phase.GRASP, Phase.FOLLOW, Fault.NONE
+_WAIT, _GRASP, _FOLLOW, _NO_FAULT = Phase.WAIT, Phase.GRASP, Phase.FOLLOW, Fault.NONE
 _ENDED = frozenset({Phase.DONE, Phase.FAULT})
 
 
@@ -228,9 +229,12 @@ def _remember(state: SkillState, seen: Observation, config: SkillConfig) -> Skil
         and abs(seen.hand_width - state.last_width) <= config.finger_still_speed * elapsed
     )
     watching = phase is _FOLLOW
-    lost = watching and (seen.points_lost or not seen.tracking)
+    waiting = phase is _WAIT and not seen.tracking
+    lost = waiting or (watching and (seen.points_lost or not seen.tracking))
     lost_since = _since(lost, state.lost_since, seen.time)
     ask = not state.asked and _lasted(lost_since, seen.time, config.lost_grace)
+    # Nothing hurries while the robot rests: what hides the part may go away.
+    again = waiting and ask
     progressed = seen.mean_error < state.best_error - config.progress_step or (
         seen.tau > state.best_tau + config.progress_step
     )
@@ -239,13 +243,13 @@ def _remember(state: SkillState, seen: Observation, config: SkillConfig) -> Skil
         last_time=seen.time,
         still_since=_since(still and phase is _GRASP, state.still_since, seen.time),
         goal_since=_since(watching and seen.at_goal, state.goal_since, seen.time),
-        lost_since=lost_since,
+        lost_since=seen.time if again else lost_since,
         stuck_since=_since(seen.ik_stuck and phase in _TWIST_PHASES, state.stuck_since, seen.time),
         best_error=seen.mean_error if progressed else state.best_error,
         best_tau=max(seen.tau, state.best_tau),
         progress_at=seen.time if progressed or not watching or lost else state.progress_at,
         detect_requests=state.detect_requests + ask,
-        asked=float(lost and (ask or state.asked)),
+        asked=float(lost and not again and (ask or state.asked)),
     )
 
 

@@ -134,6 +134,14 @@ def test_each_loss_is_asked_about() -> None:
     assert (once.detect_requests, again.asked, twice.detect_requests) == (1.0, 0.0, 2.0)
 
 
+def test_while_the_robot_waits_the_part_is_searched_again_and_again() -> None:
+    hidden = SEEN._replace(tracking=False)
+    waiting = run(in_phase(Phase.WAIT), hidden, duration=4.5 * CONFIG.lost_grace)[-1]
+    begun = run(waiting, SEEN._replace(time=waiting.last_time), duration=0.1)[-1]
+    assert (Phase(int(waiting.phase)), waiting.detect_requests) == (Phase.WAIT, 4.0)
+    assert (Phase(int(begun.phase)), begun.detect_requests) == (Phase.APPROACH, 4.0)
+
+
 def test_a_fault_leaves_the_fingers_as_they_are() -> None:
     open_ = next_state(in_phase(Phase.RETREAT), SEEN._replace(robot_moving_mode=False), CONFIG)
     shut = next_state(in_phase(Phase.FOLLOW), SEEN._replace(robot_moving_mode=False), CONFIG)
