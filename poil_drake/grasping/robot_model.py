@@ -66,7 +66,7 @@ class PandaModel:
         self._X_7G = frame.placement.homogeneous
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
-        """Returns the poses (..., 9, 4, 4), in the world, of panda_link0 to panda_link7 and of the gripper frame.
+        """Returns X_W (..., 9, 4, 4) of panda_link0 to panda_link7 and of the gripper frame.
 
         Args:
             q: (..., 7) joint positions [rad].

@@ -31,9 +31,7 @@ def MakePandaKinematics(X_WB: RigidTransform | None = None) -> ArmKinematics:
     directory = panda_package_directory()
     parser.package_map().Add(PANDA_PACKAGE, str(directory))
     parser.AddModels(str(directory / "panda.urdf"))
-    plant.WeldFrames(
-        plant.world_frame(), plant.GetFrameByName(BASE_LINK), X_WB or RigidTransform()
-    )
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(BASE_LINK), X_WB or RigidTransform())
     plant.Finalize()
     return ArmKinematics(
         plant=plant, frame=plant.GetFrameByName(GRIPPER_FRAME), joint_names=ARM_JOINTS

@@ -109,7 +109,7 @@ def copied_rgb(rgba: np.ndarray) -> np.ndarray:
 
 
 def copied_depth(depth: np.ndarray) -> np.ndarray:
-    """Returns (H, W) float32 [m], read-only, of Drake's own array (H, W, 1); not finite becomes 0."""
+    """Returns (H, W) float32 [m], read-only, of Drake's (H, W, 1) array; not finite becomes 0."""
     copy = depth[:, :, 0].copy()
     finite = np.isfinite(copy)
     if not finite.all():

@@ -129,7 +129,7 @@ class MotionSource(LeafSystem):
             discrete_state.set_value(np.r_[phase, gripper])
 
     def _latched(self, context: Context, phase: Phase) -> np.ndarray | None:
-        """Returns the gripper's pose (4, 4) when a straight phase began; None before it is known."""
+        """Returns the gripper's pose (4, 4) when the phase began; None before it is known."""
         latched = context.get_discrete_state_vector().value()
         return latched[1:].reshape(4, 4) if latched[0] == phase else None
 

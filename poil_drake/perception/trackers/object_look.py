@@ -2,7 +2,8 @@
 
 The surface at a wrong pose may well agree with depth: a mug looks the same from all sides, but for
 its handle. What is seen elsewhere then tells against the pose: a handle, known by its colours, that
-is where, carried back to the first frame, a camera looked right through.
+is where, carried back to the first frame, a camera looked right through. What stood there from the
+first, such as a rod that the object hangs on, tells nothing, whatever its colour.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,39 @@ class ObservedPoints:
 
 
 @dataclass(frozen=True, eq=False)
+class Background(SharedOnCopy):
+    """What a camera saw around the object in the first frame.
+
+    Attributes:
+        nearest: (H, W) float32 least depth in and beside each pixel [m]; infinite where nothing was
+            measured, or where the object was.
+        farthest: (H, W) float32 the largest [m]; 0 there.
+        X_WC: (4, 4) pose of the camera then.
+    """
+
+    nearest: np.ndarray
+    farthest: np.ndarray
+    X_WC: np.ndarray
+
+    def shows(
+        self, camera: CameraModel, rows: slice, columns: slice, depth: np.ndarray, error: float
+    ) -> np.ndarray:
+        """Returns which pixels (h, w) bool still show what stood there in the first frame.
+
+        Args:
+            camera: The camera now; nothing is known where it has moved.
+            rows: Of the pixels that are asked about.
+            columns: Of the same.
+            depth: (h, w) what they measure now [m].
+            error: Of depth [m].
+        """
+        if not np.array_equal(camera.X_WC, self.X_WC):
+            return np.zeros(depth.shape, dtype=bool)
+        nearest, farthest = self.nearest[rows, columns], self.farthest[rows, columns]
+        return (depth >= nearest - np.float32(error)) & (depth <= farthest + np.float32(error))
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectLook(SharedOnCopy):
     """Colours and empty surroundings of an object, in its own frame.
 
@@ -45,12 +79,14 @@ class ObjectLook(SharedOnCopy):
             that may be the object.
         corner: Where that grid begins along each axis [m].
         spacing: Of the grid [m].
+        backgrounds: What each camera saw around the object.
     """
 
     sureness: np.ndarray
     vacancy: np.ndarray
     corner: float
     spacing: float
+    backgrounds: tuple[Background, ...]
 
     def vacancy_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
         """Returns how far inside of empty space points are [m], given as x, y and z (...)."""
@@ -110,7 +146,13 @@ def learn_look(
     for camera, image in zip(frame.cameras, frame.images, strict=True):
         empty |= _seen_through(grid, camera, image.depth, X_WO, config)
     vacancy = distance_transform_edt(empty.reshape(size, size, size), sampling=config.spacing)
-    return ObjectLook(_sureness(frame, masks), vacancy.astype(np.float32), -reach, config.spacing)
+    return ObjectLook(
+        sureness=_sureness(frame, masks),
+        vacancy=vacancy.astype(np.float32),
+        corner=-reach,
+        spacing=config.spacing,
+        backgrounds=_backgrounds(frame, masks),
+    )
 
 
 def observe(
@@ -120,7 +162,7 @@ def observe(
     reach: float,
     config: LookConfig,
 ) -> ObservedPoints:
-    """Returns points that are of the object by their colour.
+    """Returns points that are of the object by their colour, and were not there from the first.
 
     Args:
         look: How the object looks.
@@ -130,15 +172,18 @@ def observe(
         config: Parameters.
     """
     points, weights = [np.empty((0, 3), np.float32)], [np.empty(0, np.float32)]
-    for camera, image in zip(frame.cameras, frame.images, strict=True):
+    views = zip(frame.cameras, frame.images, look.backgrounds, strict=True)
+    for camera, image, background in views:
         box = _box(camera, centres_W, reach)
         if box is None:
             continue
         u0, v0, u1, v1 = box
         stride = max(1, int(np.sqrt((u1 - u0) * (v1 - v0) / config.looked_at)))
-        depth = image.depth[v0:v1:stride, u0:u1:stride]
-        sure = _lookup(look.sureness, image.rgb[v0:v1:stride, u0:u1:stride])
-        v, u = np.nonzero((sure > config.min_sureness) & (depth > 0.0))
+        rows, columns = slice(v0, v1, stride), slice(u0, u1, stride)
+        depth = image.depth[rows, columns]
+        sure = _lookup(look.sureness, image.rgb[rows, columns])
+        known = background.shows(camera, rows, columns, depth, config.clearance)
+        v, u = np.nonzero((sure > config.min_sureness) & (depth > 0.0) & ~known)
         chosen = np.linspace(0, len(u) - 1, min(len(u), config.observed)).astype(np.intp)
         v, u = v[chosen], u[chosen]
         z = depth[v, u].astype(float)
@@ -191,6 +236,20 @@ def _seen_through(
     inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
     measured = nearest[np.where(inside, v, 0), np.where(inside, u, 0)]
     return inside & np.isfinite(measured) & (z < measured - config.clearance)
+
+
+def _backgrounds(frame: MultiViewFrame, masks: Sequence[np.ndarray]) -> tuple[Background, ...]:
+    """Returns what the first frame shows around the object."""
+    around = np.ones((3, 3), np.uint8)
+    backgrounds = []
+    for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True):
+        border = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+        depth = np.where(border, np.float32(0.0), image.depth)
+        infinite = np.where(depth > 0.0, depth, np.float32(np.inf))
+        backgrounds.append(
+            Background(cv2.erode(infinite, around), cv2.dilate(depth, around), camera.X_WC)
+        )
+    return tuple(backgrounds)
 
 
 def _sureness(frame: MultiViewFrame, masks: Sequence[np.ndarray]) -> np.ndarray:

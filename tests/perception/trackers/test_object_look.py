@@ -1,7 +1,15 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
+from poil_drake.geometry.rigid_transform import (
+    inverse,
+    make_transform,
+    rotation_exp,
+    transform_points,
+)
+from poil_drake.perception.images import RgbdImage
 from poil_drake.perception.trackers.alignment_config import LookConfig
 from poil_drake.perception.trackers.object_look import (
     ObservedPoints,
@@ -72,6 +80,48 @@ def test_a_handle_elsewhere_contradicts_the_pose(look, mug_scene):
     assert share[0] < 0.02
     assert share[1] > 0.03
     assert share[2] > 0.03
+
+
+@pytest.mark.parametrize(("nearer", "told"), [(0.0, False), (0.002, False), (0.03, True)])
+def test_what_stood_there_from_the_first_tells_nothing(mug_scene, nearer, told):
+    shot = mug_scene.shoot(mug_scene.start)
+    first, patch = with_a_post(shot)
+    look = learn_look(first, shot.masks, mug_scene.start, RADIUS, LookConfig())
+    now, _ = with_a_post(shot, nearer=nearer)
+
+    dut = observe(look, now, mug_scene.start[None, :3, 3], 0.15, LookConfig())
+
+    camera = now.cameras[0]
+    points_C = transform_points(inverse(camera.X_WC), dut.points)
+    u, v = np.rint((points_C @ camera.K.T)[:, :2] / points_C[:, 2:]).astype(int).T
+    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    assert patch[v[inside], u[inside]].any() == told
+
+
+def test_what_a_camera_that_was_moved_saw_first_is_forgotten(mug_scene):
+    shot = mug_scene.shoot(mug_scene.start)
+    camera, image = shot.frame.cameras[0], shot.frame.images[0]
+    look = learn_look(shot.frame, shot.masks, mug_scene.start, RADIUS, LookConfig())
+    aside = dataclasses.replace(
+        camera, X_WC=camera.X_WC @ make_transform(np.eye(3), np.array([0.01, 0.0, 0.0]))
+    )
+    everything = slice(None), slice(None), image.depth, 0.008
+
+    assert look.backgrounds[0].shows(camera, *everything).any()
+    assert not look.backgrounds[0].shows(aside, *everything).any()
+
+
+def with_a_post(shot, nearer=0.0):
+    """Paints a post of the mug's colour and depth [m] beside it in the first view."""
+    image, mask = shot.frame.images[0], shot.masks[0]
+    rows, columns = np.nonzero(mask)
+    patch = np.zeros(mask.shape, dtype=bool)
+    patch[rows.min() : rows.max(), columns.max() + 8 : columns.max() + 14] = True
+    rgb, depth = image.rgb.copy(), image.depth.copy()
+    rgb[patch] = np.median(image.rgb[mask], axis=0)
+    depth[patch] = np.median(image.depth[mask]) - nearer
+    painted = RgbdImage(rgb, depth, image.stamp)
+    return dataclasses.replace(shot.frame, images=(painted, *shot.frame.images[1:])), patch
 
 
 def test_what_is_far_from_the_object_says_nothing(look, mug_scene):

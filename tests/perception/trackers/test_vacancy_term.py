@@ -19,7 +19,11 @@ def half_space():
     x = corner + (np.arange(SIZE) + 0.5) * SPACING
     vacancy = np.broadcast_to(np.maximum(x, 0.0)[:, None, None], (SIZE,) * 3)
     return ObjectLook(
-        np.zeros((1, 1, 1), np.float32), vacancy.astype(np.float32).copy(), corner, SPACING
+        sureness=np.zeros((1, 1, 1), np.float32),
+        vacancy=vacancy.astype(np.float32).copy(),
+        corner=corner,
+        spacing=SPACING,
+        backgrounds=(),
     )
 
 
