@@ -56,6 +56,8 @@ class LookConfig:
         looked_at: How many pixels of a view are looked at, about.
         observed: How many of those that show the object are used, at most.
         min_sureness: Pixels whose colour shows the object less surely do not count.
+        min_neighbours: Nor do pixels with fewer of their 8 neighbours within `clearance` of their
+            depth: along edges depth flies between two surfaces.
         few_observed: With no more of such pixels than this, they count half as much.
         deviation: Standard deviation of how far inside of empty space the object is [m].
         correlation: How many of the observed points count as one.
@@ -73,6 +75,7 @@ class LookConfig:
     looked_at: int = 4096
     observed: int = 128
     min_sureness: float = 0.3
+    min_neighbours: int = 3
     few_observed: float = 20.0
     deviation: float = 0.003
     correlation: float = 4.0

@@ -20,6 +20,7 @@ from poil_drake.perception.trackers.alignment_config import LookConfig
 
 _BINS = (16, 48, 48)  # of brightness and of the shares of red and of blue
 _DARK = 24.0  # added to the sum of the channels, so that the hue of black is no noise [of 765]
+_BESIDE = np.array([(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1) if v or u]).T  # rows, columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +187,8 @@ def observe(
         v, u = np.nonzero((sure > config.min_sureness) & (depth > 0.0) & ~known)
         chosen = np.linspace(0, len(u) - 1, min(len(u), config.observed)).astype(np.intp)
         v, u = v[chosen], u[chosen]
+        firm = _is_firm(image.depth, u0 + u * stride, v0 + v * stride, config)
+        v, u = v[firm], u[firm]
         z = depth[v, u].astype(float)
         pixels = np.stack([(u0 + u * stride) * z, (v0 + v * stride) * z, z], axis=1)
         points_C = pixels @ np.linalg.inv(camera.K).T
@@ -193,6 +196,15 @@ def observe(
         points.append(points_W.astype(np.float32))
         weights.append(sure[v, u])
     return ObservedPoints(np.concatenate(points), np.concatenate(weights))
+
+
+def _is_firm(depth: np.ndarray, u: np.ndarray, v: np.ndarray, config: LookConfig) -> np.ndarray:
+    """Returns which pixels (q,) bool are part of a surface, and do not fly between two."""
+    height, width = depth.shape
+    rows = np.clip(v[:, None] + _BESIDE[0], 0, height - 1)
+    columns = np.clip(u[:, None] + _BESIDE[1], 0, width - 1)
+    alike = np.abs(depth[rows, columns] - depth[v, u][:, None]) < config.clearance
+    return np.count_nonzero(alike, axis=1) >= config.min_neighbours
 
 
 def contradiction(

@@ -16,6 +16,7 @@ RADIUS, INNER, TALL, FLOOR = 0.040, 0.036, 0.095, 0.006
 HANDLE = np.array([[0.038, -0.006, 0.02], [0.070, 0.006, 0.075]])  # a box: lower, upper corner
 HOLE = np.array([[0.040, -0.007, 0.03], [0.060, 0.007, 0.065]])  # cut out of it
 NO_HIT = 1e3
+MUG_GREY = 170
 
 
 class Shot(NamedTuple):
@@ -26,11 +27,12 @@ class Shot(NamedTuple):
 
 
 class MugScene(NamedTuple):
-    """A mug to look at: its frame M is at the middle of its foot, its handle along +x."""
+    """A mug to look at: its frame M is at the middle of its foot, its handle along +x; its grey."""
 
     shoot: Callable[..., Shot]
     start: np.ndarray
     handle_points: np.ndarray
+    grey: int
 
 
 def look_at(eye: list[float], target: list[float]) -> np.ndarray:
@@ -111,6 +113,7 @@ def shoot(
     with_handle=True,
     noisy=False,
     boxes=(),
+    box_grey=60,
     present=True,
 ):
     """Takes a picture of the mug at X_WM, of the table, and of boxes ((lower, upper), X_WB)."""
@@ -126,13 +129,13 @@ def shoot(
         if present:
             mug, points_M = mug_depth(camera, X_WM, rays, with_handle=with_handle)
             mask = mug < depth
-            shade = texture(points_M[mask], 3) if textured else 170
+            shade = texture(points_M[mask], 3) if textured else MUG_GREY
             grey[mask], depth = shade, np.minimum(depth, mug)
         for corners, X_WB in boxes:
             eye = (inverse(X_WB) @ camera.X_WC[:, 3])[:3]
             hit = box(eye, rays @ (X_WB[:3, :3].T @ camera.X_WC[:3, :3]).T, np.array(corners))[0]
             mask &= hit >= depth
-            grey[hit < depth], depth = 60, np.minimum(depth, hit)
+            grey[hit < depth], depth = box_grey, np.minimum(depth, hit)
         depth = np.where(depth < 2.0, depth, 0.0).astype(np.float32).reshape(HEIGHT, WIDTH)
         if noisy:
             seed = (view, round(time * 8))
@@ -150,4 +153,4 @@ def mug_scene() -> MugScene:
     corners = np.array(
         [[x, y, z] for x in (0.064, 0.07) for y in (-0.006, 0.006) for z in (0.03, 0.065)]
     )
-    return MugScene(shoot, start, transform_points(start, corners))
+    return MugScene(shoot, start, transform_points(start, corners), MUG_GREY)

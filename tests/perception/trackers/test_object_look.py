@@ -91,11 +91,7 @@ def test_what_stood_there_from_the_first_tells_nothing(mug_scene, nearer, told):
 
     dut = observe(look, now, mug_scene.start[None, :3, 3], 0.15, LookConfig())
 
-    camera = now.cameras[0]
-    points_C = transform_points(inverse(camera.X_WC), dut.points)
-    u, v = np.rint((points_C @ camera.K.T)[:, :2] / points_C[:, 2:]).astype(int).T
-    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    assert patch[v[inside], u[inside]].any() == told
+    assert patch[pixels(now.cameras[0], dut.points)].any() == told
 
 
 def test_what_a_camera_that_was_moved_saw_first_is_forgotten(mug_scene):
@@ -109,6 +105,44 @@ def test_what_a_camera_that_was_moved_saw_first_is_forgotten(mug_scene):
 
     assert look.backgrounds[0].shows(camera, *everything).any()
     assert not look.backgrounds[0].shows(aside, *everything).any()
+
+
+@pytest.mark.parametrize(("width", "told"), [(1, False), (2, True)])
+def test_depth_that_flies_between_two_surfaces_tells_nothing(look, mug_scene, width, told):
+    shot = mug_scene.shoot(mug_scene.start)
+    flown, patch = with_a_fringe(shot, width)
+    every_pixel = LookConfig(looked_at=100_000, observed=100_000)
+
+    dut = observe(look, flown, mug_scene.start[None, :3, 3], 0.15, every_pixel)
+
+    assert patch[pixels(flown.cameras[0], dut.points)].any() == told
+
+
+def pixels(camera, points):
+    """Rows and columns in a view of those points that lie in it."""
+    points_C = transform_points(inverse(camera.X_WC), points)
+    u, v = np.rint((points_C @ camera.K.T)[:, :2] / points_C[:, 2:]).astype(int).T
+    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    return v[inside], u[inside]
+
+
+def with_a_fringe(shot, width):
+    """Paints a line of the mug's colour beside it in the first view, nearer than what is there.
+
+    Every pixel of a line one pixel wide has another depth, those of a wider one have all the same.
+    """
+    image, mask = shot.frame.images[0], shot.masks[0]
+    rows, columns = np.nonzero(mask)
+    left = columns.max() + 8
+    patch = np.zeros(mask.shape, dtype=bool)
+    patch[rows.min() : rows.max(), left : left + width] = True
+    rgb, depth = image.rgb.copy(), image.depth.copy()
+    rgb[patch] = np.median(image.rgb[mask], axis=0)
+    depth[patch] = np.median(image.depth[mask]) - 0.05
+    if width == 1:
+        depth[rows.min() : rows.max() : 2, left] -= 0.02
+    painted = RgbdImage(rgb, depth, image.stamp)
+    return dataclasses.replace(shot.frame, images=(painted, *shot.frame.images[1:])), patch
 
 
 def with_a_post(shot, nearer=0.0):
