@@ -23,6 +23,7 @@ from poil_drake.diagrams.scenario_tracker import GROUND_TRUTH, MakeScenarioTrack
 from poil_drake.diagrams.station import MakeStation, Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.systems.arm_plant import MakePandaKinematics
 from poil_drake.systems.differential_ik import DifferentialIk, DifferentialIkConfig
@@ -75,7 +76,7 @@ class ClosedLoop:
     motion: MotionSource
 
     def Close(self) -> None:
-        """Ends the tracker's worker thread. The diagram cannot be simulated any further."""
+        """Ends the tracker's workers. The diagram cannot be simulated any further."""
         if isinstance(self.tracker, PointTracker):
             self.tracker.close()
 
@@ -261,7 +262,7 @@ def _add_perception(
         stopwatch=stopwatch,
     )
     tracker = PointTracker(
-        tracker=MakeScenarioTracker(poil),
+        tracker=ProcessTracker(MakeScenarioTracker(poil)),
         cameras=cameras,
         num_points=len(plan.target_points),
         query_points=plan.target_points,

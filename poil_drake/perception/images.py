@@ -116,6 +116,10 @@ class MultiViewFrame(SharedOnCopy):
             MappingProxyType({k: tuple(int(i) for i in v) for k, v in self.label_ids.items()}),
         )
 
+    def __reduce__(self) -> tuple:
+        """Makes a frame of its parts again in another process; a read-only view is not pickled."""
+        return type(self), (self.cameras, self.images, dict(self.label_ids))
+
     @property
     def stamp(self) -> float:
         """The time of capture [s]: the oldest of the images'."""

@@ -21,6 +21,7 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers import protocol
+from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.systems.camera_ports import CameraPorts
 from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
 from poil_drake.systems.stopwatch import Stopwatch
@@ -111,7 +112,7 @@ class PointTracker(LeafSystem):
         """Constructs the system.
 
         Args:
-            tracker: What tracks.
+            tracker: What tracks; a `ProcessTracker` leaves the interpreter to the simulation.
             cameras: The cameras' models, in the order of the views.
             num_points: How many points are followed, N.
             query_points: (N, 3) where they are at first [m, world]; None: the port says.
@@ -148,9 +149,11 @@ class PointTracker(LeafSystem):
         self.DeclareStateOutputPort("frame", self._frame)
 
     def close(self) -> None:
-        """Ends the worker; what it is doing is finished first. No capture may follow."""
+        """Ends the workers; what they are doing is finished first. No capture may follow."""
         if self._worker is not None:
             self._worker.shutdown(wait=True, cancel_futures=True)
+        if isinstance(self._tracker, ProcessTracker):
+            self._tracker.close()
 
     def _declare_events(self) -> None:
         config = self._config

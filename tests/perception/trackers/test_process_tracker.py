@@ -1,0 +1,168 @@
+import gc
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from poil_drake.errors import TrackingError
+from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.process_tracker import ProcessTracker
+from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
+
+UP = make_transform(np.eye(3), np.array([0.0, 0.0, 0.02]))
+
+
+class Counted:
+    """A state that knows how many of its kind there are."""
+
+    alive = 0
+
+    def __init__(self) -> None:
+        Counted.alive += 1
+
+    def __del__(self) -> None:
+        Counted.alive -= 1
+
+
+class CountingTracker:
+    """Tells by its points how many states live in its process, and fails on demand."""
+
+    def start(self, frame, query_points, object_masks):
+        return self._output(frame)
+
+    def step(self, state, frame, motion_prior=None):
+        if frame.stamp == 13.0:
+            raise TrackingError("Nothing is seen.", remedy="Look again.")
+        if frame.stamp == 14.0:
+            raise ZeroDivisionError("by mistake")
+        return self._output(frame)
+
+    def _output(self, frame):
+        state = Counted()
+        points = np.full((1, 3), float(Counted.alive))
+        return TrackerOutput(state, TrackedPoints(points, np.ones(1), frame.stamp), lost=False)
+
+
+@pytest.fixture
+def dut():
+    tracker = ProcessTracker(CountingTracker())
+    yield tracker
+    tracker.close()
+
+
+@pytest.fixture
+def frame(mug_scene):
+    return mug_scene.shoot(mug_scene.start).frame
+
+
+def test_the_outcome_is_that_of_the_tracker_itself(mug_scene):
+    alone, beside = RigidFlowTracker(), ProcessTracker(RigidFlowTracker())
+    shot = mug_scene.shoot(mug_scene.start, noisy=True)
+    expected, output = (
+        tracker.start(shot.frame, mug_scene.handle_points, shot.masks)
+        for tracker in (alone, beside)
+    )
+    X_WM = mug_scene.start
+    for k in range(1, 5):
+        X_WM = UP @ X_WM
+        frame = mug_scene.shoot(X_WM, time=k / 8, noisy=True).frame
+        prior = UP if k % 2 else None
+        expected = alone.step(expected.state, frame, prior)
+        output = beside.step(output.state, frame, prior)
+
+        np.testing.assert_array_equal(output.points.positions, expected.points.positions)
+        np.testing.assert_array_equal(output.points.confidence, expected.points.confidence)
+        assert (output.points.stamp, output.lost) == (expected.points.stamp, expected.lost)
+    beside.close()
+
+
+def test_a_state_may_be_stepped_from_more_than_once(mug_scene):
+    dut = ProcessTracker(RigidFlowTracker())
+    shot = mug_scene.shoot(mug_scene.start)
+    first = dut.start(shot.frame, mug_scene.handle_points, shot.masks)
+    frame = mug_scene.shoot(UP @ mug_scene.start, time=1 / 8).frame
+
+    once, again = dut.step(first.state, frame), dut.step(first.state, frame)
+
+    np.testing.assert_array_equal(once.points.positions, again.points.positions)
+    dut.close()
+
+
+def test_states_that_nobody_holds_are_forgotten(dut, frame):
+    output = dut.start(frame, np.zeros((1, 3)), ())
+    for _ in range(20):
+        output = dut.step(output.state, frame)
+        gc.collect()
+
+    # The new one, the one before, and the one whose end the worker hears of with the next request.
+    assert output.points.positions[0, 0] <= 3.0
+
+
+def test_a_tracking_error_comes_through(dut, mug_scene):
+    output = dut.start(mug_scene.shoot(mug_scene.start).frame, np.zeros((1, 3)), ())
+
+    with pytest.raises(TrackingError) as caught:
+        dut.step(output.state, mug_scene.shoot(mug_scene.start, time=13.0).frame)
+
+    assert (caught.value.problem, caught.value.remedy) == ("Nothing is seen.", "Look again.")
+
+
+def test_a_mistake_in_the_tracker_shows_where_it_was_made(dut, mug_scene):
+    output = dut.start(mug_scene.shoot(mug_scene.start).frame, np.zeros((1, 3)), ())
+
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: by mistake"):
+        dut.step(output.state, mug_scene.shoot(mug_scene.start, time=14.0).frame)
+
+
+def test_a_killed_worker_means_lost_and_the_next_start_begins_anew(dut, frame):
+    output = dut.start(frame, np.zeros((1, 3)), ())
+    os.kill(dut.pid, signal.SIGKILL)
+
+    for _ in range(2):
+        with pytest.raises(TrackingError, match="process has ended"):
+            dut.step(output.state, frame)
+    again = dut.start(frame, np.zeros((1, 3)), ())
+
+    with pytest.raises(TrackingError):  # a state of the worker that died
+        dut.step(output.state, frame)
+    assert not dut.step(again.state, frame).lost
+
+
+def test_an_interrupt_at_the_keyboard_is_not_for_the_worker(dut, frame):
+    output = dut.start(frame, np.zeros((1, 3)), ())
+
+    os.kill(dut.pid, signal.SIGINT)
+
+    assert not dut.step(output.state, frame).lost
+
+
+def test_closing_ends_the_process(dut):
+    pid = dut.pid
+
+    dut.close()
+
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert dut.pid is None
+
+
+def test_a_script_needs_no_guard_and_leaves_no_process(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from poil_drake.perception.trackers.process_tracker import ProcessTracker\n"
+        "from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker\n"
+        "print(ProcessTracker(RigidFlowTracker()).pid)\n"
+    )
+
+    # Nobody closes it; its output ends only once the worker has ended, too.
+    run = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=True
+    )
+
+    assert run.stdout.strip().isdigit()
+    assert run.stderr == ""
