@@ -13,6 +13,7 @@ from poil_drake.models.mug_shape import BOTTOM_FACTOR, handle_center_line, outer
 from poil_drake.models.mug_texture import texture_image
 
 _FOOT_RADIUS = 0.002  # [m]
+_ROUNDING_ERROR = 1e-14  # Below anything that is meant, in [m], [rad], [kg] or [kg m^2].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,12 @@ def _sdf(mug: MugParameters, config: MugCollisionConfig) -> str:
 
 
 def _numbers(*values: float) -> str:
-    return " ".join(f"{v:.6g}" for v in values)
+    return " ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    """Writes rounding errors, which differ between processors, as 0."""
+    return f"{value if abs(value) > _ROUNDING_ERROR else 0.0:.6g}"
 
 
 def _visual(mug: MugParameters, part: str) -> str:
@@ -103,14 +109,15 @@ def _visual(mug: MugParameters, part: str) -> str:
 
 
 def _inertial(mass: float, center: np.ndarray, inertia: np.ndarray) -> str:
-    ixx, iyy, izz = np.diag(inertia)
+    ixx, iyy, izz = (_number(value) for value in np.diag(inertia))
+    ixy, ixz, iyz = (_number(value) for value in inertia[np.triu_indices(3, 1)])
     return f"""
       <inertial>
         <pose>{_numbers(*center)} 0 0 0</pose>
-        <mass>{mass:.6g}</mass>
+        <mass>{_number(mass)}</mass>
         <inertia>
-          <ixx>{ixx:.6g}</ixx><iyy>{iyy:.6g}</iyy><izz>{izz:.6g}</izz>
-          <ixy>{inertia[0, 1]:.6g}</ixy><ixz>{inertia[0, 2]:.6g}</ixz><iyz>{inertia[1, 2]:.6g}</iyz>
+          <ixx>{ixx}</ixx><iyy>{iyy}</iyy><izz>{izz}</izz>
+          <ixy>{ixy}</ixy><ixz>{ixz}</ixz><iyz>{iyz}</iyz>
         </inertia>
       </inertial>"""
 
