@@ -41,6 +41,7 @@ class Trial:
         worst_tracking_error: The largest of them [m].
         real_time_factor: Simulated over wall-clock time of the closed loop.
         split: Share of that wall-clock time by what it went to.
+        beside: Share of it during which another process rendered or tracked.
         simulated: Simulated time [s].
     """
 
@@ -54,6 +55,7 @@ class Trial:
     worst_tracking_error: float = np.nan
     real_time_factor: float = np.nan
     split: dict[str, float] | None = None
+    beside: dict[str, float] | None = None
     simulated: float = np.nan
 
 
@@ -122,7 +124,6 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
     medians = [trial.tracking_errors[0] for trial in finished]
     p95s = [trial.tracking_errors[1] for trial in finished]
     factors = [trial.real_time_factor for trial in finished]
-    names = sorted({name for trial in finished for name in trial.split or {}})
     return {
         "trials": len(trials),
         "successes": sum(trial.success for trial in trials),
@@ -134,11 +135,15 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
         "tracking_error_p95_worst_trial": _percentile(p95s, 100),
         "real_time_factor_median": _percentile(factors, 50),
         "real_time_factor_p5": _percentile(factors, 5),
-        "split": {
-            name: float(np.mean([(t.split or {}).get(name, 0.0) for t in finished]))
-            for name in names
-        },
+        "split": _mean_shares([trial.split or {} for trial in finished]),
+        "beside": _mean_shares([trial.beside or {} for trial in finished]),
     }
+
+
+def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Returns the mean of each share; one that is missing is 0."""
+    names = sorted({name for one in shares for name in one})
+    return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
 
 
 def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
@@ -165,6 +170,7 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         worst_tracking_error=tracking.maximum,
         real_time_factor=summary.timing.real_time_factor,
         split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
+        beside={name: part / summary.timing.wall for name, part in summary.timing.beside.items()},
         simulated=summary.timing.simulated,
     )
 

@@ -45,3 +45,13 @@ class PointTrajectory(SharedOnCopy):
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "velocities", velocities)
+
+    def positions_at(self, time: float) -> np.ndarray:
+        """Returns the points (N, 3) [m, world] at a time [s], linear between samples.
+
+        Before the start and after the end they are those there.
+        """
+        after = min(max(int(self.times.searchsorted(time)), 1), self.times.size - 1)
+        start, end = self.times[after - 1 : after + 1].tolist()
+        s = min(max((time - start) / (end - start), 0.0), 1.0)
+        return (1.0 - s) * self.positions[after - 1] + s * self.positions[after]

@@ -1,23 +1,29 @@
 """Cameras of the simulated station, and whole frames taken with them."""
 
+import copy
+import math
 import re
 from collections.abc import Mapping
 
 import numpy as np
+from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
-from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo, RgbdSensor
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo
 
 from poil_drake.diagrams.drake_errors import DRAKE_ERRORS, drake_reason
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.systems.camera_ports import copied_depth, copied_rgb
+from poil_drake.systems.delayed_cameras import DelayedCameras, Photographer
 from poil_drake.systems.depth_noise_system import DepthNoiseSystem
+from poil_drake.systems.stopwatch import Stopwatch
 
+_NO_NETWORK = "memq://null"
 _LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
 
 
@@ -29,33 +35,30 @@ def AddCameras(
     lcm_buses: LcmBuses,
     noise: StereoDepthNoiseConfig,
     seed: int,
-) -> dict[str, RgbdSensor]:
-    """Adds the cameras, and noise on their depth, and exports their images.
+) -> tuple[CameraModel, ...]:
+    """Adds the cameras, and noise on their depth, and exports their images, which never delay.
 
     Nothing renders by itself: an image is rendered when somebody evaluates its port, so consumers
     sample in their own periodic events.
 
     Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
-    invalid) and `<name>.label_image` (ImageLabel16I).
+    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], which is now.
 
     Returns:
-        The sensors by name.
+        The cameras' models.
 
     Raises:
-        ScenarioError: when a camera is named differently inside and outside, delays its images,
-            moves, or has a value that Drake does not take.
+        ScenarioError: when a camera is named differently inside and outside, moves, or has a value
+            that Drake does not take.
     """
-    sensors = {}
+    models = MakeCameraModels(plant, cameras)
     for index, (name, config) in enumerate(cameras.items()):
-        _check_camera(name, config)
-        _require_at_rest(plant, name, config)
+        config = copy.copy(config)
+        config.output_delay = 0.0
         try:
             ApplyCameraConfig(config, builder, lcm_buses=lcm_buses)
         except DRAKE_ERRORS as error:
-            raise ScenarioError(
-                f"cameras.{name} cannot be used: {drake_reason(error)}.",
-                remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
-            ) from error
+            raise _unusable(name, error) from error
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         depth = builder.AddNamedSystem(
             f"depth_noise_{name}",
@@ -71,8 +74,135 @@ def AddCameras(
         builder.ExportOutput(sensor.color_image_output_port(), f"{name}.rgb_image")
         builder.ExportOutput(depth.GetOutputPort("noisy_depth_image"), f"{name}.depth_image")
         builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
-        sensors[name] = sensor
-    return sensors
+        builder.ExportOutput(sensor.image_time_output_port(), f"{name}.image_time")
+    return models
+
+
+def AddDelayedCameras(
+    *,
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    cameras: Mapping[str, CameraConfig],
+    lcm_buses: LcmBuses,
+    photographer: Photographer,
+    period: float,
+    stopwatch: Stopwatch | None,
+) -> DelayedCameras:
+    """Adds cameras whose images appear their `output_delay` after the capture.
+
+    Exports the same ports as `AddCameras`.
+
+    Args:
+        builder: Gets the cameras.
+        plant: What they look at.
+        cameras: Their configuration.
+        lcm_buses: The networks; none of them gets the images.
+        photographer: What renders.
+        period: From one capture to the next [s].
+        stopwatch: See `DelayedCameras`.
+
+    Raises:
+        ScenarioError: as `AddCameras`, and where not all cameras have one delay, or one publishes.
+    """
+    models = MakeCameraModels(plant, cameras)
+    for name, config in cameras.items():
+        _require_unpublished(name, config, lcm_buses)
+        _require_usable(name, config, lcm_buses)
+    system = builder.AddNamedSystem(
+        "cameras",
+        DelayedCameras(
+            photographer=photographer,
+            cameras=models,
+            num_positions=plant.num_positions(),
+            num_velocities=plant.num_velocities(),
+            period=period,
+            delay=CameraDelay(cameras),
+            stopwatch=stopwatch,
+        ),
+    )
+    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+    for model in models:
+        for kind in ("rgb_image", "depth_image", "label_image", "image_time"):
+            port = f"{model.name}.{kind}"
+            builder.ExportOutput(system.GetOutputPort(port), port)
+    return system
+
+
+def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
+    """Returns the one delay of all cameras [s]; 0 where there are none.
+
+    Raises:
+        ScenarioError: if they differ, or one is not finite or negative.
+    """
+    delays = {name: config.output_delay for name, config in cameras.items()}
+    for name, delay in delays.items():
+        first, expected = next(iter(delays.items()))
+        if not 0.0 <= delay < math.inf:
+            raise ScenarioError(
+                f"cameras.{name}.output_delay is {delay} s.", remedy="It must be 0 or positive."
+            )
+        if delay != expected:
+            raise ScenarioError(
+                f"cameras.{name}.output_delay is {delay} s, but cameras.{first}.output_delay is "
+                f"{expected} s.",
+                remedy="Give all cameras one delay: a frame holds the images of one instant.",
+            )
+    return next(iter(delays.values()), 0.0)
+
+
+def MakeCameraModels(
+    plant: MultibodyPlant, cameras: Mapping[str, CameraConfig]
+) -> tuple[CameraModel, ...]:
+    """Returns the cameras' pinhole models.
+
+    Raises:
+        ScenarioError: as `AddCameras`.
+    """
+    models = []
+    for name, config in cameras.items():
+        _check_camera(name, config)
+        X_WB = _require_at_rest(plant, name, config)
+        try:
+            core = config.MakeCameras()[0].core()
+        except DRAKE_ERRORS as error:
+            raise _unusable(name, error) from error
+        X_WC = X_WB @ core.sensor_pose_in_camera_body()
+        models.append(MakeCameraModel(name=name, info=core.intrinsics(), X_WC=X_WC))
+    return tuple(models)
+
+
+def _require_unpublished(name: str, config: CameraConfig, lcm_buses: LcmBuses) -> None:
+    if not (config.rgb or config.depth or config.label):
+        return
+    url = lcm_buses.Find(f"cameras.{name}", config.lcm_bus).get_lcm_url()
+    if url != _NO_NETWORK:
+        raise ScenarioError(
+            f"cameras.{name} has an output_delay and is published on lcm_buses.{config.lcm_bus}.",
+            remedy="Delayed images are not published: set its rgb, depth and label to false, or "
+            "its output_delay to 0.",
+        )
+
+
+def _require_usable(name: str, config: CameraConfig, lcm_buses: LcmBuses) -> None:
+    """Lets Drake make the camera before an empty scene: what it does not take shows here.
+
+    Otherwise it would show in the process that renders, long after the station was built.
+    """
+    alone = copy.copy(config)
+    alone.X_PB, alone.output_delay = Transform(), 0.0
+    builder = DiagramBuilder()
+    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    try:
+        ApplyCameraConfig(alone, builder, lcm_buses=lcm_buses)
+    except DRAKE_ERRORS as error:
+        raise _unusable(name, error) from error
+
+
+def _unusable(name: str, error: BaseException) -> ScenarioError:
+    return ScenarioError(
+        f"cameras.{name} cannot be used: {drake_reason(error)}.",
+        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
+    )
 
 
 def _check_camera(name: str, config: CameraConfig) -> None:
@@ -91,15 +221,18 @@ def _check_camera(name: str, config: CameraConfig) -> None:
             f"cameras.{name} has {config.width} x {config.height} pixels.",
             remedy=f"At most {_LARGEST_SIDE} either way are drawn.",
         )
-    if config.output_delay > 0:
+    if config.capture_offset != 0.0:
         raise ScenarioError(
-            f"cameras.{name}.output_delay is {config.output_delay} s.",
-            remedy="Leave it at 0 and set poil.latency, which delays what the tracker gives.",
+            f"cameras.{name}.capture_offset is {config.capture_offset} s.",
+            remedy="Leave it at 0: all cameras capture at multiples of poil.rates.tracker.",
         )
 
 
-def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> None:
-    """Checks that a camera stays where it is: those who look through it know its pose once."""
+def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
+    """Returns X_WB, the pose of a camera's body, after checking that it stays where it is.
+
+    Those who look through it know its pose once.
+    """
     path = f"cameras.{name}.X_PB"
     # The camera's own poses: of its colour and its depth image in its body.
     poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
@@ -124,6 +257,8 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
             f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",
             remedy="Mount the camera on what is welded to the world.",
         )
+    X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
+    return X_WP @ config.X_PB.GetDeterministicValue()
 
 
 def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> CameraModel:
@@ -134,18 +269,6 @@ def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> Cam
         height=info.height(),
         K=info.intrinsic_matrix(),
         X_WC=X_WC.GetAsMatrix4(),
-    )
-
-
-def SensorCameraModel(
-    *, diagram: Diagram, context: Context, name: str, sensor: RgbdSensor
-) -> CameraModel:
-    """Returns a simulated camera's model, at the pose that it has now."""
-    core = sensor.default_color_render_camera().core()
-    sensor_context = diagram.GetSubsystemContext(sensor, context)
-    X_WB = sensor.body_pose_in_world_output_port().Eval(sensor_context)
-    return MakeCameraModel(
-        name=name, info=core.intrinsics(), X_WC=X_WB @ core.sensor_pose_in_camera_body()
     )
 
 

@@ -76,9 +76,10 @@ class ClosedLoop:
     motion: MotionSource
 
     def Close(self) -> None:
-        """Ends the tracker's workers. The diagram cannot be simulated any further."""
+        """Ends the tracker's and the cameras' workers. There is no simulating any further."""
         if isinstance(self.tracker, PointTracker):
             self.tracker.close()
+        self.station.Close()
 
 
 def MakeClosedLoop(
@@ -114,8 +115,15 @@ def MakeClosedLoop(
     clock.AddStart(builder)
     station = builder.AddNamedSystem(
         "station",
-        MakeStation(scenario, meshcat=meshcat, hardware=hardware, cameras=not truth),
+        MakeStation(
+            scenario,
+            meshcat=meshcat,
+            hardware=hardware,
+            cameras=not truth,
+            stopwatch=stopwatch,
+        ),
     )
+    station.StartCameras()
     parts = {"station": station, **_add_control(builder, station, plan, stopwatch)}
     if truth:
         parts["tracker"] = _add_ground_truth_tracker(builder, scenario, plan, station)
@@ -132,7 +140,7 @@ def MakeClosedLoop(
             "snapshots",
             SnapshotRecorder(
                 album=album,
-                num_points=len(plan.target_points),
+                reference=plan.reference,
                 period=scenario.poil.rates.tracker,
                 offset=scenario.poil.rates.control,
             ),
@@ -148,8 +156,10 @@ def MakeClosedLoop(
                 injector.get_output_port(0), taker.GetInputPort("applied_spatial_force")
             )
     clock.AddStop(builder)
+    diagram = builder.Build()
+    station.WarmUpCameras()
     return ClosedLoop(
-        diagram=builder.Build(),
+        diagram=diagram,
         station=station,
         detector=parts.get("detector"),
         tracker=parts["tracker"],
@@ -251,13 +261,16 @@ def _add_perception(
     stopwatch: Stopwatch | None,
 ) -> dict[str, LeafSystem]:
     poil = scenario.poil
-    cameras = station.camera_models(station.CreateDefaultContext())
+    cameras = station.camera_models
+    # Images that appear at one instant can be looked at from the next control period on.
+    delay = station.camera_delay + poil.rates.control if station.camera_delay > 0.0 else 0.0
     detector = PartDetector(
         detector=make_detector(poil.detector),
         cameras=cameras,
         object_label=poil.object,
         part_label=poil.part,
         period=poil.rates.tracker,
+        offset=delay,
         label_ids=station.label_ids,
         stopwatch=stopwatch,
     )
@@ -267,7 +280,10 @@ def _add_perception(
         num_points=len(plan.target_points),
         query_points=plan.target_points,
         config=PointTrackerConfig(
-            period=poil.rates.tracker, latency=poil.latency, blocking=not hardware
+            period=poil.rates.tracker,
+            offset=delay,
+            latency=poil.latency - delay,
+            blocking=not hardware,
         ),
         stopwatch=stopwatch,
     )
@@ -311,11 +327,13 @@ def _connect_by_name(builder: DiagramBuilder, parts: dict[str, LeafSystem | Stat
     if "detector" in parts:
         wires += PERCEPTION_WIRES
         for camera in parts["station"].camera_names:
-            for image in ("rgb_image", "depth_image"):
+            for image in ("rgb_image", "depth_image", "image_time"):
                 port = f"{camera}.{image}"
                 wires.append((f"station.{port}", f"tracker.{port}"))
                 wires.append((f"station.{port}", f"detector.{port}"))
             wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
+        first = parts["station"].camera_names[0]
+        wires.append((f"station.{first}.image_time", "propagator.image_time"))
     else:
         wires += GROUND_TRUTH_WIRES
     if "visualizer" in parts:

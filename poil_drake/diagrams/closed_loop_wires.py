@@ -86,6 +86,5 @@ DETECTOR_LOGGER_WIRES = [
 
 SNAPSHOT_WIRES = [
     ("tracker.frame", "snapshots.frame"),
-    ("propagator.points", "snapshots.points"),
-    ("controller.target_points", "snapshots.target_points"),
+    ("tracker.tracked_points", "snapshots.tracked_points"),
 ]

@@ -13,7 +13,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
-from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage, SensorCameraModel
+from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage
 from poil_drake.diagrams.demonstration_directives import (
     demonstration_directives,
     models_left_out,
@@ -29,7 +29,7 @@ from poil_drake.diagrams.scenario_models import (
     SetInitialPositions,
 )
 from poil_drake.geometry.rigid_transform import inverse
-from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame
 
 _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
@@ -73,11 +73,11 @@ class DemonstrationScene:
         )
         self._plant.Finalize()
         RequireFreeObject(self._plant, poil.object)
-        self._sensors = {}
+        self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
             # The cameras' configuration names buses, but a recording is nobody else's business.
             silent = {name: DrakeLcmParams(lcm_url="memq://null") for name in scenario.lcm_buses}
-            self._sensors = AddCameras(
+            self._cameras = AddCameras(
                 builder=builder,
                 plant=self._plant,
                 cameras=scenario.cameras,
@@ -94,7 +94,7 @@ class DemonstrationScene:
     @property
     def camera_names(self) -> tuple[str, ...]:
         """The names of the cameras."""
-        return tuple(self._sensors)
+        return tuple(camera.name for camera in self._cameras)
 
     def put_object(self, X_WO: np.ndarray) -> None:
         """Puts the object at a (4, 4) pose in the world [m]."""
@@ -104,17 +104,11 @@ class DemonstrationScene:
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Takes a picture with every camera at a time [s], which seeds the noise."""
         self._context.SetTime(time)
-        models = tuple(
-            SensorCameraModel(
-                diagram=self._diagram, context=self._context, name=name, sensor=sensor
-            )
-            for name, sensor in self._sensors.items()
-        )
         images = tuple(
             ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
-            for name in self._sensors
+            for name in self.camera_names
         )
-        return MakeFrame(models, images, self._label_ids)
+        return MakeFrame(self._cameras, images, self._label_ids)
 
     def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Returns the boxes around a part's collision geometries, wherever they are now.

@@ -10,14 +10,19 @@ from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load
 from poil_drake.diagrams.scenario import Scenario
 
 
-def DumpScenario(scenario: Scenario) -> str:
+def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
     """Returns a scenario as a YAML document of its own, under its name.
 
     Every value is written out, defaults too, and choices such as a drawn pose or another tracker
     are in it: loaded again, also by a version with other defaults, the text gives this very
     scenario. Models are named, not copied.
+
+    Args:
+        scenario: The scenario.
+        named: False leaves out the name, as in the text (not file) that `LoadScenario` takes.
     """
-    return yaml_dump({scenario.source.name or "Scenario": _node(scenario)})
+    node = _node(scenario)
+    return yaml_dump({scenario.source.name or "Scenario": node} if named else node)
 
 
 def _node(value: Any) -> Any:

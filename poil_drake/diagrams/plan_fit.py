@@ -62,7 +62,7 @@ def CheckPlanFits(
     config = config or PlanFitConfig()
     _check_labels(plan, scenario)
     looking = scenario.poil.tracker != GROUND_TRUTH
-    station = MakeStation(scenario, hardware=hardware, cameras=looking)
+    station = MakeStation(scenario, hardware=hardware, cameras=looking, prompt_cameras=True)
     _check_arm(plan, station, config)
     if station.camera_names:
         _check_object(plan, station, config)

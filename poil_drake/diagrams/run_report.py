@@ -28,8 +28,11 @@ REQUIRED_HANGING_TIME = 2.0
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """What the picture's name may end in, which tells its format."""
 
-_MEASURED_PARTS = ("rendering", "detection", "waiting", "control", "publishing", "reporting")
+_MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
 """What one thread does in turn, so that these and what is left add up to the whole."""
+
+_BESIDE = ("rendering", "tracking")
+"""What other processes do meanwhile."""
 
 _PICTURED_PHASES = (
     Phase.WAIT,
@@ -198,7 +201,7 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
         scenario=report.scenario.source.name,
         scenario_file=report.scenario.source.file,
         seed=report.scenario.random_seed,
-        timing=RunTiming(simulated=report.simulated, wall=report.wall, parts=_split(report)),
+        timing=_timing(report),
         phases=phase_spans(np.array(recorder.times), recorder.signal("phase"), PHASE_NAMES),
         mean_error=float(held[-1]),
         initial_potential=float(driven[0]),
@@ -232,13 +235,17 @@ def _last_phase(report: Report) -> str:
     return Phase(int(phases[-1])).name.lower() if phases else "wait"
 
 
-def _split(report: Report) -> dict[str, float]:
-    """Returns wall-clock time [s] by kind of work; "tracking" runs beside the rest."""
+def _timing(report: Report) -> RunTiming:
     measured = report.stopwatch.totals()
     parts = {name: measured.get(name, 0.0) for name in _MEASURED_PARTS}
     # What is left is what Drake does between: physics, contact, and finding the next events.
-    physics = max(report.wall - sum(parts.values()), 0.0)
-    return {**parts, "physics": physics, "tracking": measured.get("tracking", 0.0)}
+    parts["physics"] = max(report.wall - sum(parts.values()), 0.0)
+    return RunTiming(
+        simulated=report.simulated,
+        wall=report.wall,
+        parts=parts,
+        beside={name: measured.get(name, 0.0) for name in _BESIDE},
+    )
 
 
 def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | None) -> SummaryData:

@@ -67,10 +67,12 @@ class RunTiming:
     Attributes:
         simulated: Simulated time [s].
         wall: Wall-clock time that the simulation took [s].
-        parts: Wall-clock time by kind of work [s]. They add up to `wall`, but for "tracking",
-            which is done by another thread beside the rest; the loop's waiting for it is "waiting".
-            "physics" is what no other part was measured to take; in a run that is slowed down
-            to a real-time rate it holds the sleep, too.
+        parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" is taking in
+            images, which holds their rendering unless the cameras delay them; "waiting" is for what
+            is done beside; "physics" is what no other part was measured to take; in a run that
+            is slowed down to a real-time rate it holds the sleep, too.
+        beside: Wall-clock time of what other processes do meanwhile [s]: "rendering" of cameras
+            that delay their images, "tracking".
         stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
             (building the loop and simulating it), report (finishing log, recording, picture).
     """
@@ -78,6 +80,7 @@ class RunTiming:
     simulated: float
     wall: float
     parts: Mapping[str, float] = field(default_factory=dict)
+    beside: Mapping[str, float] = field(default_factory=dict)
     stages: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -153,7 +156,10 @@ class RunSummary:
                 versions=dict(self.versions),
                 figures=dict(self.figures),
                 timing=dataclasses.replace(
-                    self.timing, parts=dict(self.timing.parts), stages=dict(self.timing.stages)
+                    self.timing,
+                    parts=dict(self.timing.parts),
+                    beside=dict(self.timing.beside),
+                    stages=dict(self.timing.stages),
                 ),
             )
         )

@@ -49,6 +49,7 @@ def CheckScenarioValues(scenario: "Scenario") -> None:
     _check_simulator(scenario.simulator_config)
     _check_time_step(scenario)
     _check_buses(scenario)
+    _check_latency(scenario)
 
 
 def _require_positive(name: str, value: float, *, infinite: bool = False) -> None:
@@ -104,6 +105,20 @@ def _check_time_step(scenario: "Scenario") -> None:
             f"plant_config.time_step is {step} s, but poil.rates.plant is {plant} s.",
             remedy="Leave the first out; the second is what counts.",
         )
+
+
+def _check_latency(scenario: "Scenario") -> None:
+    poil = scenario.poil
+    for name, camera in scenario.cameras.items():
+        # The tracker looks one control period after the images have appeared.
+        least = camera.output_delay + poil.rates.control
+        if camera.output_delay > 0.0 and poil.latency < least:
+            raise ScenarioError(
+                f"poil.latency is {poil.latency} s, but cameras.{name}.output_delay is "
+                f"{camera.output_delay} s.",
+                remedy=f"poil.latency holds the cameras' delay: make it at least {least} s, or the "
+                "delay shorter.",
+            )
 
 
 def _check_buses(scenario: "Scenario") -> None:

@@ -65,7 +65,7 @@ def RunSkill(
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        MakeStation(scenario, hardware=hardware)
+        MakeStation(scenario, hardware=hardware, prompt_cameras=True)
         recorded = scenario.poil.demonstration
         if recorded is None:
             beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")

@@ -1,6 +1,7 @@
 """The station: a robot, its cameras and its surroundings behind named ports."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,17 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.lcm import ApplyLcmBusConfig
-from pydrake.systems.sensors import RgbdSensor
+from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
-from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage, SensorCameraModel
+from poil_drake.diagrams.camera_process import CameraProcess
+from poil_drake.diagrams.cameras import (
+    AddCameras,
+    AddDelayedCameras,
+    CameraDelay,
+    MakeFrame,
+    ReadImage,
+)
 from poil_drake.diagrams.labels import AssignLabels
 from poil_drake.diagrams.panda_arm import (
     ARM_DRIVER,
@@ -33,8 +40,10 @@ from poil_drake.diagrams.scenario_models import (
 )
 from poil_drake.errors import StationError
 from poil_drake.models.panda_model import BASE_LINK
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.systems.delayed_cameras import DelayedCameras
 from poil_drake.systems.panda_velocity_driver import PandaDriver
+from poil_drake.systems.stopwatch import Stopwatch
 
 PrefinalizeCallback = Callable[[Parser], None]
 
@@ -59,6 +68,7 @@ class Station(Diagram):
         - <camera>.rgb_image
         - <camera>.depth_image
         - <camera>.label_image
+        - <camera>.image_time
         - body_poses
         - query_object
         - contact_results
@@ -66,6 +76,11 @@ class Station(Diagram):
     All inputs may be left unconnected: the arm and hand then hold still. Joint vectors are (7,),
     [rad], [rad/s], [N m]; `panda.torque_external` is what contacts do to the joints. `hand.width`
     is [m]. `panda` stands for the robot's name in the scenario.
+
+    Images are of the moment when somebody looks, and rendered then, unless the cameras have an
+    `output_delay`. With one they are captured at the tracker's rate, rendered by a process of
+    their own, and appear that much later; before the first they are empty (see `DelayedCameras`).
+    `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
     def __init__(
@@ -74,7 +89,9 @@ class Station(Diagram):
         *,
         meshcat: Meshcat | None,
         cameras: bool,
+        prompt_cameras: bool,
         package_xmls: Sequence[str | Path],
+        stopwatch: Stopwatch | None,
         parser_preload_callback: PrefinalizeCallback | None,
         parser_prefinalize_callback: PrefinalizeCallback | None,
     ):
@@ -82,7 +99,10 @@ class Station(Diagram):
         builder = DiagramBuilder()
         poil = scenario.poil
         self._scenario = scenario
-        self._sensors: dict[str, RgbdSensor] = {}
+        self._camera_models: tuple[CameraModel, ...] = ()
+        self._camera_process: CameraProcess | None = None
+        self._delayed_cameras: DelayedCameras | None = None
+        self._camera_delay = 0.0
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
         parser = Parser(self._plant)
         AddPackages(parser, package_xmls)
@@ -113,14 +133,7 @@ class Station(Diagram):
             time_step=poil.rates.plant,
         )
         if cameras:
-            self._sensors = AddCameras(
-                builder=builder,
-                plant=self._plant,
-                cameras=scenario.cameras,
-                lcm_buses=lcm_buses,
-                noise=poil.depth_noise,
-                seed=scenario.random_seed,
-            )
+            self._add_cameras(builder, lcm_buses, prompt_cameras, package_xmls, stopwatch)
         if meshcat is not None:
             ApplyVisualizationConfig(
                 scenario.visualization, builder, lcm_buses=lcm_buses, meshcat=meshcat
@@ -132,6 +145,39 @@ class Station(Diagram):
         builder.ExportOutput(self._plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)
+
+    def _add_cameras(
+        self,
+        builder: DiagramBuilder,
+        lcm_buses: LcmBuses,
+        prompt: bool,
+        package_xmls: Sequence[str | Path],
+        stopwatch: Stopwatch | None,
+    ) -> None:
+        scenario = self._scenario
+        delay = CameraDelay(scenario.cameras)
+        if prompt or delay == 0.0:
+            self._camera_models = AddCameras(
+                builder=builder,
+                plant=self._plant,
+                cameras=scenario.cameras,
+                lcm_buses=lcm_buses,
+                noise=scenario.poil.depth_noise,
+                seed=scenario.random_seed,
+            )
+            return
+        self._camera_delay = delay
+        self._camera_process = CameraProcess(scenario, package_xmls)
+        self._delayed_cameras = AddDelayedCameras(
+            builder=builder,
+            plant=self._plant,
+            cameras=scenario.cameras,
+            lcm_buses=lcm_buses,
+            photographer=self._camera_process,
+            period=scenario.poil.rates.tracker,
+            stopwatch=stopwatch,
+        )
+        self._camera_models = self._delayed_cameras.cameras
 
     @property
     def scenario(self) -> Scenario:
@@ -146,7 +192,52 @@ class Station(Diagram):
     @property
     def camera_names(self) -> tuple[str, ...]:
         """The names of the cameras; empty when the station was built without."""
-        return tuple(self._sensors)
+        return tuple(camera.name for camera in self._camera_models)
+
+    @property
+    def camera_models(self) -> tuple[CameraModel, ...]:
+        """The cameras' models; they do not move."""
+        return self._camera_models
+
+    @property
+    def camera_delay(self) -> float:
+        """From the capture of the exported images to their appearance [s]."""
+        return self._camera_delay
+
+    def TakePictures(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
+        """Returns what each camera sees now; `CaptureFrame` is the whole frame of it."""
+        if self._camera_process is None:
+            return tuple(
+                ReadImage(diagram=self, context=context, name=name, labels=labels)
+                for name in self.camera_names
+            )
+        plant_context = self.GetSubsystemContext(self._plant, context)
+        scene = (self._plant.GetPositions(plant_context), context.get_time())
+        images = self._camera_process.take(*scene)
+        if labels:
+            found = self._camera_process.take_labels(*scene)
+            images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
+        return images
+
+    def StartCameras(self) -> None:
+        """Starts the process that renders for delayed cameras, early, without waiting for it."""
+        if self._camera_process is not None:
+            self._camera_process.start()
+
+    def WarmUpCameras(self) -> None:
+        """Waits until delayed cameras are ready to take pictures at their usual pace.
+
+        Raises:
+            PoilError: if they cannot be used.
+        """
+        if self._camera_process is not None:
+            self._camera_process.warm_up()
+
+    def Close(self) -> None:
+        """Ends the process of delayed cameras. The station cannot be simulated any further."""
+        if self._camera_process is not None and self._delayed_cameras is not None:
+            self._camera_process.close()
+            self._delayed_cameras.close()
 
     def plant(self) -> MultibodyPlant:
         """Returns the simulated plant."""
@@ -167,13 +258,6 @@ class Station(Diagram):
         robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
         return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())
 
-    def camera_models(self, context: Context) -> tuple[CameraModel, ...]:
-        """Returns the cameras' models, at the poses that they have in the station's context."""
-        return tuple(
-            SensorCameraModel(diagram=self, context=context, name=name, sensor=sensor)
-            for name, sensor in self._sensors.items()
-        )
-
 
 def MakeStation(
     scenario: Scenario,
@@ -181,7 +265,9 @@ def MakeStation(
     meshcat: Meshcat | None = None,
     hardware: bool = False,
     cameras: bool = True,
+    prompt_cameras: bool = False,
     package_xmls: Sequence[str | Path] = (),
+    stopwatch: Stopwatch | None = None,
     parser_preload_callback: PrefinalizeCallback | None = None,
     parser_prefinalize_callback: PrefinalizeCallback | None = None,
 ) -> Station:
@@ -192,7 +278,10 @@ def MakeStation(
         meshcat: Shows the scene there.
         hardware: Not available yet; there is a simulated station only.
         cameras: False leaves out cameras and renderer altogether, for speed.
+        prompt_cameras: Whether images are of the moment, whatever the cameras' `output_delay`: for
+            a look around without a simulation.
         package_xmls: Further `package.xml` files, for directives with `package://...`.
+        stopwatch: Where delayed cameras note how long they render, and are waited for.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 
@@ -206,18 +295,27 @@ def MakeStation(
             "There is no station for real hardware yet, only the simulated one.",
             remedy="Leave out hardware (--hardware).",
         )
+    callbacks = (parser_preload_callback, parser_prefinalize_callback)
+    if cameras and not prompt_cameras and any(callbacks) and CameraDelay(scenario.cameras):
+        raise StationError(
+            "A station whose cameras have an output_delay got a parser callback, of which the "
+            "process that renders would not know.",
+            remedy="Set the cameras' output_delay to 0, or use prompt_cameras=True.",
+        )
     return Station(
         scenario,
         meshcat=meshcat,
         cameras=cameras,
+        prompt_cameras=prompt_cameras,
         package_xmls=package_xmls,
+        stopwatch=stopwatch,
         parser_preload_callback=parser_preload_callback,
         parser_prefinalize_callback=parser_prefinalize_callback,
     )
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
-    """Takes a picture with every camera now.
+    """Takes a picture with every camera now, whether they delay their images or not.
 
     Args:
         station: The station.
@@ -232,11 +330,9 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
             "The station has no cameras.",
             remedy="Name cameras in the scenario and build the station with cameras=True.",
         )
-    images = tuple(
-        ReadImage(diagram=station, context=context, name=name, labels=labels)
-        for name in station.camera_names
+    return MakeFrame(
+        station.camera_models, station.TakePictures(context, labels=labels), station.label_ids
     )
-    return MakeFrame(station.camera_models(context), images, station.label_ids)
 
 
 def GetObjectPose(station: Station, context: Context) -> RigidTransform:

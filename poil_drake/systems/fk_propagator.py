@@ -28,6 +28,7 @@ class FkPropagator(LeafSystem):
         - tracked_points
         - panda.position_measured
         - holding
+        - image_time
         output_ports:
         - points
         - confidence
@@ -46,7 +47,9 @@ class FkPropagator(LeafSystem):
     - `age` (1,) [s] since the capture that the points rest on: infinite before the first track.
     - `gripper_pose` (16,) X_WG row-major: NaN before the first finite joint positions, after that
       the last finite one.
-    - `object_motion` (16,) X_M row-major: the identity before anything is held.
+    - `object_motion` (16,) X_M row-major at `image_time` (1,) [s], when the images were captured
+      that a tracker is going to look at; now, while that port is not connected or NaN. The identity
+      before anything is held; NaN where the images are older than what is remembered.
 
     A track is taken in when its stamp is newer than the last one's and at least one of its points
     was observed: through a short loss the last good track is carried on, until it is too old. While
@@ -86,6 +89,7 @@ class FkPropagator(LeafSystem):
         )
         self._joints = self.DeclareVectorInputPort("panda.position_measured", kinematics.num_joints)
         self._holding = self.DeclareVectorInputPort("holding", 1)
+        self._image_time = self.DeclareVectorInputPort("image_time", 1)
 
         outputs = {
             "points": np.full(3 * num_points, np.nan),
@@ -98,6 +102,8 @@ class FkPropagator(LeafSystem):
         for name in outputs:
             self.DeclareStateOutputPort(name, self._state[name])
         memory = {
+            # X_M now.
+            "motion": np.eye(4).ravel(),
             "stamp": np.array([-np.inf]),
             # Of the last track, undone by X_M at their capture.
             "track_positions": np.full(3 * num_points, np.nan),
@@ -116,10 +122,11 @@ class FkPropagator(LeafSystem):
         def state(name: str) -> np.ndarray:
             return discrete_state.get_mutable_value(self._state[name])
 
-        X_M = state("object_motion").reshape(4, 4)
+        X_M = state("motion").reshape(4, 4)
         moved = self._move(context, state("gripper_pose").reshape(4, 4), X_M)
         history = state("history").reshape(-1, 17)
         record_motion(history, time, X_M, self._period)
+        state("object_motion")[:] = self._motion_of_images(context, time, X_M, history).ravel()
 
         tracked = self._eval_tracked(context)
         stamp = state("stamp")
@@ -152,6 +159,18 @@ class FkPropagator(LeafSystem):
             X_M[:] = carried_along(X_M, X_WG, X_WG_now)
         X_WG[:] = X_WG_now
         return held
+
+    def _motion_of_images(
+        self, context: Context, time: float, X_M: np.ndarray, history: np.ndarray
+    ) -> np.ndarray:
+        """Returns X_M (4, 4) at the capture of the images that are there; NaN if not known."""
+        if not self._image_time.HasValue(context):
+            return X_M
+        captured = self._image_time.Eval(context)[0]
+        if np.isnan(captured) or captured >= time:
+            return X_M
+        known = motion_at(history, captured, self._period)
+        return np.full((4, 4), np.nan) if known is None else known
 
     def _take_in(
         self, tracked: TrackedPoints, time: float, history: np.ndarray

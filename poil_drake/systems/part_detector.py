@@ -88,6 +88,7 @@ class PartDetector(LeafSystem):
         object_label: str,
         part_label: str,
         period: float,
+        offset: float = 0.0,
         label_ids: Mapping[str, Sequence[int]] | None = None,
         fusion: FusionConfig | None = None,
         stopwatch: Stopwatch | None = None,
@@ -100,10 +101,11 @@ class PartDetector(LeafSystem):
             object_label: The object to find.
             part_label: Its functional part.
             period: How often to see whether there is something to do [s].
+            offset: When to see that first [s].
             label_ids: What render labels stand for; None: there are no label ports.
             fusion: How views are merged into a cloud.
-            stopwatch: Where to note how long captures take ("rendering", in simulation), and
-                searches ("detection").
+            stopwatch: Where to note how long captures take ("capture"), and searches
+                ("detection").
         """
         super().__init__()
         self._detector = detector
@@ -112,7 +114,7 @@ class PartDetector(LeafSystem):
         self._cameras = CameraPorts(system=self, cameras=cameras, label_ids=label_ids)
         self._request = self.DeclareVectorInputPort("request", 1)
         self._state = self.DeclareAbstractState(Value(Detection()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._update)
         known = {self.abstract_state_ticket(self._state)}
         for name, field in (("part_cloud", "cloud"), ("masks", "masks")):
 
@@ -134,7 +136,7 @@ class PartDetector(LeafSystem):
         request = float(self._request.Eval(context)[0]) if connected else 0.0
         if before.status is not DetectorStatus.WAITING and not request > before.request:
             return
-        with self._stopwatch.measure("rendering"):
+        with self._stopwatch.measure("capture"):
             frame = self._cameras.capture(context)
         if frame is None:
             return

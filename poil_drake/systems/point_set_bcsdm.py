@@ -94,7 +94,7 @@ def gripper_velocity(
     if output.status is BcsdmStatus.LOST:
         unknown = np.full_like(points, np.nan)
         return ControllerAnswer(np.zeros(6), _LOST, output, unknown)
-    target = _configuration_at(reference, output.tau)
+    target = reference.positions_at(output.tau)
     if not all_finite(X_WG):
         return ControllerAnswer(np.zeros(6), _INVALID_INPUT, output, target)
     limits = (config.max_angular_speed, config.max_linear_speed)
@@ -109,15 +109,6 @@ def gripper_velocity(
     else:
         status = _LIMITED
     return ControllerAnswer(V_WG, status, output, target)
-
-
-def _configuration_at(reference: PointTrajectory, tau: float) -> np.ndarray:
-    """Returns the reference's points (N, 3) at time `tau`, linear between samples."""
-    times = reference.times
-    after = min(max(int(times.searchsorted(tau)), 1), times.size - 1)
-    before, after_it = times[after - 1 : after + 1].tolist()
-    s = (tau - before) / (after_it - before)
-    return (1.0 - s) * reference.positions[after - 1] + s * reference.positions[after]
 
 
 class PointSetBcsdm(LeafSystem):

@@ -34,6 +34,7 @@ class PointTrackerConfig:
 
     Attributes:
         period: From one capture to the next [s]; about what a tracker manages.
+        offset: Time of the first capture [s]: shortly after images appear that are delayed.
         latency: From a capture to the release of its result [s]. 0: released at once.
         parallel: Whether the work is done on a thread beside the simulation.
         blocking: Whether the release awaits the work. In simulation it must, so that the outcome
@@ -43,6 +44,7 @@ class PointTrackerConfig:
     """
 
     period: float = 1 / 8
+    offset: float = 0.0
     latency: float = 1 / 16
     parallel: bool = True
     blocking: bool = True
@@ -94,9 +96,10 @@ class PointTracker(LeafSystem):
       were known at a capture.
     - `frame`: the `MultiViewFrame` of the last capture; None before the first.
 
-    Captures are unrestricted updates at multiples of the period, releases are unrestricted updates
-    `latency` later. Images whose stamp does not advance are not tracked, so that the track of a
-    frozen camera ages. `object_motion` as seen by a capture is of the control tick before.
+    Captures are unrestricted updates at `offset` and every period after it, releases are
+    unrestricted updates `latency` later. Images whose stamp does not advance are not tracked, so
+    that the track of a frozen camera ages. `object_motion` is to be of the images' time;
+    what a capture sees was written at the control tick before.
     """
 
     def __init__(
@@ -117,13 +120,16 @@ class PointTracker(LeafSystem):
             num_points: How many points are followed, N.
             query_points: (N, 3) where they are at first [m, world]; None: the port says.
             config: When it runs.
-            stopwatch: Where to note how long captures take ("rendering", in simulation), steps
-                ("tracking", beside the simulation) and waiting for them ("waiting").
+            stopwatch: Where to note how long captures take ("capture", which is rendering where the
+                cameras do not delay), steps ("tracking", beside the simulation) and waiting for
+                them ("waiting").
         """
         super().__init__()
         self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()
         self._config = config or PointTrackerConfig()
-        self._schedule = ReleaseSchedule(period=self._config.period, latency=self._config.latency)
+        self._schedule = ReleaseSchedule(
+            period=self._config.period, latency=self._config.latency, offset=self._config.offset
+        )
         self._given_query = query_points
         if query_points is not None:
             self._given_query = frozen_array(
@@ -157,12 +163,12 @@ class PointTracker(LeafSystem):
 
     def _declare_events(self) -> None:
         config = self._config
-        self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, 0.0, self._capture)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, config.offset, self._capture)
         if not config.blocking:
             self.DeclarePeriodicUnrestrictedUpdateEvent(config.poll_period, 0.0, self._poll)
         elif config.latency > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
-                config.period, config.latency, self._release
+                config.period, config.offset + config.latency, self._release
             )
 
     def _get(self, context: Context, index: AbstractStateIndex) -> Any:
@@ -179,7 +185,7 @@ class PointTracker(LeafSystem):
         previous: _Work | None = queue[-1].item if queue else None
         if previous is not None and not self._config.blocking and not previous.future.done():
             return
-        with self._stopwatch.measure("rendering"):
+        with self._stopwatch.measure("capture"):
             frame = self._cameras.capture(context)
         if frame is None or (previous is not None and frame.stamp <= previous.stamp):
             return
@@ -198,7 +204,7 @@ class PointTracker(LeafSystem):
     def _poll(self, context: Context, state: State) -> None:
         last = self._get(context, self._released).tick
         for entry in reversed(self._get(context, self._queue)):
-            ripe = context.get_time() >= entry.tick * self._config.period + self._config.latency
+            ripe = context.get_time() >= self._schedule.release_time(entry.tick)
             if entry.tick > last and ripe and entry.item.future.done():
                 self._show(entry, state)
                 return

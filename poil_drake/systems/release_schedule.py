@@ -14,7 +14,7 @@ class Captured(NamedTuple):
     """Something captured and not yet forgotten.
 
     Attributes:
-        tick: Number of the capture, counted from time 0.
+        tick: Number of the capture, counted from the first.
         item: What came of it.
     """
 
@@ -29,21 +29,28 @@ class ReleaseSchedule:
     Attributes:
         period: Time from one capture to the next [s].
         latency: Time from a capture to its release [s]; it may exceed the period.
+        offset: Time of the first capture [s].
     """
 
     period: float
     latency: float
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.period > 0.0 and self.latency >= 0.0):
+        if not (self.period > 0.0 and self.latency >= 0.0 and self.offset >= 0.0):
             raise InvalidValueError(
-                f"The period is {self.period} s and the latency {self.latency} s.",
-                remedy="Give a positive period and a latency of 0 or more.",
+                f"The period is {self.period} s, the latency {self.latency} s and the offset "
+                f"{self.offset} s.",
+                remedy="Give a positive period, and a latency and an offset of 0 or more.",
             )
 
     def capture_tick(self, time: float) -> int:
         """Returns the number of the capture at `time` [s]."""
-        return round(time / self.period)
+        return round((time - self.offset) / self.period)
+
+    def release_time(self, tick: int) -> float:
+        """Returns when what the capture of that number gave is released [s]."""
+        return self.offset + tick * self.period + self.latency
 
     def added(self, queue: tuple[Captured, ...], time: float, item: Any) -> tuple[Captured, ...]:
         """Returns the queue after the capture of `item` at `time` [s].
@@ -51,11 +58,11 @@ class ReleaseSchedule:
         Whatever is released at `time` or later stays in the queue, so that it does not matter in
         which order a capture and a release of one instant are handled; so does the last capture.
         """
-        oldest = math.floor((time - self.latency) / self.period + _SAME)
+        oldest = math.floor((time - self.offset - self.latency) / self.period + _SAME)
         kept = tuple(entry for entry in queue[:-1] if entry.tick >= oldest) + queue[-1:]
         return (*kept, Captured(self.capture_tick(time), item))
 
     def due(self, queue: tuple[Captured, ...], time: float) -> Captured | None:
         """Returns what is released at `time` [s], None if nothing was captured for it."""
-        tick = round((time - self.latency) / self.period)
+        tick = self.capture_tick(time - self.latency)
         return next((entry for entry in queue if entry.tick == tick), None)

@@ -5,10 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, State
 
+from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
+from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+
+_REMEMBERED = 16
+"""Frames that wait for their track: more than come in any latency."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -19,8 +25,8 @@ class Snapshot:
         time: Time of capture [s].
         camera: The camera.
         rgb: (H, W, 3) uint8 colour.
-        points: (N, 3) the points that the controller was given [m, world]; NaN where unknown.
-        target_points: (N, 3) where the reference wanted them [m, world]; NaN where unknown.
+        points: (N, 3) where the tracker saw the points in it [m, world]; NaN where it did not.
+        target_points: (N, 3) where the reference wanted them then [m, world]; NaN where unknown.
     """
 
     time: float
@@ -60,6 +66,11 @@ class SnapshotAlbum:
         self._offered += 1
 
     @property
+    def last_time(self) -> float:
+        """Time of capture of the last snapshot offered [s]; minus infinity before the first."""
+        return -np.inf if self._last is None else self._last.time
+
+    @property
     def snapshots(self) -> tuple[Snapshot, ...]:
         """What was kept, in order."""
         if self._last is None or self._snapshots[-1] is self._last:
@@ -77,27 +88,26 @@ class SnapshotAlbum:
 
 
 class SnapshotRecorder(LeafSystem):
-    """Puts the tracker's frames, as they come, into an album.
+    """Puts the tracker's frames into an album, each with what the tracker made of it.
 
     .. pydrake_system::
 
         name: SnapshotRecorder
         input_ports:
         - frame
-        - points
-        - target_points
+        - tracked_points
 
-    `frame` is an abstract `MultiViewFrame`, or None before the first; `points` and `target_points`
-    are (3N,) row-major [m, world], and may stay unconnected. There are no outputs. Frames are
-    looked at in periodic publish events, soon after each capture, so that the points belong to the
-    picture; a frame is taken once.
+    `frame` is an abstract `MultiViewFrame`, or None before the first; `tracked_points` are
+    `TrackedPoints`, which come later than their frame: their stamp tells which one it is. There
+    are no outputs. Periodic updates remember the frames, and periodic publish events add the one
+    that has been tracked; none is added before the first track, and points that are lost are NaN.
     """
 
     def __init__(
         self,
         *,
         album: SnapshotAlbum,
-        num_points: int,
+        reference: PointTrajectory,
         period: float,
         offset: float,
         view: int = 0,
@@ -106,39 +116,59 @@ class SnapshotRecorder(LeafSystem):
 
         Args:
             album: Where the snapshots go.
-            num_points: Number of points, N.
-            period: The tracker's period [s].
-            offset: How long after a capture to look [s], e.g. the control period: a publish event
-                at the time of a capture would still see the frame before.
+            reference: The reference of the N points; its closest configuration is their target.
+            period: From one capture to the next [s].
+            offset: How long after time 0 to look first [s], e.g. the control period: a publish
+                event at the time of a capture would still see what was before.
             view: Which of the frame's cameras to keep.
         """
         super().__init__()
-        self._album, self._view = album, view
-        # Which frame the album has already. Nothing but the album depends on it.
-        self._taken: MultiViewFrame | None = None
-        self._unknown = np.full(3 * num_points, np.nan)
+        self._album, self._view, self._reference = album, view, reference
+        num_points = reference.positions.shape[1]
         self._frame = self.DeclareAbstractInputPort("frame", Value(object()))
-        self._points = self.DeclareVectorInputPort("points", 3 * num_points)
-        self._target_points = self.DeclareVectorInputPort("target_points", 3 * num_points)
+        self._tracked = self.DeclareAbstractInputPort(
+            "tracked_points", Value(TrackedPoints.lost(num_points, -np.inf))
+        )
+        self._frames = self.DeclareAbstractState(Value(()))
         self.DeclarePeriodicPublishEvent(period, offset, self._publish)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._remember)
         self.DeclareForcedPublishEvent(self._publish)
 
-    def _publish(self, context: Context) -> None:
+    def _known_frames(self, context: Context) -> tuple[MultiViewFrame, ...]:
+        """Returns the frames that are remembered, and the one at the port."""
+        frames: tuple[MultiViewFrame, ...] = context.get_abstract_state(self._frames).get_value()
         frame = self._frame.Eval(context) if self._frame.HasValue(context) else None
-        if not isinstance(frame, MultiViewFrame) or frame is self._taken:
+        if not isinstance(frame, MultiViewFrame) or (frames and frame.stamp <= frames[-1].stamp):
+            return frames
+        return (*frames, frame)
+
+    def _remember(self, context: Context, state: State) -> None:
+        frames = self._known_frames(context)[-_REMEMBERED:]
+        state.get_mutable_abstract_state(self._frames).set_value(frames)
+
+    def _publish(self, context: Context) -> None:
+        if not self._tracked.HasValue(context):
             return
-        self._taken = frame
-        points, target_points = (
-            (port.Eval(context) if port.HasValue(context) else self._unknown).reshape(-1, 3).copy()
-            for port in (self._points, self._target_points)
+        tracked: TrackedPoints = self._tracked.Eval(context)
+        if tracked.stamp <= self._album.last_time:
+            return
+        for frame in self._known_frames(context):
+            if frame.stamp == tracked.stamp:
+                self._album.add(self._snapshot(frame, tracked))
+
+    def _snapshot(self, frame: MultiViewFrame, tracked: TrackedPoints) -> Snapshot:
+        field = point_set_bcsdm(
+            tracked.positions, self._reference, BcsdmConfig(), tracked.confidence
         )
-        image = frame.images[self._view]
-        self._album.add(
-            Snapshot(
-                time=image.stamp,
-                camera=frame.cameras[self._view],
-                rgb=image.rgb,
-                points=points,
-                target_points=target_points,
-            )
+        known = np.isfinite(field.tau)
+        return Snapshot(
+            time=frame.stamp,
+            camera=frame.cameras[self._view],
+            rgb=frame.images[self._view].rgb,
+            points=tracked.positions,
+            target_points=(
+                self._reference.positions_at(field.tau)
+                if known
+                else np.full_like(tracked.positions, np.nan)
+            ),
         )

@@ -102,7 +102,12 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{poil: {eta: fast}}", "'poil.eta' is 'fast'"),
         ("{poil: {eta: -1}}", "poil.eta is -1.*must be positive"),
         ("{poil: {num_points: 2}}", "at least 3"),
-        ("{poil: {latency: 0.5}}", "0 <= latency < rates.tracker"),
+        ("{poil: {latency: -0.5}}", "poil.latency is -0.5 s.*not negative"),
+        ("{poil: {latency: .inf}}", "poil.latency is inf s.*finite"),
+        (
+            "{poil: {latency: 0.1}, cameras: {left: {name: left, output_delay: 0.1}}}",
+            "poil.latency is 0.1 s, but cameras.left.output_delay is 0.1 s.*at least 0.1039",
+        ),
         ("{poil: {parts: handle}}", "'poil.parts' is 'handle'.*mapping"),
         ("{poil: {depth_noise: {hole_probability: 3}}}", "poil.depth_noise: .*hole_probability"),
         ("{poil: {randomization: {x: [1]}}}", r"randomization.x.*\[lowest, highest\]"),

@@ -26,11 +26,14 @@ from poil_drake.systems.panda_velocity_driver import PandaVelocityDriver
 from poil_drake.systems.skill_phases import Phase, SkillState
 from poil_drake.systems.skill_sequencer import SkillSequencer
 
-CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 1 / 16
+CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 3 / 16
 MOVED = 0.5
 """When the object is moved [s], right before a capture: by `JUMP` [m], away from the reference."""
 JUMP = np.array([0.0, 0.02, 0.0])
 RELEASED = MOVED + LATENCY
+"""When the track that shows the jump is released [s]."""
+BEFORE = RELEASED - 8 * CONTROL
+"""Since the release before that one, all has settled [s]."""
 
 
 class Event(NamedTuple):
@@ -138,7 +141,7 @@ def test_captures_and_releases_take_turns_at_their_times(events: list[Event]) ->
     captures = [event.time for event in events if event.who == "capture"]
     releases = [event.time for event in events if event.who == "release"]
 
-    assert captures == [k * TRACKER for k in range(5)]
+    assert captures == [k * TRACKER for k in range(6)]
     assert releases == [k * TRACKER + LATENCY for k in range(5)]
 
 
@@ -176,8 +179,8 @@ def test_the_field_reaches_the_arm_two_control_periods_after_the_release(
     # The propagator writes at the release; the inverse kinematics reads that one period later,
     # and what it then writes the driver reads another period later. As the arm's acceleration is
     # limited, its commands do not jump, but their changes do.
-    assert first_jump(twists, after=MOVED) == RELEASED + CONTROL
-    assert first_jump(changes(commands), after=MOVED) == RELEASED + 2 * CONTROL
+    assert first_jump(twists, after=BEFORE) == RELEASED + CONTROL
+    assert first_jump(changes(commands), after=BEFORE) == RELEASED + 2 * CONTROL
 
 
 def test_the_sequencer_sees_the_error_when_the_inverse_kinematics_sees_the_twist(
@@ -185,4 +188,4 @@ def test_the_sequencer_sees_the_error_when_the_inverse_kinematics_sees_the_twist
 ) -> None:
     errors = seen_by(events, "sequence", "mean_error")
 
-    assert first_jump(errors, after=MOVED) == RELEASED + CONTROL
+    assert first_jump(errors, after=BEFORE) == RELEASED + CONTROL

@@ -56,9 +56,9 @@ def test_there_is_a_row_of_each_signal_for_each_sample(
     assert dut.signal("joint_velocities").shape == (9, 7)
     # Scalars have an entry instead of a row.
     assert dut.signal("phase").shape == (9,)
-    # Nothing is known of the points before the first track is released, at 1/16 s.
-    assert np.isnan(dut.signal("points")[:3]).all()
-    assert np.isfinite(dut.signal("points")[3:]).all()
+    # Nothing is known of the points before the first track is released, at 3/16 s.
+    assert np.isnan(dut.signal("points")[:7]).all()
+    assert np.isfinite(dut.signal("points")[7:]).all()
 
 
 def test_samples_do_not_change_with_what_comes_later(
@@ -99,7 +99,7 @@ def test_each_track_is_kept_once_and_compared_with_the_truth_at_its_capture(
     root = run(dut, simulator, until=0.25)
     _move_object(dut, root)
 
-    run(dut, simulator, until=0.5)
+    run(dut, simulator, until=0.625)
 
     stamps, errors = dut.tracking_errors()
     assert stamps.tolist() == [0.0, 0.125, 0.25, 0.375]
@@ -113,7 +113,7 @@ def test_each_track_is_kept_once_and_compared_with_the_truth_at_its_capture(
 def test_points_that_were_not_observed_have_no_error(
     dut: RunRecorder, simulator: Simulator
 ) -> None:
-    run(dut, simulator, until=0.125)
+    run(dut, simulator, until=0.25)
     ((track, truth),) = dut.tracks
     half_lost = TrackedPoints(
         np.vstack([track.positions[:2], np.full((1, 3), np.nan)]), np.array([1.0, 1.0, 0.0]), 0.0

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.station import CaptureFrame, GetObjectPose, MakeStation, Station
-from poil_drake.errors import ScenarioError
+from poil_drake.errors import ScenarioError, StationError
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_shape import handle_center_line
 from poil_drake.perception.images import CameraModel, MultiViewFrame
@@ -20,7 +20,8 @@ NO_NOISE = "{poil: {depth_noise: {enabled: false}}}"
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    return MakeStation(LoadScenario(filename=default_scenario_file(), data=NO_NOISE))
+    scenario = LoadScenario(filename=default_scenario_file(), data=NO_NOISE)
+    return MakeStation(scenario, prompt_cameras=True)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +104,7 @@ def test_a_station_built_again_takes_the_same_pictures() -> None:
     scenario = LoadScenario(filename=default_scenario_file(), data="{random_seed: 4}")
 
     def take() -> MultiViewFrame:
-        station = MakeStation(scenario)
+        station = MakeStation(scenario, prompt_cameras=True)
         return CaptureFrame(station, station.CreateDefaultContext())
 
     first, second = take(), take()
@@ -133,13 +134,25 @@ def test_one_of_everything_with_a_cup_in_mjcf() -> None:
     assert image.label[v[0], u[0]] not in frame.label_ids["cup/grip"]
 
 
-def test_a_camera_that_delays_is_refused() -> None:
+def test_delayed_images_are_not_published() -> None:
     scenario = LoadScenario(
-        filename=default_scenario_file(), data="{cameras: {left: {output_delay: 0.05}}}"
+        filename=default_scenario_file(), data='{lcm_buses: {default: {lcm_url: "memq://"}}}'
     )
 
-    with pytest.raises(ScenarioError, match=r"poil\.latency"):
+    with pytest.raises(ScenarioError, match=r"left has an output_delay .* lcm_buses.default"):
         MakeStation(scenario)
+
+
+@pytest.mark.parametrize("callback", ["parser_preload_callback", "parser_prefinalize_callback"])
+def test_models_added_by_code_are_not_for_delayed_cameras(callback: str) -> None:
+    scenario = LoadScenario(filename=default_scenario_file())
+    added = {callback: lambda parser: None}
+
+    with pytest.raises(StationError, match="would not know") as info:
+        MakeStation(scenario, **added)
+
+    assert "prompt_cameras=True" in info.value.remedy
+    assert MakeStation(scenario, prompt_cameras=True, **added).camera_names == ("left", "right")
 
 
 def test_a_camera_has_one_name() -> None:

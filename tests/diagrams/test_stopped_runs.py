@@ -1,6 +1,7 @@
 """A run that ends before its time leaves outputs that can be read and say why."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -10,14 +11,17 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 from short_skill import lasting, short_plan, short_scenario
 from stopped_run import SAMPLES
 
 from poil_drake.diagrams.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.load_scenario import LoadScenario
+from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_report import OutputPaths
 from poil_drake.diagrams.run_summary import RunSummary
+from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import ExecutePlan, RunSkill
 from poil_drake.errors import PoilError
 from poil_drake.recording.run_log import RunLogWriter
@@ -204,7 +208,37 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
     parts = timing["parts"]
     assert parts["publishing"] > 0.0
     assert parts["control"] > 0.0
-    # Without cameras and a tracker's thread there is nothing to render or to wait for.
-    assert parts["rendering"] == parts["detection"] == parts["tracking"] == 0.0
+    # Without cameras and a tracker's process there is nothing to look at or to wait for.
+    assert parts["capture"] == parts["detection"] == parts["waiting"] == 0.0
+    assert timing["beside"] == {"rendering": 0.0, "tracking": 0.0}
     assert sum(parts.values()) == pytest.approx(timing["wall"])
     assert summary.timing.stages == timing["stages"]
+
+
+@pytest.mark.render
+def test_a_run_whose_cameras_die_says_so_and_leaves_its_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = RunRecorder.sample
+
+    def kill_the_cameras(self: RunRecorder, root: Context) -> None:
+        if root.get_time() == 0.5:
+            process = self.loop.station._camera_process
+            os.kill(process.pid, signal.SIGKILL)
+        sample(self, root)
+
+    monkeypatch.setattr(RunRecorder, "sample", kill_the_cameras)
+    outputs = OutputPaths.under(tmp_path)
+    summary = ExecutePlan(
+        short_plan(),
+        ChooseScenario(),
+        outputs=outputs,
+        show=False,
+        show_progress=False,
+        check=False,
+    )
+
+    assert not summary.success
+    assert "cameras' process has ended with status -9" in summary.reason
+    assert json.loads(outputs.json.read_text())["reason"] == summary.reason
+    assert "/camera/left/image" in read_log(outputs.mcap)

@@ -128,6 +128,45 @@ def test_object_motion_is_the_hands_since_the_start(two_joint_arm: ArmKinematics
     )
 
 
+@pytest.mark.parametrize(
+    ("image_time", "tick"), [(76 * PERIOD, 76), (100 * PERIOD, 100), (np.nan, 100), (9.0, 100)]
+)
+def test_object_motion_is_of_the_images_that_are_there(
+    two_joint_arm: ArmKinematics, image_time: float, tick: int
+) -> None:
+    bench = Bench(two_joint_arm)
+    bench.dut.GetInputPort("image_time").FixValue(bench.context, [image_time])
+
+    bench.step_to(101)
+
+    # Now, while there are no images or they say to be of the future.
+    expected = gripper_pose(joints(tick * PERIOD)) @ np.linalg.inv(gripper_pose(joints(0.0)))
+    np.testing.assert_allclose(
+        bench.read("object_motion").reshape(4, 4), expected, rtol=0.0, atol=1e-12
+    )
+
+
+def test_object_motion_at_images_from_before_the_history_is_not_known(
+    two_joint_arm: ArmKinematics,
+) -> None:
+    bench = Bench(two_joint_arm, max_age=0.25)
+    bench.dut.GetInputPort("image_time").FixValue(bench.context, [PERIOD])
+
+    bench.step_to(101)
+
+    assert np.all(np.isnan(bench.read("object_motion")))
+
+
+def test_points_move_with_the_hand_whatever_images_there_are(two_joint_arm: ArmKinematics) -> None:
+    bench = Bench(two_joint_arm)
+    bench.give(seen(held_points(0.0), 0.0))
+    bench.dut.GetInputPort("image_time").FixValue(bench.context, [2 * PERIOD])
+
+    bench.step_to(60)
+
+    np.testing.assert_allclose(bench.points(), held_points(59 * PERIOD), rtol=0.0, atol=1e-9)
+
+
 def test_a_stamp_between_two_ticks_is_interpolated(two_joint_arm: ArmKinematics) -> None:
     bench = Bench(two_joint_arm)
     bench.step_to(50)

@@ -44,7 +44,7 @@ class MiddleDetector:
 class Bench:
     """The dut with one camera that looks at a wall 0.5 m away."""
 
-    def __init__(self) -> None:
+    def __init__(self, offset: float = 0.0) -> None:
         self.detector = MiddleDetector()
         self.dut = PartDetector(
             detector=self.detector,
@@ -52,6 +52,7 @@ class Bench:
             object_label="mug",
             part_label="handle",
             period=PERIOD,
+            offset=offset,
             fusion=FUSION,
         )
         self.simulator = Simulator(self.dut)
@@ -192,3 +193,14 @@ def test_other_errors_are_not_swallowed() -> None:
 
     with pytest.raises(ZeroDivisionError):
         bench.simulator.AdvanceTo(0.1)
+
+
+def test_with_an_offset_it_looks_that_much_later() -> None:
+    bench = Bench(offset=3 / 32)
+
+    bench.simulator.AdvanceTo(3 / 32)
+    assert bench.status is DetectorStatus.WAITING
+    bench.simulator.AdvanceTo(0.5)
+
+    assert bench.status is DetectorStatus.FOUND
+    assert bench.searches == [3 / 32]

@@ -43,6 +43,19 @@ def test_each_capture_is_released_exactly_its_latency_later(
         previous = stamp
 
 
+def test_with_an_offset_everything_comes_that_much_later(make_bench: Callable[..., Bench]) -> None:
+    config = PointTrackerConfig(period=PERIOD, offset=3 / 32, latency=3 / 16)
+    bench = make_bench(config=config)
+
+    bench.advance_to(3 / 32 + 3 / 16)
+    assert bench.points.stamp == -np.inf
+    bench.advance_to(3 / 32 + 3 / 16 + AFTER)
+    assert bench.points.stamp == 3 / 32
+    bench.advance_to(0.5)
+
+    assert bench.scene.looks == [3 / 32, 7 / 32, 11 / 32, 15 / 32]
+
+
 def test_without_latency_a_capture_is_released_at_once(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(config=PointTrackerConfig(latency=0.0))
 

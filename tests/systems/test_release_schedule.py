@@ -10,13 +10,16 @@ from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
     period=st.sampled_from([1 / 8, 0.1, 1 / 30]),
     # Latencies in units of the period, up to several periods.
     latency=st.floats(0.0, 4.0),
+    offset=st.floats(0.0, 2.0),
 )
-def test_every_capture_is_there_when_it_is_due(period: float, latency: float) -> None:
-    dut = ReleaseSchedule(period=period, latency=latency * period)
+def test_every_capture_is_there_when_it_is_due(
+    period: float, latency: float, offset: float
+) -> None:
+    dut = ReleaseSchedule(period=period, latency=latency * period, offset=offset * period)
     queue: tuple[Captured, ...] = ()
     # Events in the order of time; at one instant captures are handled before releases.
-    events = [(k * period, 0, k) for k in range(20)]
-    events += [(dut.latency + k * period, 1, k) for k in range(15)]
+    events = [(dut.offset + k * period, 0, k) for k in range(20)]
+    events += [(dut.release_time(k), 1, k) for k in range(15)]
 
     for time, kind, k in sorted(events):
         if kind == 0:
@@ -51,7 +54,18 @@ def test_the_last_capture_stays_however_long_ago() -> None:
     assert queue == (Captured(0, "first"), Captured(8, "second"))
 
 
-@pytest.mark.parametrize(("period", "latency"), [(0.0, 0.0), (-1.0, 0.0), (0.1, -0.1)])
-def test_impossible_times_are_refused(period: float, latency: float) -> None:
+def test_a_release_comes_a_latency_after_its_capture() -> None:
+    dut = ReleaseSchedule(period=1 / 8, latency=3 / 16, offset=1 / 32)
+
+    # Captures at 1/32, 5/32, 9/32.
+    assert [dut.release_time(k) for k in range(3)] == [7 / 32, 11 / 32, 15 / 32]
+    assert dut.capture_tick(9 / 32) == 2
+
+
+@pytest.mark.parametrize(
+    ("period", "latency", "offset"),
+    [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.1, -0.1, 0.0), (0.1, 0.0, -0.1)],
+)
+def test_impossible_times_are_refused(period: float, latency: float, offset: float) -> None:
     with pytest.raises(InvalidValueError, match="latency"):
-        ReleaseSchedule(period=period, latency=latency)
+        ReleaseSchedule(period=period, latency=latency, offset=offset)

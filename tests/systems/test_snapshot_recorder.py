@@ -1,12 +1,24 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
 
+from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.snapshot_recorder import Snapshot, SnapshotAlbum, SnapshotRecorder
 
 CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
+PERIOD, OFFSET = 1 / 8, 1 / 256
+START = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2], [0.6, 0.1, 0.1]])
+N = len(START)
+# The points rise by 0.2 m in 2 s.
+RISE = np.linspace(0.0, 0.2, 3)[:, None, None] * np.array([0.0, 0.0, 1.0])
+SPEED = np.array([0.1, 0.1, 0.0])[:, None, None] * np.array([0.0, 0.0, 1.0])
+REFERENCE = PointTrajectory(
+    np.array([0.0, 1.0, 2.0]), START + RISE, np.broadcast_to(SPEED, (3, N, 3))
+)
 
 
 def make_snapshot(time):
@@ -24,14 +36,43 @@ def make_frame(stamp):
     return MultiViewFrame((CAMERA,), (image,))
 
 
+def lifted(height, *, aside=0.0):
+    """Returns the points so much above their start and aside of it [m]."""
+    return START + np.array([aside, 0.0, height])
+
+
+def seen(stamp, height=0.05):
+    """Returns a track of the points so much above their start [m], and aside by 10 mm."""
+    return TrackedPoints(lifted(height, aside=0.01), np.ones(N), stamp)
+
+
 @pytest.fixture
 def album():
     return SnapshotAlbum()
 
 
+class Bench:
+    """The recorder, and what it sees from one of its looks to the next."""
+
+    def __init__(self, album):
+        self.dut = SnapshotRecorder(album=album, reference=REFERENCE, period=PERIOD, offset=OFFSET)
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+        self.looks = 0
+        self.give(None, TrackedPoints.lost(N, -np.inf))
+
+    def give(self, frame, tracked):
+        self.dut.GetInputPort("frame").FixValue(self.context, Value[object](frame))
+        self.dut.GetInputPort("tracked_points").FixValue(self.context, Value(tracked))
+
+    def look(self):
+        self.looks += 1
+        self.simulator.AdvanceTo(OFFSET + (self.looks - 0.5) * PERIOD)
+
+
 @pytest.fixture
-def dut(album):
-    return SnapshotRecorder(album=album, num_points=2, period=1 / 8, offset=1 / 256)
+def bench(album):
+    return Bench(album)
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 31, 1000])
@@ -69,26 +110,63 @@ def test_an_album_of_one_is_refused():
         SnapshotAlbum(capacity=1)
 
 
-def test_each_frame_is_taken_once_with_the_points_of_its_time(dut, album):
-    context = dut.CreateDefaultContext()
-    points = np.arange(6.0)
-    dut.GetInputPort("points").FixValue(context, points)
-    for stamp in (0.0, 0.125):
-        dut.GetInputPort("frame").FixValue(context, Value[object](make_frame(stamp)))
-        dut.ForcedPublish(context)
-        dut.ForcedPublish(context)
+@pytest.mark.parametrize("late", [0, 1, 2, 5])
+def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
+    for tick in range(8):
+        track = TrackedPoints.lost(N, -np.inf)
+        if tick >= late:
+            track = seen((tick - late) * PERIOD, height=0.01 * (tick - late))
+        bench.give(make_frame(tick * PERIOD), track)
+        bench.look()
+    for _ in range(3):  # nothing new comes
+        bench.look()
 
-    first, second = album.snapshots
-    assert (first.time, second.time) == (0.0, 0.125)
-    np.testing.assert_array_equal(first.points, points.reshape(2, 3))
-    assert np.all(np.isnan(first.target_points)), "not connected"
-    assert first.rgb[0, 0, 0] == 7
+    assert [snapshot.time for snapshot in album.snapshots] == [k / 8 for k in range(8 - late)]
+    for tick, snapshot in enumerate(album.snapshots):
+        height = 0.01 * tick
+        np.testing.assert_allclose(snapshot.points, lifted(height, aside=0.01))
+        # The closest of the reference is straight above the start, at the points' height.
+        np.testing.assert_allclose(snapshot.target_points, lifted(height), atol=1e-12)
+        assert snapshot.rgb[0, 0, 0] == 7
 
 
-def test_no_frame_is_no_snapshot(dut, album):
-    context = dut.CreateDefaultContext()
-    dut.ForcedPublish(context)
-    dut.GetInputPort("frame").FixValue(context, Value[object](None))
-    dut.ForcedPublish(context)
+def test_a_track_that_is_lost_leaves_a_picture_without_points(bench, album):
+    bench.give(make_frame(0.0), TrackedPoints.lost(N, 0.0))
+    bench.look()
+
+    (snapshot,) = album.snapshots
+    assert np.isnan(snapshot.points).all()
+    assert np.isnan(snapshot.target_points).all()
+
+
+def test_a_point_that_was_not_observed_has_a_target_all_the_same(bench, album):
+    track = seen(0.0, height=0.05)
+    positions = track.positions.copy()
+    positions[0] = np.nan
+    bench.give(make_frame(0.0), TrackedPoints(positions, np.array([0.0, 1.0, 1.0, 1.0]), 0.0))
+    bench.look()
+
+    (snapshot,) = album.snapshots
+    assert np.isnan(snapshot.points[0]).all()
+    np.testing.assert_allclose(snapshot.target_points, lifted(0.05), atol=1e-12)
+
+
+def test_no_frame_is_no_snapshot(bench, album):
+    bench.look()
+    bench.give(None, seen(0.0))
+    bench.look()
 
     assert album.snapshots == ()
+
+
+def test_what_it_remembers_is_in_the_context(bench, album):
+    bench.give(make_frame(0.0), TrackedPoints.lost(N, -np.inf))
+    bench.look()
+    other = bench.dut.CreateDefaultContext()
+    other.SetTimeStateAndParametersFrom(bench.context)
+    bench.dut.GetInputPort("frame").FixValue(other, Value[object](make_frame(0.125)))
+    bench.dut.GetInputPort("tracked_points").FixValue(other, Value(seen(0.0)))
+
+    bench.dut.ForcedPublish(other)
+
+    assert [snapshot.time for snapshot in album.snapshots] == [0.0]

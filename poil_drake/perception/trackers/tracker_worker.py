@@ -1,0 +1,36 @@
+"""The other end of `process_tracker`: serves one tracker."""
+
+from itertools import count
+from typing import Any
+
+from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.worker_process import Answer
+from poil_drake.perception.worker_service import run
+
+
+class TrackerService:
+    """Starts and steps a tracker, and keeps its states by their numbers."""
+
+    def __init__(self, tracker: PointTracker):
+        self._tracker = tracker
+        self._states: dict[int, Any] = {}
+        self._keys = count()
+
+    def __call__(self, request: tuple[str, int | None, tuple, list[int]]) -> Answer:
+        """Answers (method, key of the state or None, arguments, keys to forget).
+
+        Returns:
+            Key of the new state, points, and whether the object is lost.
+        """
+        method, key, arguments, dropped = request
+        for old in dropped:
+            self._states.pop(old, None)
+        before = () if key is None else (self._states[key],)
+        output = getattr(self._tracker, method)(*before, *arguments)
+        new = next(self._keys)
+        self._states[new] = output.state
+        return Answer((new, output.points, output.lost))
+
+
+if __name__ == "__main__":
+    run(TrackerService)

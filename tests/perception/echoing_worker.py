@@ -1,0 +1,33 @@
+"""A worker for the tests: it answers with what it was asked, or fails on demand."""
+
+import os
+from typing import Any
+
+from poil_drake.errors import InvalidValueError, TrackingError
+from poil_drake.perception.worker_process import Answer
+from poil_drake.perception.worker_service import run
+
+
+class Echo:
+    """Answers (its setup, its process, the rest of the request) with the request's arrays."""
+
+    def __init__(self, setup: str):
+        if setup == "refused":
+            raise InvalidValueError("There is no such setup.", remedy="Ask for another.")
+        if setup == "broken":
+            raise ZeroDivisionError("in the beginning")
+        self._setup = setup
+
+    def __call__(self, request: tuple[str, list[Any]]) -> Answer:
+        word, arrays = request
+        if word == "fail":
+            raise TrackingError("Nothing is seen.", remedy="Look again.")
+        if word == "stumble":
+            raise ZeroDivisionError("by mistake")
+        if word == "die":
+            os._exit(7)
+        return Answer((self._setup, os.getpid(), word), arrays)
+
+
+if __name__ == "__main__":
+    run(Echo)
