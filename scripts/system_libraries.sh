@@ -15,10 +15,12 @@ for library in "${!package_of[@]}"; do
   grep -q "$library" <<<"$known" || missing+=("${package_of[$library]}")
 done
 # Mesa's software rasteriser; a vendor's driver (NVIDIA's EGL) does as well.
-if ! ls /usr/lib/*/dri/*swrast* /usr/lib/*/dri/*kms* /usr/lib/*/libgallium* /usr/lib64/dri/*swrast* \
-    /usr/share/glvnd/egl_vendor.d/10_nvidia.json >/dev/null 2>&1; then
-  missing+=(libgl1-mesa-dri)
-fi
+rasteriser=
+for pattern in '/usr/lib/*/dri/*swrast*' '/usr/lib/*/libgallium*' '/usr/lib64/dri/*swrast*' \
+    '/usr/lib64/libgallium*' '/usr/share/glvnd/egl_vendor.d/10_nvidia.json'; do
+  if compgen -G "$pattern" >/dev/null; then rasteriser=found; fi
+done
+[ -n "$rasteriser" ] || missing+=(libgl1-mesa-dri)
 [ ${#missing[@]} -eq 0 ] && exit 0
 
 command="apt-get update && apt-get install -y --no-install-recommends ${missing[*]}"
