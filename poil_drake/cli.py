@@ -147,7 +147,7 @@ def demo_record(
     from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 
     chosen = _scenario(scenario, None, scenario_name, scenario_text, seed)
-    require_writable(output)
+    require_writable(output, inputs=(chosen.source.file,))
     frames = RecordScenarioDemonstration(chosen, output)
     typer.echo(f"recorded {frames} frames to {output}")
 
@@ -166,7 +166,7 @@ def demo_show(
 
     frames = load_demonstration(demonstration)
     picture = output or demonstration.with_suffix(".png")
-    require_writable(picture)
+    require_writable(picture, inputs=(demonstration,))
     contact_sheet(frames, picture)
     typer.echo(f"drew {picture}")
 
@@ -188,7 +188,7 @@ def transfer(
     from poil_drake.diagrams.planning import PlanScenario
 
     chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
-    require_writable(output)
+    require_writable(output, inputs=(demonstration, chosen.source.file))
     plan = PlanScenario(chosen, demonstration)
     plan.save(output)
     typer.echo(f"wrote the plan to {output}")
@@ -222,6 +222,7 @@ def execute(
         hardware=hardware,
         show=not no_meshcat,
         realtime_rate=realtime_rate,
+        inputs=(plan,),
     )
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.success else 1)

@@ -53,16 +53,14 @@ def _mug() -> str:
 
 
 def _rack() -> str:
-    tip = 0.14 * np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
+    tip = [0.0, -0.14 * np.cos(np.radians(15)), 0.26 + 0.14 * np.sin(np.radians(15))]
     return f"""<mujoco model="users_rack">
   <worldbody>
     <body name="stand" pos="0.55 0.30 0">
       <geom name="base" type="box" size="0.08 0.08 0.0075" pos="0 0 0.0075" rgba=".4 .3 .2 1"/>
       <geom name="post" type="cylinder" size="0.011 0.14" pos="0 0 0.14" rgba=".4 .3 .2 1"/>
-      <body name="rod" pos="0 0 0.26">
-        <geom name="rod_bar" type="capsule" size="0.0055" rgba=".6 .6 .6 1"
-          fromto="0 0 0 {tip[0]:.5f} {tip[1]:.5f} {tip[2]:.5f}" friction="0.6 0.005 0.0001"/>
-      </body>
+      <geom name="rod_bar" type="capsule" size="0.0055" rgba=".6 .6 .6 1"
+        fromto="0 0 0.26 {tip[0]:.5f} {tip[1]:.5f} {tip[2]:.5f}" friction="0.6 0.005 0.0001"/>
     </body>
   </worldbody>
 </mujoco>
@@ -132,4 +130,5 @@ Kitchen:
     part: handle
     parts: { handle: "mug_handle_.*" }
     demonstration_object: mug.xml
+    demonstration_motion: { hanging: { rod: "rod_.*" } }
 """

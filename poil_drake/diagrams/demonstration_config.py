@@ -45,7 +45,8 @@ class HangingMotionConfig:
     """How a mug is hung on a rod.
 
     Attributes:
-        rod: The fixture's link whose longest geometry is the rod.
+        rod: The fixture's link, or a pattern on the names of its geometries, of which the longest
+            is the rod. An object hangs where it touches these, not the rest of the fixture.
         start: Where the object stands at first [m].
         start_yaw: How far its handle is turned from the world's x axis [deg]. At 0 both cameras see
             it from the side.

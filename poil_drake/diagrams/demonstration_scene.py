@@ -1,11 +1,10 @@
 """The scene of a simulated demonstration: the scenario's, without its robot."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import CalcObb, GeometryId, QueryObject, Role
+from pydrake.geometry import CalcObb, GeometryId, QueryObject
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -14,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.cameras import AddCameras, MakeFrame, ReadImage
+from poil_drake.diagrams.collision_parts import CollisionGeometries
 from poil_drake.diagrams.demonstration_directives import (
     demonstration_directives,
     models_left_out,
@@ -175,25 +175,7 @@ class DemonstrationScene:
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
 
     def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
-        """Returns those of a link or, where no link is named so, those whose names match."""
-        inspector = self._scene_graph.model_inspector()
-        instance = self._plant.GetModelInstanceByName(model)
-        bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(instance)]
-        named = [body for body in bodies if body.name() == part]
-        geometries = [
-            geometry_id
-            for body in named or bodies
-            for geometry_id in inspector.GetGeometries(
-                self._plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity
-            )
-        ]
-        if named:
-            return geometries
-        try:
-            pattern = re.compile(part)
-        except re.error:
-            return []
-        return [g for g in geometries if pattern.fullmatch(inspector.GetName(g).split("::")[-1])]
+        return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:

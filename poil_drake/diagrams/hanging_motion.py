@@ -70,9 +70,10 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
         raise ScenarioError(
-            f"The fixture '{fixture}' has no link '{config.rod}' with a collision geometry.",
-            remedy="Name the rod's link in poil.demonstration_motion.hanging.rod, or give "
-            "poil.demonstration_motion.keyframes.",
+            f"The fixture '{fixture}' has no link, and no geometries, named '{config.rod}' that "
+            "collide.",
+            remedy="Name the rod's link or geometries in "
+            "poil.demonstration_motion.hanging.rod, or give poil.demonstration_motion.keyframes.",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop
 from poil_drake.diagrams.station import GetObjectPose
-from poil_drake.diagrams.task_success import HangingJudge, TouchedBodies
+from poil_drake.diagrams.task_success import HangingJudge, TouchedGeometries
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.skill_phases import Fault, Phase
@@ -81,7 +81,7 @@ class RunRecorder:
         self._poses[root.get_time()] = GetObjectPose(loop.station, station).GetAsMatrix4()
         self._sample_track(root)
         if self.phase >= Phase.RELEASE:
-            touched = TouchedBodies(
+            touched = TouchedGeometries(
                 loop.station.plant(),
                 loop.station.GetOutputPort("query_object").Eval(station).inspector(),
                 loop.station.GetOutputPort("contact_results").Eval(station),

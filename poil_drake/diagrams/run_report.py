@@ -1,7 +1,7 @@
 """What is written when a run is over: figures, one line, one picture."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -65,27 +65,33 @@ class OutputPaths:
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
-    def remove(self) -> None:
+    def remove(self, *, inputs: Iterable[str | Path | None] = ()) -> None:
         """Removes the files, where there are any, so that all can be written.
 
+        Args:
+            inputs: Files that are read and must stay; None stands for none.
+
         Raises:
-            OutputError: when one cannot be written, or two are the same.
+            OutputError: when one cannot be written, is an input, or two are the same; then nothing
+                was removed.
         """
         paths = {kind: path for kind, path in vars(self).items() if path is not None}
         for kind, path in paths.items():
-            twins = [other for other in paths if other != kind and paths[other] == path]
+            place = path.resolve()
+            twins = [k for k, other in paths.items() if k != kind and other.resolve() == place]
             if twins:
                 raise OutputError(
                     f"The outputs '{kind}' and '{twins[0]}' both go to '{path}'.",
                     remedy="Name a file of its own for each.",
                 )
-            require_writable(path)
-            path.unlink(missing_ok=True)
+            require_writable(path, inputs=inputs)
         if self.png is not None and self.png.suffix not in PICTURE_SUFFIXES:
             raise OutputError(
                 f"The picture '{self.png}' ends in '{self.png.suffix}'.",
                 remedy=f"Let it end in one of: {', '.join(PICTURE_SUFFIXES)}.",
             )
+        for path in paths.values():
+            path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +122,13 @@ class Report:
 
 
 @contextmanager
-def FreshOutputs(outputs: OutputPaths, scenario: Scenario, stages: Stopwatch) -> Iterator[None]:
+def FreshOutputs(
+    outputs: OutputPaths,
+    scenario: Scenario,
+    stages: Stopwatch,
+    *,
+    inputs: Iterable[str | Path | None] = (),
+) -> Iterator[None]:
     """Removes what an earlier run left; figures are written even if the block raises.
 
     Where the block ends with an exception before it wrote its own figures, those written here say
@@ -126,8 +138,9 @@ def FreshOutputs(outputs: OutputPaths, scenario: Scenario, stages: Stopwatch) ->
         outputs: Where the outputs go.
         scenario: What the job is about.
         stages: What the time went to so far.
+        inputs: Files that are read and must stay, besides the scenario's and its demonstration.
     """
-    outputs.remove()
+    outputs.remove(inputs=(scenario.source.file, scenario.poil.demonstration, *inputs))
     try:
         yield
     except BaseException as error:
@@ -225,7 +238,7 @@ def _judge(report: Report) -> tuple[bool, str]:
     hung = judge.hanging_time(report.simulated)
     if hung >= REQUIRED_HANGING_TIME:
         return True, f"the {poil.object} hangs on the {poil.fixture} (for {hung:.1f} s so far)"
-    touched = ", ".join(sorted(judge.last_touched)) or "nothing"
+    touched = ", ".join(sorted(judge.touched_links)) or "nothing"
     return False, f"the {poil.object} does not hang on the {poil.fixture}: it touches {touched}"
 
 

@@ -1,7 +1,9 @@
 """Whether a scenario's names and start fit its models."""
 
+from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.collision_parts import CollisionGeometries, ScopedGeometryName
 from poil_drake.diagrams.scenario import PoilConfig, Scenario
 from poil_drake.diagrams.scenario_models import RequireModel
 from poil_drake.errors import ScenarioError
@@ -10,11 +12,14 @@ from poil_drake.models.panda_model import BASE_LINK
 _LIMIT_TOLERANCE = 1e-6  # [rad or m]: what decimals in a file lose of a limit
 
 
-def CheckScenarioFits(plant: MultibodyPlant, scenario: Scenario) -> None:
+def CheckScenarioFits(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: Scenario
+) -> None:
     """Checks what would otherwise show only after minutes, or not at all.
 
     Args:
         plant: The plant with the scenario's models, finalized.
+        inspector: Its scene graph's inspector.
         scenario: The scenario.
 
     Raises:
@@ -24,7 +29,7 @@ def CheckScenarioFits(plant: MultibodyPlant, scenario: Scenario) -> None:
     """
     poil = scenario.poil
     RequireModel(plant, poil.fixture, "fixture")
-    _require_holder(plant, poil)
+    _require_holder(plant, inspector, poil)
     RequireFreeObject(plant, poil.object)
     _require_welded_base(plant, poil)
     for name in scenario.model_drivers:
@@ -65,15 +70,23 @@ def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:
         )
 
 
-def _require_holder(plant: MultibodyPlant, poil: PoilConfig) -> None:
-    fixture = plant.GetModelInstanceByName(poil.fixture)
+def _require_holder(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, poil: PoilConfig
+) -> None:
     rod = poil.demonstration_motion.hanging.rod
-    names = [plant.get_body(index).name() for index in plant.GetBodyIndices(fixture)]
-    if rod not in names:
-        raise ScenarioError(
-            f"The fixture '{poil.fixture}' has no body '{rod}' for the object to hang on.",
-            remedy="Set poil.demonstration_motion.hanging.rod to one of: " + ", ".join(names) + ".",
-        )
+    if CollisionGeometries(plant, inspector, poil.fixture, rod):
+        return
+    known = CollisionGeometries(plant, inspector, poil.fixture, ".*")
+    names = [ScopedGeometryName(plant, inspector, geometry_id) for geometry_id in known]
+    links = sorted({name.split("::")[1] for name in names})
+    geometries = sorted(name.split("::")[2] for name in names)
+    raise ScenarioError(
+        f"The fixture '{poil.fixture}' has no link, and no geometries, named '{rod}' for the "
+        "object to hang on.",
+        remedy="Set poil.demonstration_motion.hanging.rod to one of the links "
+        f"({', '.join(links)}) or to a regular expression on the names of the geometries that "
+        f"collide ({', '.join(geometries)}).",
+    )
 
 
 def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import gc
 import time
+from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.diagrams.station import MakeStation
-from poil_drake.diagrams.task_success import HangingJudge
+from poil_drake.diagrams.task_success import HangingJudge, HolderGeometries
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.run_log import RunLogWriter
@@ -61,15 +62,16 @@ def RunSkill(
             were written.
     """
     stages = Stopwatch()
-    with FreshOutputs(outputs, scenario, stages):
+    recorded = scenario.poil.demonstration
+    if recorded is None:
+        beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
+        recorded = str(demonstration or beside.parent / "demo.mcap")
+    with FreshOutputs(outputs, scenario, stages, inputs=(recorded,)):
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
         MakeStation(scenario, hardware=hardware, prompt_cameras=True)
-        recorded = scenario.poil.demonstration
-        if recorded is None:
-            beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
-            recorded = str(demonstration or beside.parent / "demo.mcap")
+        if scenario.poil.demonstration is None:
             with stages.measure("demonstration"):
                 RecordScenarioDemonstration(scenario, Path(recorded))
         with stages.measure("planning"), ProgressBar() as progress:
@@ -83,6 +85,7 @@ def RunSkill(
             realtime_rate=realtime_rate,
             stages=stages,
             check=False,
+            inputs=(recorded,),
         )
 
 
@@ -107,6 +110,7 @@ def ExecutePlan(
     show_progress: bool = True,
     stages: Stopwatch | None = None,
     check: bool = True,
+    inputs: Iterable[str | Path | None] = (),
 ) -> RunSummary:
     """Executes a plan in closed loop, judges the outcome and writes the outputs.
 
@@ -122,6 +126,7 @@ def ExecutePlan(
         stages: How long the stages of the job before this one took.
         check: Whether to look first if the plan fits the scene; there is no need to right after
             it was made.
+        inputs: Files that the outputs must not overwrite, such as the plan's.
 
     Raises:
         PoilError: when the plan does not fit the scene, or the loop cannot be built.
@@ -129,7 +134,7 @@ def ExecutePlan(
             were written.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
-    with FreshOutputs(outputs, scenario, stages), ExitStack() as stack:
+    with FreshOutputs(outputs, scenario, stages, inputs=inputs), ExitStack() as stack:
         if not show:
             outputs = dataclasses.replace(outputs, html=None)
         album = SnapshotAlbum() if outputs.png is not None else None
@@ -157,7 +162,7 @@ def ExecutePlan(
             recorder = RunRecorder(
                 loop=loop,
                 query_points=plan.target_points,
-                judge=HangingJudge(holder=_holder(scenario)),
+                judge=_judge(loop),
             )
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
             report = _simulate(loop, plan, scenario, recorder, stopwatch, realtime_rate, progress)
@@ -217,8 +222,16 @@ def _simulate(
     )
 
 
-def _holder(scenario: Scenario) -> str:
-    return f"{scenario.poil.fixture}::{scenario.poil.demonstration_motion.hanging.rod}"
+def _judge(loop: ClosedLoop) -> HangingJudge:
+    station = loop.station
+    poil = station.scenario.poil
+    holder = HolderGeometries(
+        station.plant(),
+        station.scene_graph().model_inspector(),
+        poil.fixture,
+        poil.demonstration_motion.hanging.rod,
+    )
+    return HangingJudge(fixture=poil.fixture, holder=holder)
 
 
 def _plant_state(loop: ClosedLoop, root: Context) -> np.ndarray:

@@ -123,7 +123,7 @@ class Station(Diagram):
         if parser_prefinalize_callback is not None:
             parser_prefinalize_callback(parser)
         self._plant.Finalize()
-        CheckScenarioFits(self._plant, scenario)
+        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(
             builder=builder,

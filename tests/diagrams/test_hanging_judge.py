@@ -1,10 +1,11 @@
 from poil_drake.diagrams.task_success import HangingJudge
 
-ROD, TABLE, FINGER = "rack::rod", "table::table", "panda::panda_leftfinger"
+ROD, STAND = "rack::rod::bar", "rack::stand::post"
+TABLE, FINGER = "table::table::top", "panda::panda_leftfinger::pad"
 
 
 def judge(*observations: tuple[float, set[str]]) -> HangingJudge:
-    dut = HangingJudge(holder=ROD)
+    dut = HangingJudge(fixture="rack", holder=frozenset({ROD, "rack::rod::tip"}))
     for time, touched in observations:
         dut.observe(time, frozenset(touched))
     return dut
@@ -16,11 +17,11 @@ def test_counts_from_the_first_contact_with_nothing_but_the_fixture() -> None:
 
 
 def test_standing_on_the_fixtures_base_is_no_hanging() -> None:
-    assert judge((0.0, {"rack::stand"}), (3.0, {"rack::stand"})).hanging_time(3.0) == 0.0
+    assert judge((0.0, {STAND}), (3.0, {STAND})).hanging_time(3.0) == 0.0
 
 
 def test_leaning_against_the_fixture_while_hanging_is_fine() -> None:
-    dut = judge((0.0, {ROD}), (1.0, {ROD, "rack::stand"}), (2.0, {ROD}))
+    dut = judge((0.0, {ROD}), (1.0, {ROD, STAND}), (2.0, {ROD}))
     assert dut.hanging_time(2.0) == 2.0
 
 
@@ -41,3 +42,20 @@ def test_touching_the_table_breaks_the_spell() -> None:
 
 def test_an_object_that_never_touched_the_fixture_does_not_hang() -> None:
     assert judge((0.0, set()), (5.0, set())).hanging_time(5.0) == 0.0
+
+
+def test_another_geometry_of_the_same_link_is_no_holder() -> None:
+    base = "rack::rod::base"
+    assert judge((0.0, {base}), (3.0, {base})).hanging_time(3.0) == 0.0
+
+
+def test_a_fixture_whose_name_begins_like_another_models_is_told_from_it() -> None:
+    other = "rack_of_the_neighbour::rod::bar"
+    assert judge((0.0, {ROD}), (1.0, {ROD, other})).hanging_time(1.0) == 0.0
+
+
+def test_links_are_named_once() -> None:
+    assert judge((0.0, {ROD, "rack::rod::tip", TABLE})).touched_links == {
+        "rack::rod",
+        "table::table",
+    }

@@ -10,7 +10,7 @@ from poil_drake.diagrams.demonstration_scene import DemonstrationScene
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.station import MakeStation, SetObjectPose, Station
-from poil_drake.diagrams.task_success import HangingJudge, TouchedBodies
+from poil_drake.diagrams.task_success import HangingJudge, HolderGeometries, TouchedGeometries
 
 DURATION = 1.0
 BASE_TOP = 0.015
@@ -29,22 +29,26 @@ def station(scenario: Scenario) -> Station:
     return MakeStation(scenario, cameras=False)
 
 
-def watch(station: Station, X_WO: RigidTransform) -> tuple[HangingJudge, frozenset[str]]:
-    """Lets the mug go at a pose; returns the judge after that, and all that the mug touched."""
+def watch(
+    station: Station, X_WO: RigidTransform, *, rod: str = "rod"
+) -> tuple[HangingJudge, frozenset[str]]:
+    """Lets the mug go at a pose; returns the judge after that, and all links that it touched."""
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     SetObjectPose(station, context, X_WO)
-    judge, touched = HangingJudge(holder="rack::rod"), frozenset[str]()
+    inspector = station.scene_graph().model_inspector()
+    holder = HolderGeometries(station.plant(), inspector, "rack", rod)
+    judge, touched = HangingJudge(fixture="rack", holder=holder), frozenset[str]()
     for time in np.arange(1, 1 + round(32 * DURATION)) / 32:
         simulator.AdvanceTo(time)
-        now = TouchedBodies(
+        now = TouchedGeometries(
             station.plant(),
-            station.scene_graph().model_inspector(),
+            inspector,
             station.GetOutputPort("contact_results").Eval(context),
             "mug",
         )
-        touched |= now
         judge.observe(time, now)
+        touched |= judge.touched_links
     return judge, touched
 
 
@@ -74,6 +78,17 @@ def test_a_mug_that_stands_on_the_racks_base_does_not_hang(station: Station) -> 
 
     assert "rack::stand" in touched
     assert "table::table" not in touched
+    assert dut.hanging_time(DURATION) == 0.0
+
+
+def test_other_geometries_of_the_link_that_holds_do_not_count(station: Station) -> None:
+    # As above; the post is a geometry of the same link as the plate.
+    place = RigidTransform(RollPitchYaw(0, 0, np.pi), [0.49, 0.30, BASE_TOP + 0.0005])
+
+    dut, touched = watch(station, place, rod="po[a-z]t")
+
+    assert dut.holder == {"rack::stand::post"}
+    assert "rack::stand" in touched
     assert dut.hanging_time(DURATION) == 0.0
 
 

@@ -31,7 +31,8 @@ def simulator(loop: ClosedLoop) -> Simulator:
 
 @pytest.fixture
 def dut(loop: ClosedLoop) -> RunRecorder:
-    return RunRecorder(loop=loop, query_points=POINTS, judge=HangingJudge(holder="rack::rod"))
+    judge = HangingJudge(fixture="rack", holder=frozenset({"rack::rod::bar"}))
+    return RunRecorder(loop=loop, query_points=POINTS, judge=judge)
 
 
 def run(dut: RunRecorder, simulator: Simulator, *, until: float) -> Context:
@@ -151,7 +152,7 @@ def test_the_judge_looks_on_from_the_release(dut: RunRecorder, simulator: Simula
     _put_in_phase(dut, root, phase=Phase.SETTLE, start=0.25)
     run(dut, simulator, until=0.3125)
 
-    assert dut.judge.last_touched == {"table::table"}
+    assert dut.judge.touched_links == {"table::table"}
 
 
 def _move_object(dut: RunRecorder, root: Context) -> None:

@@ -20,7 +20,7 @@ from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
 from poil_drake.systems.stopwatch import Stopwatch
 
-ROD = "rack::rod"
+ROD = "rack::rod::bar"
 PICTURED = (Phase.WAIT, Phase.FOLLOW, Phase.FOLLOW)
 
 
@@ -51,7 +51,9 @@ class Samples:
 
 def hanging(since: float = 0.0) -> HangingJudge:
     """A judge that has seen the mug on the rod since then [s]."""
-    return HangingJudge(holder=ROD, hanging_since=since, last_touched=frozenset({ROD}))
+    return HangingJudge(
+        fixture="rack", holder=frozenset({ROD}), hanging_since=since, last_touched=frozenset({ROD})
+    )
 
 
 MakeReport = Callable[..., Report]
@@ -100,7 +102,11 @@ def test_an_object_that_has_not_hung_for_long_enough_is_a_failure(
 
 
 def test_what_the_object_touches_instead_is_named(make_report: MakeReport) -> None:
-    judge = HangingJudge(holder=ROD, last_touched=frozenset({"table::table", "rack::stand"}))
+    judge = HangingJudge(
+        fixture="rack",
+        holder=frozenset({ROD}),
+        last_touched=frozenset({"table::table::top", "rack::stand::post"}),
+    )
 
     assert verdict(make_report(Phase.DONE, judge=judge)) == (
         False,
@@ -109,7 +115,7 @@ def test_what_the_object_touches_instead_is_named(make_report: MakeReport) -> No
 
 
 def test_an_object_in_the_air_touches_nothing(make_report: MakeReport) -> None:
-    judge = HangingJudge(holder=ROD)
+    judge = HangingJudge(fixture="rack", holder=frozenset({ROD}))
 
     assert verdict(make_report(Phase.DONE, judge=judge))[1].endswith("it touches nothing")
 

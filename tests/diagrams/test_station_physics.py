@@ -19,7 +19,7 @@ from poil_drake.diagrams.station import (
     SetRobotPosition,
     Station,
 )
-from poil_drake.diagrams.task_success import TouchedBodies
+from poil_drake.diagrams.task_success import TouchedGeometries
 from poil_drake.models.mug_family import NAMED_MUGS, MugParameters
 from poil_drake.models.mug_shape import handle_center_line
 
@@ -54,8 +54,8 @@ def touched(station: Station, simulator: Simulator) -> frozenset[str]:
     plant: MultibodyPlant = station.plant()
     scene_graph: SceneGraph = station.scene_graph()
     results = station.GetOutputPort("contact_results").Eval(simulator.get_context())
-    bodies = TouchedBodies(plant, scene_graph.model_inspector(), results, "mug")
-    return frozenset(body.split("::")[0] for body in bodies)
+    geometries = TouchedGeometries(plant, scene_graph.model_inspector(), results, "mug")
+    return frozenset(name.split("::")[0] for name in geometries)
 
 
 @pytest.mark.parametrize("mug", NAMED_MUGS, ids=lambda mug: mug.name)
