@@ -156,7 +156,8 @@ def demo_record(
 def demo_show(
     demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Default: beside it, ending in .png.")
+        Path | None,
+        typer.Option("-o", "--output", help="Default: its name under out/, ending in .png."),
     ] = None,
 ) -> None:
     """Draw a demonstration's contact sheet as PNG."""
@@ -165,7 +166,7 @@ def demo_show(
     from poil_drake.recording.demonstration import load_demonstration
 
     frames = load_demonstration(demonstration)
-    picture = output or demonstration.with_suffix(".png")
+    picture = output or Path("out") / demonstration.with_suffix(".png").name
     require_writable(picture, inputs=(demonstration,))
     contact_sheet(frames, picture)
     typer.echo(f"drew {picture}")

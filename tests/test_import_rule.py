@@ -58,6 +58,20 @@ def test_pure_floors_do_not_know_drake(path: Path) -> None:
     assert not {name for name in imports(path) if name.split(".")[0] == "pydrake"}
 
 
+def test_pure_floors_load_no_drake_by_any_way_round() -> None:
+    names = [
+        ".".join(("poil_drake", *path.relative_to(PACKAGE).with_suffix("").parts))
+        for path in modules(*PURE_FLOORS)
+    ]
+    code = (
+        "import importlib, sys\n"
+        f"for name in {names!r}: importlib.import_module(name)\n"
+        "print(*({'pydrake', 'open3d'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+
+
 def test_the_control_loop_loads_neither_torch_nor_open3d() -> None:
     """What counts is what is loaded, wherever the import stands."""
     code = (

@@ -1,12 +1,14 @@
 """Mistakes that show only once a demonstration meets a scene: one line, non-zero status."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from test_cli import run
 
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.demonstration import DemonstrationWriter, load_demonstration
 
 pytestmark = pytest.mark.render
@@ -83,21 +85,74 @@ def test_an_object_out_of_reach(
     assert figures["timing"]["stages"].keys() == {"planning"}
 
 
+@pytest.mark.parametrize("missing", ["/camera/right/.*", "/camera/right/depth"])
 def test_a_demonstration_without_one_of_its_cameras(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     demonstration: Path,
     tmp_path: Path,
+    missing: str,
 ) -> None:
     whole = load_demonstration(demonstration)
     damaged = tmp_path / "one_eyed.mcap"
     with DemonstrationWriter(damaged, ["left", "right"], dict(whole.metadata)) as writer:
         for frame in whole.frames[:10]:
             writer.write(frame)
-    _drop_topic(damaged, "/camera/right/depth")
+    _drop_topics(damaged, missing)
     line = mistake(monkeypatch, capsys, ["transfer", str(damaged), "-o", str(tmp_path / "p.npz")])
-    assert "/camera/right/depth" in line
+    assert "one_eyed.mcap" in line
+    assert "/camera/right/depth" in line or "'right'" in line
     assert not (tmp_path / "p.npz").exists()
+
+
+def test_a_recording_without_labels_says_what_the_detector_needs(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    demonstration: Path,
+    tmp_path: Path,
+) -> None:
+    unlabelled = tmp_path / "unlabelled.mcap"
+    unlabelled.write_bytes(demonstration.read_bytes())
+    _drop_topics(unlabelled, "/camera/.*/label")
+    monkeypatch.chdir(tmp_path)
+    line = mistake(monkeypatch, capsys, ["transfer", "unlabelled.mcap"])
+    assert "unlabelled.mcap" in line
+    assert "/camera/<name>/label" in line
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", "show", "demo.mcap", "-o", "demo.mcap"],
+        ["transfer", "demo.mcap", "-o", "./demo.mcap"],
+        ["run", "kitchen.yaml", "--mcap", "demo.mcap"],
+        ["run", "kitchen.yaml", "--json", "kitchen.yaml"],
+        ["run", "--mcap", "out/demo.mcap", "--json", "out/run.json"],
+        ["demo", "record", "kitchen.yaml", "-o", "kitchen.yaml"],
+        ["execute", "plan.npz", "--json", "plan.npz"],
+    ],
+    ids=" ".join,
+)
+def test_no_output_overwrites_an_input(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    demonstration: Path,
+    plan: ExecutionPlan,
+    tmp_path: Path,
+    arguments: list[str],
+) -> None:
+    (tmp_path / "demo.mcap").write_bytes(demonstration.read_bytes())
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "run.html").write_text("of an earlier run")
+    (tmp_path / "kitchen.yaml").write_text("Kitchen: { poil: { demonstration: demo.mcap } }")
+    plan.save(tmp_path / "plan.npz")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    monkeypatch.chdir(tmp_path)
+
+    line = mistake(monkeypatch, capsys, arguments)
+
+    assert "would overwrite the input" in line
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
 def _only_output(folder: Path) -> dict[str, Any]:
@@ -110,8 +165,8 @@ def _with(text: str, demonstration: Path) -> str:
     return f"{text}\npoil: {{ demonstration: {demonstration} }}\n"
 
 
-def _drop_topic(path: Path, topic: str) -> None:
-    """Writes an MCAP file anew without one topic."""
+def _drop_topics(path: Path, pattern: str) -> None:
+    """Writes an MCAP file anew without the topics that match a pattern."""
     from mcap.reader import make_reader
     from mcap.writer import Writer
 
@@ -122,7 +177,7 @@ def _drop_topic(path: Path, topic: str) -> None:
         schemas: dict[int, int] = {}
         channels: dict[int, int] = {}
         for schema, channel, message in reader.iter_messages():
-            if channel.topic == topic:
+            if re.fullmatch(pattern, channel.topic):
                 continue
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(

@@ -39,6 +39,8 @@ class Trial:
         tracking_errors: Median and 95th percentile of the distance of tracked points from the
             truth [m]; NaN without tracks.
         worst_tracking_error: The largest of them [m].
+        carried_tracking_errors: Median and 95th percentile while the object is carried [m].
+        unobserved: Share of the points that the tracker did not see.
         real_time_factor: Simulated over wall-clock time of the closed loop.
         split: Share of that wall-clock time by what it went to.
         beside: Share of it during which another process rendered or tracked.
@@ -53,6 +55,8 @@ class Trial:
     final_error: float = np.nan
     tracking_errors: tuple[float, float] = (np.nan, np.nan)
     worst_tracking_error: float = np.nan
+    carried_tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    unobserved: float = np.nan
     real_time_factor: float = np.nan
     split: dict[str, float] | None = None
     beside: dict[str, float] | None = None
@@ -123,6 +127,7 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
     medians = [trial.tracking_errors[0] for trial in finished]
     p95s = [trial.tracking_errors[1] for trial in finished]
+    carried = np.array([trial.carried_tracking_errors for trial in finished]).reshape(-1, 2)
     factors = [trial.real_time_factor for trial in finished]
     return {
         "trials": len(trials),
@@ -133,6 +138,11 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
         "tracking_error_median_worst_trial": _percentile(medians, 100),
         "tracking_error_p95_median_trial": _percentile(p95s, 50),
         "tracking_error_p95_worst_trial": _percentile(p95s, 100),
+        "carried_tracking_error_median": _percentile(carried[:, 0], 50),
+        "carried_tracking_error_p95_median_trial": _percentile(carried[:, 1], 50),
+        "carried_tracking_error_p95_worst_trial": _percentile(carried[:, 1], 100),
+        "unobserved_mean": _mean([trial.unobserved for trial in finished]),
+        "unobserved_worst_trial": _percentile([t.unobserved for t in finished], 100),
         "real_time_factor_median": _percentile(factors, 50),
         "real_time_factor_p5": _percentile(factors, 5),
         "split": _mean_shares([trial.split or {} for trial in finished]),
@@ -158,7 +168,9 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
         cause = f"{type(error).__name__}: {problem}"
         return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
-    tracking = summary.tracking_error or ErrorStatistics.of(np.zeros(0))
+    nothing = ErrorStatistics.of(np.zeros(0))
+    tracking = summary.tracking_error or nothing
+    carried = summary.carried_tracking_error or nothing
     return Trial(
         task=task,
         seed=seed,
@@ -168,6 +180,8 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         final_error=summary.mean_error,
         tracking_errors=(tracking.median, tracking.percentile_95),
         worst_tracking_error=tracking.maximum,
+        carried_tracking_errors=(carried.median, carried.percentile_95),
+        unobserved=tracking.missing,
         real_time_factor=summary.timing.real_time_factor,
         split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
         beside={name: part / summary.timing.wall for name, part in summary.timing.beside.items()},
@@ -175,7 +189,12 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
     )
 
 
-def _percentile(values: Sequence[float], percent: float) -> float:
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def _percentile(values: Sequence[float] | np.ndarray, percent: float) -> float:
     known = [value for value in values if np.isfinite(value)]
     return float(np.percentile(known, percent)) if known else float("nan")
 
@@ -194,6 +213,8 @@ def _table(summary: dict[str, object]) -> str:
     for name, value in summary.items():
         if isinstance(value, float) and "error" in name:
             value = f"{1e3 * value:.2f} mm"
+        elif isinstance(value, float) and "unobserved" in name:
+            value = f"{value:.1%}"
         elif isinstance(value, float):
             value = f"{value:.2f}"
         elif isinstance(value, dict):

@@ -157,7 +157,7 @@ def point_set_bcsdm(
         )
     weights = np.ones(len(points)) if confidence is None else confidence
     # NaN fails the comparison, so a confidence that is NaN leaves its point out as well.
-    observed = (weights > 0.0) & np.isfinite(points.sum(axis=1))
+    observed = (weights > 0.0) & (weights < np.inf) & np.isfinite(points.sum(axis=1))
     which = slice(None) if observed.all() else np.flatnonzero(observed)
     x, w, positions = points[which], weights[which], reference.positions[:, which]
     if len(x) < 3:

@@ -78,6 +78,7 @@ def PlanScenario(
         tracker=tracker,
         object_label=poil.object,
         part_label=poil.part,
+        demonstration_object_label=poil.demonstration_object_label,
         config=replace(transfer_config, num_points=poil.num_points),
         progress=progress,
     )

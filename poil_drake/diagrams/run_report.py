@@ -34,6 +34,9 @@ _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "
 _BESIDE = ("rendering", "tracking")
 """What other processes do meanwhile."""
 
+_CARRYING = (Phase.LIFT, Phase.FOLLOW)
+"""The phases in which the object is carried."""
+
 _PICTURED_PHASES = (
     Phase.WAIT,
     Phase.GRASP,
@@ -204,7 +207,8 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
     success, reason = _judge(report)
     error, potential = recorder.signal("goal_error"), recorder.signal("potential")
     following = recorder.signal("phase") == Phase.FOLLOW
-    _, errors = recorder.tracking_errors()
+    stamps, errors = recorder.tracking_errors()
+    carried = np.isin(_phases_at(recorder, stamps), _CARRYING)
     held = error[following] if following.any() else np.full(1, np.nan)
     driven = potential[following] if following.any() else np.full(1, np.nan)
     written = {} if outputs is None else vars(outputs)
@@ -220,11 +224,18 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
         initial_potential=float(driven[0]),
         final_potential=float(driven[-1]),
         tracking_error=ErrorStatistics.of(errors),
+        carried_tracking_error=ErrorStatistics.of(errors[carried]),
         outputs={kind: str(path) for kind, path in written.items() if path is not None},
         tracker=report.scenario.poil.tracker,
         final_state_digest=hashlib.sha256(report.final_state.tobytes()).hexdigest(),
         figures={"hanging_time_s": recorder.judge.hanging_time(report.simulated)},
     )
+
+
+def _phases_at(recorder: RunRecorder, times: np.ndarray) -> np.ndarray:
+    """Returns the phases (S,) at some times (S,) [s]: of the last sample by then."""
+    index = np.searchsorted(recorder.times, times, side="right") - 1
+    return recorder.signal("phase")[np.maximum(index, 0)]
 
 
 def _judge(report: Report) -> tuple[bool, str]:

@@ -33,6 +33,7 @@ class ErrorStatistics:
         percentile_95: What 95 percent of the samples do not exceed.
         maximum: Largest.
         final: Last.
+        missing: Share of all samples that are not finite, so not in the other figures.
     """
 
     count: int
@@ -40,16 +41,17 @@ class ErrorStatistics:
     percentile_95: float
     maximum: float
     final: float
+    missing: float = 0.0
 
     @classmethod
     def of(cls, errors: np.ndarray) -> "ErrorStatistics":
         """Returns the statistics of errors [m] of any shape; those not finite are left out."""
-        values = np.asarray(errors, dtype=float).ravel()
-        values = values[np.isfinite(values)]
+        samples = np.asarray(errors, dtype=float).ravel()
+        values = samples[np.isfinite(samples)]
+        missing = 1.0 - values.size / samples.size if samples.size else 0.0
         if values.size == 0:
-            return cls(
-                count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan, final=math.nan
-            )
+            unknown = dict.fromkeys(("median", "percentile_95", "maximum", "final"), math.nan)
+            return cls(count=0, missing=missing, **unknown)
         median, percentile_95 = np.percentile(values, [50.0, 95.0])
         return cls(
             count=values.size,
@@ -57,6 +59,7 @@ class ErrorStatistics:
             percentile_95=float(percentile_95),
             maximum=float(values.max()),
             final=float(values[-1]),
+            missing=missing,
         )
 
 
@@ -106,6 +109,8 @@ class RunSummary:
         initial_potential: D of POIL eq. 4 where the field took over [m^2].
         final_potential: D where it ended [m^2].
         tracking_error: The tracker against the truth; None where the truth is not known.
+        carried_tracking_error: The same while the object is carried, which is harder: in the other
+            phases it rests most of the time.
         outputs: What was written, kind -> path.
         versions: Library -> version.
         tracker: The tracker's name.
@@ -125,6 +130,7 @@ class RunSummary:
     initial_potential: float = math.nan
     final_potential: float = math.nan
     tracking_error: ErrorStatistics | None = None
+    carried_tracking_error: ErrorStatistics | None = None
     outputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=library_versions)
     tracker: str = ""

@@ -61,12 +61,14 @@ class PoilConfig:
         robot: Model instance of the robot.
         table_height: Height of the plane that things stand on [m, world].
         demonstration: A recorded demonstration (.mcap), or None for the built-in one.
+        demonstration_object_label: What a recording's object is called there; None: as `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
         demonstration_motion: How that object moves.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
         num_points: Points on the functional part, N_k in the paper.
-        num_support_points: Further points on the object, tracked to support the part's.
+        num_support_points: Points spread over the object, at least 4, that tell the tracker how
+            much of it is seen (POIL: 40).
         eta: Attraction to the reference trajectory, η in the paper [1/s].
         max_angular_speed: Limit of the gripper's angular speed [rad/s]: the wrist's comfort.
         max_linear_speed: Limit of the gripper's linear speed [m/s]: a human pace.
@@ -84,6 +86,7 @@ class PoilConfig:
     robot: str = "panda"
     table_height: float = 0.0
     demonstration: str | None = None
+    demonstration_object_label: str | None = None
     demonstration_object: str = "package://poil_drake/mugs/mug_demo/mug_demo.sdf"
     demonstration_motion: DemonstrationMotionConfig = field(
         default_factory=DemonstrationMotionConfig
@@ -101,7 +104,7 @@ class PoilConfig:
     randomization: Randomization = field(default_factory=Randomization)
 
     def __post_init__(self) -> None:
-        for name, lowest in (("num_points", 3), ("num_support_points", 0)):
+        for name, lowest in (("num_points", 3), ("num_support_points", 4)):
             if getattr(self, name) < lowest:
                 raise ScenarioError(
                     f"poil.{name} is {getattr(self, name)}.",

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from poil_drake.diagrams.scenario import PoilConfig
+from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import PointTracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
@@ -23,7 +24,12 @@ def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
         InvalidValueError: if there is no tracker of that name.
     """
     name = DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
-    if name in TRACKERS and TRACKERS[name][1] is RigidFlowConfig:
+    if name not in TRACKERS:
+        raise InvalidValueError(
+            f"There is no point tracker '{name}'.",
+            remedy=f"Choose from: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
+        )
+    if TRACKERS[name][1] is RigidFlowConfig:
         config = RigidFlowConfig()
         model = replace(config.model, support_points=poil.num_support_points)
         return make_tracker(name, replace(config, model=model))

@@ -130,6 +130,7 @@ def plan_execution(
     notes = {
         "seed": seed,
         "matching": choice.matching,
+        "matchings": len(matchings),
         "candidates": len(candidates),
         "rehearsed_pairs": choice.rehearsed,
         "feasible_pairs": choice.feasible,

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from poil_drake.errors import InvalidValueError
 from poil_drake.recording.demonstration import Demonstration
 
 # Of the metadata, what fits into a title.
@@ -41,12 +42,19 @@ def contact_sheet(
 
     Args:
         demonstration: The demonstration. Only the frames shown are decoded.
-        path: The PNG file; its folder is made where needed.
+        path: The file, whose name ends in .png; its folder is made where needed.
         config: How it looks.
+
+    Raises:
+        InvalidValueError: if the name ends otherwise.
     """
     from matplotlib.figure import Figure
 
     config = config or ContactSheetConfig()
+    if Path(path).suffix != ".png":
+        raise InvalidValueError(
+            f"The picture '{path}' ends in '{Path(path).suffix}'.", remedy="Let it end in .png."
+        )
     indices = _spread(len(demonstration.frames), config.columns)
     views = [demonstration.frames[i].images for i in indices]
     rows = len(demonstration.cameras)

@@ -20,7 +20,8 @@ class DepthNoiseSystem(LeafSystem):
 
     Both ports carry ImageDepth32F [m]. The noise depends on nothing but the image, the seed, the
     camera's index and the time, so looking twice at one time shows the same. It is computed only
-    when somebody looks.
+    when somebody looks: there is nothing before the first image, nothing to grow stale, and a depth
+    that is NaN or infinite becomes 0.
     """
 
     def __init__(

@@ -61,7 +61,8 @@ class DifferentialIk(LeafSystem):
       command; minus infinity before the first update.
 
     While an input is not finite the status is INVALID_INPUT and the velocity goes to zero as fast
-    as the joints' acceleration limits allow; from rest it stays exactly zero.
+    as the joints' acceleration limits allow; from rest it stays exactly zero. Inputs are taken as
+    they are at the update: whoever gives the twist sees to it that a stale one is zero.
     """
 
     def __init__(

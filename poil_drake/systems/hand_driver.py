@@ -34,7 +34,8 @@ class HandDriver(LeafSystem):
     limited by the actuator's effort limit.
 
     `finger_position` [m] and `finger_velocity` [m/s] are those of one finger, half of the width's.
-    Before the first step they are half the measured width and zero.
+    Before the first step, and until a measured width is a number, they are half the measured width
+    and zero.
     """
 
     def __init__(self, *, speed: float, time_step: float):
@@ -60,6 +61,8 @@ class HandDriver(LeafSystem):
         old = commanded[0]
         if math.isnan(old):
             old = self._measured.Eval(context)[0]
+            if math.isnan(old):
+                return
         wanted = self._width.Eval(context)[0] if self._width.HasValue(context) else math.nan
         new = old
         if not math.isnan(wanted):

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.control.reference import ReferenceConfig
-from poil_drake.errors import InvalidValueError
+from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors.protocol import PartDetector
@@ -130,16 +130,14 @@ def transfer(
     config = config or TransferConfig()
     first_frame = demonstration.frames[0]
     source, target = (
-        view_part(
-            frame,
-            detector=detector,
-            object_label=label,
-            part_label=part_label,
-            config=config.clouds,
-        )
-        for frame, label in (
-            (first_frame, demonstration_object_label or object_label),
-            (target_frame, object_label),
+        _view(frame, where, detector, label, part_label, config)
+        for frame, where, label in (
+            (
+                first_frame,
+                f"the first frame of the demonstration '{demonstration.name}'",
+                demonstration_object_label or object_label,
+            ),
+            (target_frame, "the view of the scene", object_label),
         )
     )
     points = sample_part_points(source.part, config.num_points)
@@ -170,6 +168,27 @@ def transfer(
         object_cloud=target.whole,
         target_stamp=target_frame.stamp,
     )
+
+
+def _view(
+    frame: MultiViewFrame,
+    where: str,
+    detector: PartDetector,
+    object_label: str,
+    part_label: str,
+    config: TransferConfig,
+) -> PartView:
+    """Returns the part in a frame; an error says `where` it was not found."""
+    try:
+        return view_part(
+            frame,
+            detector=detector,
+            object_label=object_label,
+            part_label=part_label,
+            config=config.clouds,
+        )
+    except DetectionError as error:
+        raise DetectionError(f"In {where}: {error.problem}", remedy=error.remedy) from error
 
 
 def _matching(

@@ -63,6 +63,23 @@ def test_errors_are_of_the_trials_that_were_simulated() -> None:
     assert dut["tracking_error_p95_worst_trial"] == pytest.approx(0.060)
 
 
+def test_errors_while_carried_and_what_was_not_seen_stand_beside() -> None:
+    trials = [
+        hung(0, carried_tracking_errors=(0.001, 0.003), unobserved=0.0),
+        unplanned(1),
+        hung(2, carried_tracking_errors=(0.003, 0.009), unobserved=0.3),
+        hung(3, carried_tracking_errors=(0.002, 0.004), unobserved=0.0),
+    ]
+
+    dut = summarize(trials)
+
+    assert dut["carried_tracking_error_median"] == pytest.approx(0.002)
+    assert dut["carried_tracking_error_p95_median_trial"] == pytest.approx(0.004)
+    assert dut["carried_tracking_error_p95_worst_trial"] == pytest.approx(0.009)
+    assert dut["unobserved_mean"] == pytest.approx(0.1)
+    assert dut["unobserved_worst_trial"] == pytest.approx(0.3)
+
+
 def test_single_errors_that_are_nan_do_not_hide_the_others() -> None:
     # A run that ended in a fault before the field took over has no final error, and so on.
     trials = [

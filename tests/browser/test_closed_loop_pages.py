@@ -1,7 +1,5 @@
 """What a viewer sees of a real closed loop: on the live page, and in the recording of the run."""
 
-import dataclasses
-
 import pytest
 from pydrake.systems.analysis import Simulator
 
@@ -20,15 +18,15 @@ DRAWN = {
     "illustration/mug": 300,
     "poil/reference": 100,
     "poil/points": 30,
+    "poil/tracked_points": 30,
 }
 
 
 @pytest.fixture(scope="module")
 def recorded(plan: ExecutionPlan, scenario: Scenario, tmp_path_factory: pytest.TempPathFactory):
     """A short run that was drawn live and recorded: its Meshcat and its HTML file."""
-    poil = dataclasses.replace(scenario.poil, tracker="ground_truth")
     meshcat = MakeMeshcat()
-    loop = MakeClosedLoop(dataclasses.replace(scenario, poil=poil), plan, meshcat=meshcat)
+    loop = MakeClosedLoop(scenario, plan, meshcat=meshcat)
     path = tmp_path_factory.mktemp("html") / "run.html"
     with HtmlRecording(meshcat, path):
         Simulator(loop.diagram).AdvanceTo(DURATION)

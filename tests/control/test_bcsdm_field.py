@@ -168,6 +168,21 @@ def test_confidence_weighs_the_points():
     assert output.potential == pytest.approx(0.5 * 2.5 * 0.001**2)
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])
+def test_a_confidence_that_makes_no_sense_leaves_its_point_out(wrong):
+    confidence = np.ones(6)
+    confidence[2] = wrong
+    without = np.ones(6)
+    without[2] = 0.0
+    points = BODY + np.array([0.0, 0.0, 0.01])
+
+    output = dut(points, resting_reference(BODY), CONFIG, confidence)
+
+    expected = dut(points, resting_reference(BODY), CONFIG, without)
+    np.testing.assert_array_equal(output.twist, expected.twist)
+    assert output.potential == expected.potential
+
+
 @pytest.mark.parametrize("seen", [[0, 1], [0, 1, 4], []])
 def test_too_few_points_or_all_on_a_line_are_lost(seen):
     body = BODY.copy()

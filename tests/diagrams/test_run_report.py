@@ -162,6 +162,10 @@ def test_figures_are_of_the_phase_in_which_the_field_led(make_report: MakeReport
     assert dut.final_potential == pytest.approx(0.625)
     assert dut.tracking_error.count == 3
     assert dut.tracking_error.median == 0.002
+    assert dut.tracking_error.missing == 0.25
+    # Of the two tracks only the second, of 0.75 s, was captured while the object was carried.
+    assert dut.carried_tracking_error.count == 1
+    assert dut.carried_tracking_error.missing == 0.5
     assert (dut.scenario, dut.tracker) == ("HangMug", "ground_truth")
     assert dut.scenario_file.endswith("hang_mug.yaml")
 

@@ -25,13 +25,15 @@ def test_statistics_are_of_the_finite_errors():
     assert dut.median == pytest.approx(0.050)
     assert dut.percentile_95 == pytest.approx(0.095)
     assert dut.maximum == dut.final == pytest.approx(0.100)
+    assert dut.missing == pytest.approx(2 / 103)
 
 
 def test_statistics_of_nothing_are_not_a_number():
     dut = ErrorStatistics.of(np.full((3, 2), np.nan))
 
-    assert dut.count == 0
+    assert (dut.count, dut.missing) == (0, 1.0)
     assert math.isnan(dut.median)
+    assert ErrorStatistics.of(np.zeros(0)).missing == 0.0
 
 
 def test_real_time_factor():

@@ -32,9 +32,9 @@ MASKS = PartMasks(object_masks=MASK, part_masks=MASK)
 class Scene(LeafSystem):
     """A camera whose depth is 1 m + the time, and forward kinematics along x with the time."""
 
-    def __init__(self, frozen_from: float = np.inf):
+    def __init__(self, frozen_from: float = np.inf, moving: float = 1.0):
         super().__init__()
-        self._frozen_from = frozen_from
+        self._frozen_from, self._moving = frozen_from, moving
         self.looks: list[float] = []
         time = {self.time_ticket()}
         self.DeclareAbstractOutputPort(
@@ -55,7 +55,7 @@ class Scene(LeafSystem):
 
     def _motion(self, context: Context, output: BasicVector) -> None:
         X_M = np.eye(4)
-        X_M[0, 3] = context.get_time()
+        X_M[0, 3] = self._moving * context.get_time()
         output.SetFromVector(X_M.ravel())
 
 
@@ -91,12 +91,13 @@ class Bench:
         tracker: object | None = None,
         scene: Scene | None = None,
         with_stamps: bool = False,
+        moving: float = 1.0,
         query_points: np.ndarray | None = QUERY,
         masks: PartMasks | None = MASKS,
         stopwatch: Stopwatch | None = None,
     ):
         builder = DiagramBuilder()
-        self.scene = builder.AddSystem(scene or Scene())
+        self.scene = builder.AddSystem(scene or Scene(moving=moving))
         self.dut = builder.AddSystem(
             PointTracker(
                 tracker=tracker or SummingTracker(),

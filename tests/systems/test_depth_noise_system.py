@@ -70,3 +70,23 @@ def test_switched_off_it_still_clears_what_was_not_measured() -> None:
 
     assert np.all(seen[:2, :4] == 0)
     np.testing.assert_array_equal(seen[2:], depth()[2:])
+
+
+def test_what_is_not_a_number_becomes_zero() -> None:
+    dut = make()
+    context = context_at(dut, 0.0)
+    image = ImageDepth32F(WIDTH, HEIGHT)
+    image.mutable_data[:] = 0.7
+    image.mutable_data[10:20, 10:20] = np.nan
+    dut.GetInputPort("depth_image").FixValue(context, Value(image))
+
+    noisy = dut.get_output_port().Eval(context).data[:, :, 0]
+
+    assert np.all(np.isfinite(noisy))
+    assert np.all(noisy[10:20, 10:20] == 0.0)
+
+
+def test_the_image_passes_through_within_an_instant() -> None:
+    # By design: it is a camera's last stage, and a camera has no state.
+    assert make().HasDirectFeedthrough(0, 0)
+    assert make().num_discrete_state_groups() == make().num_abstract_states() == 0

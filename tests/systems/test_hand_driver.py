@@ -88,3 +88,32 @@ def test_after_a_reset_the_measured_opening_counts() -> None:
     dut.Reset(context)
 
     assert dut.GetOutputPort("finger_position").Eval(context)[0] == pytest.approx(0.01)
+
+
+def test_an_opening_that_is_no_number_moves_nothing() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("width_measured").FixValue(context, [math.nan])
+    dut.GetInputPort("width").FixValue(context, [0.04])
+    simulator = Simulator(dut, context)
+
+    simulator.AdvanceTo(0.1)
+    assert dut.GetOutputPort("finger_velocity").Eval(context)[0] == 0.0
+    dut.GetInputPort("width_measured").FixValue(context, [0.06])
+    simulator.AdvanceTo(0.2)
+
+    # Once it is known, the fingers go, together at 0.1 m/s.
+    assert dut.GetOutputPort("finger_velocity").Eval(context)[0] == pytest.approx(-0.05)
+
+
+def test_a_step_is_that_of_the_pure_function() -> None:
+    dut = HandDriver(speed=0.1, time_step=1 / 512)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("width_measured").FixValue(context, [0.06])
+    dut.GetInputPort("width").FixValue(context, [0.04])
+
+    Simulator(dut, context).AdvanceTo(1 / 1024)
+
+    width = step_width(width=0.06, wanted=0.04, speed=0.1, time_step=1 / 512)
+    assert dut.GetOutputPort("finger_position").Eval(context)[0] == width / 2
+    assert dut.GetOutputPort("finger_velocity").Eval(context)[0] == (width - 0.06) * 512 / 2

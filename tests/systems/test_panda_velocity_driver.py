@@ -148,6 +148,34 @@ def test_a_command_that_is_no_number_means_zero(
     assert velocity_after(dut, context, 0.05) == 0
 
 
+def test_a_step_is_that_of_the_pure_function_for_every_joint() -> None:
+    config = PandaDriver(low_pass_hz=30.0, leash=0.05)
+    dut = PandaVelocityDriver(limits=LIMITS, config=config, time_step=TIME_STEP)
+    context = start(dut)
+    wanted = np.array([0.3, -0.3, 2.0, -2.0, 0.0, 0.01, 1.0])
+    dut.GetInputPort("velocity").FixValue(context, wanted)
+
+    velocity_after(dut, context, TIME_STEP / 2)
+
+    expected = [step(position=0.5, wanted=w, measured=0.5, config=config) for w in wanted]
+    found = [
+        dut.GetOutputPort(f"{name}_commanded").Eval(context) for name in ("position", "velocity")
+    ]
+    np.testing.assert_array_equal(np.transpose(found), expected)
+
+
+def test_a_measurement_that_is_no_number_leaves_the_commands_finite(
+    dut: PandaVelocityDriver,
+) -> None:
+    context = start(dut)
+    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))
+    velocity_after(dut, context, 0.1)
+    dut.GetInputPort("position_measured").FixValue(context, np.full(7, math.nan))
+
+    assert velocity_after(dut, context, 0.1) == pytest.approx(0.3)
+    assert np.isfinite(dut.GetOutputPort("position_commanded").Eval(context)).all()
+
+
 def test_after_a_reset_it_holds_where_the_arm_is(dut: PandaVelocityDriver) -> None:
     context = start(dut)
     dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))

@@ -32,6 +32,15 @@ def test_the_frame_is_that_of_the_last_capture(make_bench: Callable[..., Bench])
     assert bench.points.stamp == 0.0
 
 
+def test_a_motion_that_is_no_number_is_no_prior(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.0), moving=np.nan)
+
+    bench.advance_to(PERIOD + AFTER)
+
+    expected = np.sin(QUERY) + np.float32(1 + PERIOD)
+    np.testing.assert_allclose(bench.points.positions, expected, atol=1e-12)
+
+
 def test_it_waits_for_the_detector(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench(config=PointTrackerConfig(latency=0.0), masks=None)
     bench.advance_to(PERIOD + AFTER)

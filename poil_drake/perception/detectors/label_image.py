@@ -44,7 +44,8 @@ class LabelImageDetector:
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
                 "The images carry no render labels, which the detector 'label_image' reads.",
-                remedy="Use frames of a simulation that were taken with labels.",
+                remedy="Use frames of a simulation that were taken with labels; in a recording "
+                "these are the topics /camera/<name>/label and the metadata 'label_ids'.",
             )
         object_ids = _ids(frame, object_label)
         part_ids = _ids(frame, f"{object_label}/{part_label}")
