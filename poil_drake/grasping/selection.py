@@ -39,15 +39,12 @@ class SelectionConfig:
     Attributes:
         path: How the object's motion is foreseen.
         feasibility: What is checked and how it is weighed.
-        batch: Grasps rehearsed together.
-        enough: The search ends once this many feasible pairs of grasp and matching are known: the
-            candidates come best first, and later ones seldom cost less.
+        batch: Grasps rehearsed together, which bounds the memory that is needed.
     """
 
     path: ObjectPathConfig = field(default_factory=ObjectPathConfig)
     feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     batch: int = 12
-    enough: int = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +88,7 @@ def rank_grasps(
         scene: What must not be touched, without the object and the robot.
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        config: What is checked and when the search ends.
+        config: What is checked.
         progress: Told how far the search is.
 
     Raises:
@@ -122,8 +119,6 @@ def rank_grasps(
             for index in range(len(batch)):
                 own = [f for f in findings if f.candidate == index]
                 best[start + index, number] = min(own, key=_rank) if own else None
-        if sum(f is not None and f.failure is None for f in best.values()) >= config.enough:
-            break
     feasible = {pair: f for pair, f in best.items() if f is not None and f.failure is None}
     if not feasible:
         raise _no_feasible_grasp(len(candidates), len(matchings), list(best.values()))

@@ -161,6 +161,7 @@ def _optimize(
 ) -> tuple["DisplacementNetwork", list[float]]:
     import torch
 
+    from poil_drake.transfer.adam import Adam
     from poil_drake.transfer.displacement_network import DisplacementNetwork
 
     batch = np.concatenate([source, extra])
@@ -176,7 +177,7 @@ def _optimize(
     x, goal = (torch.as_tensor(p, dtype=torch.float32) for p in (batch, target))
     j = torch.as_tensor(neighbours)
     w = torch.as_tensor(weights, dtype=torch.float32)
-    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate)
+    optimizer = Adam(network.parameters(), learning_rate=config.learning_rate)
     best, best_step, losses = network.snapshot(), 0, []
     for step in range(config.max_steps + 1):
         d = network(x)

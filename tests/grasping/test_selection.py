@@ -136,9 +136,11 @@ def test_no_grasp_at_all_is_explained(choose, matching):
         choose([], [matching])
 
 
-def test_search_ends_once_enough_are_known(choose, grasps, matching):
-    config = SelectionConfig(batch=2, enough=2)
+def test_every_grasp_is_rehearsed_whatever_the_batches(choose, grasps, matching):
+    few, all_at_once = (
+        choose(grasps * 4, [matching], config=SelectionConfig(batch=batch)) for batch in (3, 100)
+    )
 
-    dut = choose(grasps * 4, [matching], config=config)
-
-    assert dut.rehearsed == 2
+    assert few.rehearsed == all_at_once.rehearsed == 4 * len(grasps)
+    assert few.feasible == all_at_once.feasible
+    assert few.feasibility.cost == all_at_once.feasibility.cost
