@@ -101,9 +101,9 @@ def test_the_outputs_are_complete(summary: RunSummary, outputs: OutputPaths) -> 
 
 
 def test_the_time_is_split_among_what_took_it(summary: RunSummary) -> None:
-    parts, beside = summary.timing.parts, summary.timing.beside
-    assert set(beside) == {"rendering", "tracking"}
-    assert all(share > 0.0 for share in beside.values()), beside
+    parts, concurrent = summary.timing.parts, summary.timing.concurrent
+    assert set(concurrent) == {"rendering", "tracking"}
+    assert all(share > 0.0 for share in concurrent.values()), concurrent
     assert all(part > 0.0 for part in parts.values()), parts
     assert sum(parts.values()) == pytest.approx(summary.timing.wall)
 

@@ -4,7 +4,7 @@ import json
 import multiprocessing
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -43,7 +43,7 @@ class Trial:
         unobserved: Share of the points that the tracker did not see.
         real_time_factor: Simulated over wall-clock time of the closed loop.
         split: Share of that wall-clock time by what it went to.
-        beside: Share of it during which another process rendered or tracked.
+        concurrent: Share of it during which another process rendered or tracked.
         simulated: Simulated time [s].
     """
 
@@ -59,7 +59,7 @@ class Trial:
     unobserved: float = np.nan
     real_time_factor: float = np.nan
     split: dict[str, float] | None = None
-    beside: dict[str, float] | None = None
+    concurrent: dict[str, float] | None = None
     simulated: float = np.nan
 
 
@@ -146,7 +146,7 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
         "real_time_factor_median": _percentile(factors, 50),
         "real_time_factor_p5": _percentile(factors, 5),
         "split": _mean_shares([trial.split or {} for trial in finished]),
-        "beside": _mean_shares([trial.beside or {} for trial in finished]),
+        "concurrent": _mean_shares([trial.concurrent or {} for trial in finished]),
     }
 
 
@@ -184,9 +184,15 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         unobserved=tracking.missing,
         real_time_factor=summary.timing.real_time_factor,
         split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
-        beside={name: part / summary.timing.wall for name, part in summary.timing.beside.items()},
+        concurrent={
+            name: part / summary.timing.wall for name, part in summary.timing.concurrent.items()
+        },
         simulated=summary.timing.simulated,
     )
+
+
+def _shares(parts: Mapping[str, float], whole: float) -> dict[str, float]:
+    return {name: part / whole for name, part in parts.items()}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,4 +1,4 @@
-"""Takes a station's pictures in a process of its own, beside the simulation."""
+"""Renders a station's cameras in a process of its own, beside the simulation."""
 
 import threading
 from collections.abc import Sequence
@@ -15,13 +15,14 @@ from poil_drake.perception.worker_process import WorkerEndedError, WorkerProcess
 
 
 class CameraProcess:
-    """Renders what a station's cameras show: a `Photographer`.
+    """Renders what a station's cameras show: a `SceneRenderer`.
 
     The process builds the station of the same scenario once more, puts it at the positions that it
-    is given, and renders; the images are those of the station itself, to the last bit. A process,
-    as the renderer of Drake that needs no display, VTK, crashes on a thread, and as rendering on
-    a CPU then leaves the interpreter to the simulation. It begins with the first picture, or with
-    `start`.
+    is given, and renders; the images are those of the station itself, to the last bit. It knows of
+    nothing but positions: what is changed otherwise in a station's context or scene graph does not
+    show. It is a process, as the renderer of Drake that needs no display, VTK, crashes on a thread,
+    and as rendering on a CPU then leaves the interpreter to the simulation. It begins with the
+    first images, or with `start`.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
@@ -49,39 +50,40 @@ class CameraProcess:
             self._worker = WorkerProcess(f"{__package__}.camera_worker", setup)
 
     def warm_up(self) -> None:
-        """Waits until the next picture takes no longer than any other.
+        """Waits until the next images take no longer than any other.
 
         Raises:
             PoilError: if the cameras cannot be used.
         """
         self._ask("warm up")
 
-    def take(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-        """See `Photographer.take`.
+    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+        """See `SceneRenderer.render`.
 
         Raises:
             StationError: if the process has ended.
         """
-        arrays = self._ask("take", positions, time)
+        arrays = self._ask("render", positions, time)
         return tuple(
             RgbdImage(rgb=rgb, depth=depth, stamp=time)
             for rgb, depth in zip(arrays[::2], arrays[1::2], strict=True)
         )
 
-    def take_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
-        """See `Photographer.take_labels`.
+    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+        """See `SceneRenderer.render_labels`.
 
         Raises:
             StationError: if the process has ended.
         """
-        return tuple(self._ask("take labels", positions, time))
+        return tuple(self._ask("render labels", positions, time))
 
     def close(self) -> None:
-        """Ends the process. No picture may follow."""
-        self._closed = True
-        if self._worker is not None:
-            self._worker.end()
-            self._worker = None
+        """Ends the process, after what it is doing. Nothing can be rendered after that."""
+        with self._turn:
+            self._closed = True
+            if self._worker is not None:
+                self._worker.end()
+                self._worker = None
 
     def _ask(self, *request: Any) -> Sequence[np.ndarray]:
         with self._turn:

@@ -1,4 +1,4 @@
-"""The other end of `camera_process`: builds a station and takes its pictures."""
+"""The other end of `camera_process`: builds a station and renders its cameras."""
 
 import dataclasses
 from typing import Any
@@ -7,14 +7,14 @@ import numpy as np
 from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.diagrams.load_scenario import LoadScenario
-from poil_drake.diagrams.station import CaptureFrame, MakeStation
-from poil_drake.perception.images import MultiViewFrame
+from poil_drake.diagrams.scenario_checks import NO_NETWORK
+from poil_drake.diagrams.station import MakeStation
 from poil_drake.perception.worker_process import Answer
 from poil_drake.perception.worker_service import run
 
 
 class CameraService:
-    """Takes pictures of a station that it puts at given positions."""
+    """Renders the cameras of a station that it puts at given positions."""
 
     def __init__(self, setup: tuple[str, list[str]]):
         """Builds the station.
@@ -25,32 +25,36 @@ class CameraService:
         text, package_xmls = setup
         scenario = LoadScenario(data=text)
         # What is on the scenario's networks is the business of the station itself.
-        silent = {name: DrakeLcmParams(lcm_url="memq://null") for name in scenario.lcm_buses}
+        silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
         scenario = dataclasses.replace(scenario, lcm_buses=silent)
-        self._station = MakeStation(scenario, prompt_cameras=True, package_xmls=package_xmls)
+        self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)
         self._context = self._station.CreateDefaultContext()
 
     def __call__(self, request: tuple[Any, ...]) -> Answer:
-        """Answers ("warm up",), ("take", positions, time) or ("take labels", positions, time).
+        """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
 
         Returns:
             The colour and the depth image of each camera, or the label image of each.
         """
         kind, *scene = request
         if kind == "warm up":
-            CaptureFrame(self._station, self._context)
+            self._station.RenderImages(self._context)
             return Answer(None)
-        images = self._frame(*scene, labels=kind == "take labels").images
-        if kind == "take labels":
-            return Answer(None, [image.label for image in images if image.label is not None])
+        self._put(*scene)
+        if kind == "render labels":
+            return Answer(None, [self._label(name) for name in self._station.camera_names])
+        images = self._station.RenderImages(self._context)
         return Answer(None, [array for image in images for array in (image.rgb, image.depth)])
 
-    def _frame(self, positions: np.ndarray, time: float, *, labels: bool) -> MultiViewFrame:
+    def _put(self, positions: np.ndarray, time: float) -> None:
         plant = self._station.plant()
         plant_context = self._station.GetMutableSubsystemContext(plant, self._context)
         plant.SetPositions(plant_context, positions)
         self._context.SetTime(time)
-        return CaptureFrame(self._station, self._context, labels=labels)
+
+    def _label(self, camera: str) -> np.ndarray:
+        port = self._station.GetOutputPort(f"{camera}.label_image")
+        return port.Eval(self._context).data[:, :, 0]
 
 
 if __name__ == "__main__":

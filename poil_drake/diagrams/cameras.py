@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.schema import Transform
+from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -15,15 +16,15 @@ from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo
 
 from poil_drake.diagrams.drake_errors import DRAKE_ERRORS, drake_reason
+from poil_drake.diagrams.scenario_checks import NO_NETWORK
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.systems.camera_ports import copied_depth, copied_rgb
-from poil_drake.systems.delayed_cameras import DelayedCameras, Photographer
+from poil_drake.systems.delayed_cameras import DelayedCameras, SceneRenderer
 from poil_drake.systems.depth_noise_system import DepthNoiseSystem
 from poil_drake.systems.stopwatch import Stopwatch
 
-_NO_NETWORK = "memq://null"
 _LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
 
 
@@ -53,12 +54,7 @@ def AddCameras(
     """
     models = MakeCameraModels(plant, cameras)
     for index, (name, config) in enumerate(cameras.items()):
-        config = copy.copy(config)
-        config.output_delay = 0.0
-        try:
-            ApplyCameraConfig(config, builder, lcm_buses=lcm_buses)
-        except DRAKE_ERRORS as error:
-            raise _unusable(name, error) from error
+        _apply(name, config, builder, lcm_buses)
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         depth = builder.AddNamedSystem(
             f"depth_noise_{name}",
@@ -84,7 +80,7 @@ def AddDelayedCameras(
     plant: MultibodyPlant,
     cameras: Mapping[str, CameraConfig],
     lcm_buses: LcmBuses,
-    photographer: Photographer,
+    renderer: SceneRenderer,
     period: float,
     stopwatch: Stopwatch | None,
 ) -> DelayedCameras:
@@ -97,21 +93,19 @@ def AddDelayedCameras(
         plant: What they look at.
         cameras: Their configuration.
         lcm_buses: The networks; none of them gets the images.
-        photographer: What renders.
+        renderer: What renders.
         period: From one capture to the next [s].
         stopwatch: See `DelayedCameras`.
 
     Raises:
-        ScenarioError: as `AddCameras`, and where not all cameras have one delay, or one publishes.
+        ScenarioError: as `AddCameras`, and where not all cameras have one delay.
     """
     models = MakeCameraModels(plant, cameras)
-    for name, config in cameras.items():
-        _require_unpublished(name, config, lcm_buses)
-        _require_usable(name, config, lcm_buses)
+    _require_usable(cameras, lcm_buses)
     system = builder.AddNamedSystem(
         "cameras",
         DelayedCameras(
-            photographer=photographer,
+            renderer=renderer,
             cameras=models,
             num_positions=plant.num_positions(),
             num_velocities=plant.num_velocities(),
@@ -171,31 +165,32 @@ def MakeCameraModels(
     return tuple(models)
 
 
-def _require_unpublished(name: str, config: CameraConfig, lcm_buses: LcmBuses) -> None:
+def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: LcmBuses) -> None:
+    """Adds a camera that does not delay, whatever its configuration says of that."""
+    config = copy.copy(config)
+    config.output_delay = 0.0
+    lcm = None
     if not (config.rgb or config.depth or config.label):
-        return
-    url = lcm_buses.Find(f"cameras.{name}", config.lcm_bus).get_lcm_url()
-    if url != _NO_NETWORK:
-        raise ScenarioError(
-            f"cameras.{name} has an output_delay and is published on lcm_buses.{config.lcm_bus}.",
-            remedy="Delayed images are not published: set its rgb, depth and label to false, or "
-            "its output_delay to 0.",
-        )
+        # Drake leaves out a camera that publishes nothing.
+        config.rgb = True
+        lcm = DrakeLcm(NO_NETWORK)
+    try:
+        ApplyCameraConfig(config, builder, lcm_buses=lcm_buses, lcm=lcm)
+    except DRAKE_ERRORS as error:
+        raise _unusable(name, error) from error
 
 
-def _require_usable(name: str, config: CameraConfig, lcm_buses: LcmBuses) -> None:
-    """Lets Drake make the camera before an empty scene: what it does not take shows here.
+def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
+    """Lets Drake make the cameras before an empty scene: what it does not take shows here.
 
     Otherwise it would show in the process that renders, long after the station was built.
     """
-    alone = copy.copy(config)
-    alone.X_PB, alone.output_delay = Transform(), 0.0
     builder = DiagramBuilder()
     AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    try:
-        ApplyCameraConfig(alone, builder, lcm_buses=lcm_buses)
-    except DRAKE_ERRORS as error:
-        raise _unusable(name, error) from error
+    for name, config in cameras.items():
+        alone = copy.copy(config)
+        alone.X_PB = Transform()
+        _apply(name, alone, builder, lcm_buses)
 
 
 def _unusable(name: str, error: BaseException) -> ScenarioError:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -19,8 +20,10 @@ from poil_drake.diagrams.closed_loop_wires import (
     VISUALIZER_WIRES,
 )
 from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.scenario_tracker import GROUND_TRUTH, MakeScenarioTracker
+from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.station import MakeStation, Station
+from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
@@ -53,6 +56,9 @@ from poil_drake.systems.stopwatch import Stopwatch
 class ClosedLoop:
     """The closed loop and its named parts.
 
+    With a tracker of images, processes work beside the simulation: `Close` it after the run, or use
+    it as a `with` block.
+
     Attributes:
         diagram: The whole, ready for a Simulator.
         station: The robot and its surroundings.
@@ -75,11 +81,15 @@ class ClosedLoop:
     sequencer: SkillSequencer
     motion: MotionSource
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.Close()
+
     def Close(self) -> None:
-        """Ends the tracker's and the cameras' workers. There is no simulating any further."""
-        if isinstance(self.tracker, PointTracker):
-            self.tracker.close()
-        self.station.Close()
+        """Ends the tracker's and the cameras' processes. Nothing can be simulated after that."""
+        _close(self.station, self.tracker)
 
 
 def MakeClosedLoop(
@@ -93,7 +103,7 @@ def MakeClosedLoop(
     disturbances: Sequence[Pulse] = (),
     stopwatch: Stopwatch | None = None,
 ) -> ClosedLoop:
-    """Builds the diagram that executes a plan.
+    """Builds the diagram that executes a plan, and starts the processes that work beside it.
 
     Args:
         scenario: The station and the task.
@@ -104,6 +114,9 @@ def MakeClosedLoop(
         album: Where to keep pictures of the run.
         disturbances: Pushes on bodies of the simulated plant.
         stopwatch: Where to note how long rendering, tracking, control and publishing take.
+
+    Returns:
+        The loop, which is to be closed after the run.
 
     Raises:
         PoilError: if the station, the detector or the tracker cannot be built.
@@ -123,41 +136,23 @@ def MakeClosedLoop(
             stopwatch=stopwatch,
         ),
     )
-    station.StartCameras()
-    parts = {"station": station, **_add_control(builder, station, plan, stopwatch)}
-    if truth:
-        parts["tracker"] = _add_ground_truth_tracker(builder, scenario, plan, station)
-    else:
-        parts |= _add_perception(builder, scenario, plan, station, hardware, stopwatch)
-    if meshcat is not None:
-        parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
-    if log is not None:
-        parts["logger"] = builder.AddNamedSystem(
-            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
-        )
-    if album is not None and not truth:
-        parts["snapshots"] = builder.AddNamedSystem(
-            "snapshots",
-            SnapshotRecorder(
-                album=album,
-                reference=plan.reference,
-                period=scenario.poil.rates.tracker,
-                offset=scenario.poil.rates.control,
-            ),
-        )
-    _connect_by_name(builder, parts)
-    if disturbances:
-        injector = builder.AddNamedSystem(
-            "disturbances", DisturbanceInjector(plant=station.plant(), pulses=disturbances)
-        )
-        takers = [station, *([parts["logger"]] if log is not None else [])]
-        for taker in takers:
-            builder.Connect(
-                injector.get_output_port(0), taker.GetInputPort("applied_spatial_force")
-            )
-    clock.AddStop(builder)
-    diagram = builder.Build()
-    station.WarmUpCameras()
+    parts: dict[str, Any] = {"station": station}
+    try:
+        station.StartCameras()
+        parts |= _add_control(builder, station, plan, stopwatch)
+        if truth:
+            parts["tracker"] = _add_ground_truth_tracker(builder, scenario, plan, station)
+        else:
+            parts |= _add_perception(builder, scenario, plan, station, hardware, stopwatch)
+        parts |= _add_onlookers(builder, scenario, plan, station, meshcat, log, album)
+        _connect_by_name(builder, parts)
+        _add_disturbances(builder, disturbances, parts)
+        clock.AddStop(builder)
+        diagram = builder.Build()
+        station.WarmUpCameras()
+    except BaseException:
+        _close(station, parts.get("tracker"))
+        raise
     return ClosedLoop(
         diagram=diagram,
         station=station,
@@ -169,6 +164,60 @@ def MakeClosedLoop(
         sequencer=parts["sequencer"],
         motion=parts["motion"],
     )
+
+
+def _close(station: Station, tracker: LeafSystem | None) -> None:
+    try:
+        if isinstance(tracker, PointTracker):
+            tracker.close()
+    finally:
+        station.Close()
+
+
+def _add_onlookers(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    station: Station,
+    meshcat: Meshcat | None,
+    log: RunLogWriter | None,
+    album: SnapshotAlbum | None,
+) -> dict[str, LeafSystem]:
+    """Adds what shows and records the run; nothing in the loop depends on it."""
+    parts: dict[str, LeafSystem] = {}
+    if meshcat is not None:
+        parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
+    if log is not None:
+        parts["logger"] = builder.AddNamedSystem(
+            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
+        )
+    if album is not None and scenario.poil.tracker != GROUND_TRUTH:
+        parts["snapshots"] = builder.AddNamedSystem(
+            "snapshots",
+            SnapshotRecorder(
+                album=album,
+                camera=station.camera_models[0],
+                reference=plan.reference,
+                period=scenario.poil.rates.tracker,
+                offset=scenario.poil.rates.control,
+            ),
+        )
+    return parts
+
+
+def _add_disturbances(
+    builder: DiagramBuilder, pulses: Sequence[Pulse], parts: dict[str, Any]
+) -> None:
+    if not pulses:
+        return
+    injector = builder.AddNamedSystem(
+        "disturbances", DisturbanceInjector(plant=parts["station"].plant(), pulses=pulses)
+    )
+    for taker in ("station", "logger"):
+        if taker in parts:
+            builder.Connect(
+                injector.get_output_port(0), parts[taker].GetInputPort("applied_spatial_force")
+            )
 
 
 def _add_control(
@@ -262,6 +311,11 @@ def _add_perception(
 ) -> dict[str, LeafSystem]:
     poil = scenario.poil
     cameras = station.camera_models
+    if not cameras:
+        raise ScenarioError(
+            f"The tracker '{poil.tracker}' looks through cameras, but the scenario names none.",
+            remedy=f"Name cameras, or set poil.tracker to {GROUND_TRUTH}.",
+        )
     # Images that appear at one instant can be looked at from the next control period on.
     delay = station.camera_delay + poil.rates.control if station.camera_delay > 0.0 else 0.0
     detector = PartDetector(
@@ -282,7 +336,7 @@ def _add_perception(
         config=PointTrackerConfig(
             period=poil.rates.tracker,
             offset=delay,
-            latency=poil.latency - delay,
+            latency=max(poil.latency - delay, 0.0),  # as written in decimals
             blocking=not hardware,
         ),
         stopwatch=stopwatch,

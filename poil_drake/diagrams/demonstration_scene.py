@@ -20,6 +20,7 @@ from poil_drake.diagrams.demonstration_directives import (
 )
 from poil_drake.diagrams.labels import AssignLabels
 from poil_drake.diagrams.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario_checks import NO_NETWORK
 from poil_drake.diagrams.scenario_fit import RequireFreeObject
 from poil_drake.diagrams.scenario_models import (
     AddModels,
@@ -76,7 +77,7 @@ class DemonstrationScene:
         self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
             # The cameras' configuration names buses, but a recording is nobody else's business.
-            silent = {name: DrakeLcmParams(lcm_url="memq://null") for name in scenario.lcm_buses}
+            silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
             self._cameras = AddCameras(
                 builder=builder,
                 plant=self._plant,

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.scenario_tracker import GROUND_TRUTH
+from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.station import CaptureFrame, MakeStation, Station
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -62,7 +62,7 @@ def CheckPlanFits(
     config = config or PlanFitConfig()
     _check_labels(plan, scenario)
     looking = scenario.poil.tracker != GROUND_TRUTH
-    station = MakeStation(scenario, hardware=hardware, cameras=looking, prompt_cameras=True)
+    station = MakeStation(scenario, hardware=hardware, cameras=looking, ignore_output_delay=True)
     _check_arm(plan, station, config)
     if station.camera_names:
         _check_object(plan, station, config)

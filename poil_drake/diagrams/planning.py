@@ -66,7 +66,7 @@ def PlanScenario(
     recorded = load_demonstration(demonstration)
     detector = make_detector(poil.detector)
     tracker = MakeScenarioTracker(poil)
-    station = MakeStation(scenario, prompt_cameras=True)
+    station = MakeStation(scenario, ignore_output_delay=True)
     context = station.CreateDefaultContext()
     frame = CaptureFrame(station, context, labels=True)
     q_start = station.GetOutputPort(f"{poil.robot}.position_measured").Eval(context)

@@ -31,7 +31,7 @@ PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
 """What one thread does in turn, so that these and what is left add up to the whole."""
 
-_BESIDE = ("rendering", "tracking")
+_CONCURRENT = ("rendering", "tracking")
 """What other processes do meanwhile."""
 
 _CARRYING = (Phase.LIFT, Phase.FOLLOW)
@@ -268,7 +268,7 @@ def _timing(report: Report) -> RunTiming:
         simulated=report.simulated,
         wall=report.wall,
         parts=parts,
-        beside={name: measured.get(name, 0.0) for name in _BESIDE},
+        concurrent={name: measured.get(name, 0.0) for name in _CONCURRENT},
     )
 
 

@@ -72,9 +72,9 @@ class RunTiming:
         wall: Wall-clock time that the simulation took [s].
         parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" is taking in
             images, which holds their rendering unless the cameras delay them; "waiting" is for what
-            is done beside; "physics" is what no other part was measured to take; in a run that
-            is slowed down to a real-time rate it holds the sleep, too.
-        beside: Wall-clock time of what other processes do meanwhile [s]: "rendering" of cameras
+            is done concurrently; "physics" is what no other part was measured to take; in a run
+            that is slowed down to a real-time rate it holds the sleep, too.
+        concurrent: Wall-clock time of what other processes do meanwhile [s]: "rendering" of cameras
             that delay their images, "tracking".
         stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
             (building the loop and simulating it), report (finishing log, recording, picture).
@@ -83,7 +83,7 @@ class RunTiming:
     simulated: float
     wall: float
     parts: Mapping[str, float] = field(default_factory=dict)
-    beside: Mapping[str, float] = field(default_factory=dict)
+    concurrent: Mapping[str, float] = field(default_factory=dict)
     stages: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -164,7 +164,7 @@ class RunSummary:
                 timing=dataclasses.replace(
                     self.timing,
                     parts=dict(self.timing.parts),
-                    beside=dict(self.timing.beside),
+                    concurrent=dict(self.timing.concurrent),
                     stages=dict(self.timing.stages),
                 ),
             )

@@ -14,7 +14,7 @@ from pydrake.visualization import VisualizationConfig
 
 from poil_drake.diagrams.demonstration_config import DemonstrationMotionConfig
 from poil_drake.diagrams.rates import Rates
-from poil_drake.diagrams.scenario_checks import CheckScenarioValues
+from poil_drake.diagrams.scenario_checks import NO_NETWORK, CheckScenarioValues
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.systems.panda_velocity_driver import PandaDriver
@@ -139,7 +139,7 @@ class PoilConfig:
 
 
 def _null_lcm() -> dict[str, DrakeLcmParams]:
-    return {"default": DrakeLcmParams(lcm_url="memq://null")}
+    return {"default": DrakeLcmParams(lcm_url=NO_NETWORK)}
 
 
 def _simulator_config() -> SimulatorConfig:
@@ -185,8 +185,7 @@ class Scenario:
         simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down,
             unless the command line says otherwise. All reach the simulator, but every system here
             is discrete, so there is nothing to integrate: `integration_scheme`, `max_step_size`,
-            `accuracy`, `use_error_control` and `publish_every_time_step` change no run, and
-            `start_time` stays 0.
+            `accuracy` and `use_error_control` change no run, and `start_time` stays 0.
         plant_config: Drake's plant settings, except `time_step`: that is `poil.rates.plant`.
         directives: The models: files, welds, default poses. A file may be `package://...`,
             `file://...`, or a path relative to the scenario file.
@@ -195,7 +194,8 @@ class Scenario:
         cameras: Name -> camera. Its `rgb`, `depth`, `label` and `fps` only say what is published on
             its LCM bus: here every camera gives all images, whenever somebody looks. With an
             `output_delay` [s], the same for all, images are captured at the tracker's rate and
-            appear that much later; a process of its own renders them beside the simulation.
+            appear that much later; a process of its own renders them beside the simulation, and
+            none is published.
         visualization: What Meshcat shows.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task, and how POIL does it.

@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 from poil_drake.diagrams.scenario import PoilConfig
+from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import PointTracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
-
-GROUND_TRUTH = "ground_truth"
-"""The tracker's name that stands for the simulator's own poses: a labelled baseline."""
 
 DEFAULT_TRACKER = "rigid_flow"
 """Follows the demonstration where the loop runs on the simulator's own poses."""

@@ -70,7 +70,7 @@ def RunSkill(
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        MakeStation(scenario, hardware=hardware, prompt_cameras=True)
+        MakeStation(scenario, hardware=hardware, ignore_output_delay=True)
         if scenario.poil.demonstration is None:
             with stages.measure("demonstration"):
                 RecordScenarioDemonstration(scenario, Path(recorded))

@@ -1,5 +1,6 @@
 """The station: a robot, its cameras and its surroundings behind named ports."""
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -80,6 +81,8 @@ class Station(Diagram):
     Images are of the moment when somebody looks, and rendered then, unless the cameras have an
     `output_delay`. With one they are captured at the tracker's rate, rendered by a process of
     their own, and appear that much later; before the first they are empty (see `DelayedCameras`).
+    That process knows the plant's positions only (see `CameraProcess`). It starts with the first
+    capture, or with `StartCameras`; `WarmUpCameras` waits until it is ready, and `Close` ends it.
     `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
@@ -89,7 +92,7 @@ class Station(Diagram):
         *,
         meshcat: Meshcat | None,
         cameras: bool,
-        prompt_cameras: bool,
+        ignore_output_delay: bool,
         package_xmls: Sequence[str | Path],
         stopwatch: Stopwatch | None,
         parser_preload_callback: PrefinalizeCallback | None,
@@ -133,14 +136,16 @@ class Station(Diagram):
             time_step=poil.rates.plant,
         )
         if cameras:
-            self._add_cameras(builder, lcm_buses, prompt_cameras, package_xmls, stopwatch)
-        if meshcat is not None:
-            ApplyVisualizationConfig(
-                scenario.visualization, builder, lcm_buses=lcm_buses, meshcat=meshcat
-            )
+            self._add_cameras(builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch)
+        # Before the visualization: in newer Drakes it takes the port for dragging with the mouse.
         builder.ExportInput(
             self._plant.get_applied_spatial_force_input_port(), "applied_spatial_force"
         )
+        if meshcat is not None:
+            visualization = copy.copy(scenario.visualization)
+            if hasattr(visualization, "mouse_interaction_stiffness"):
+                visualization.mouse_interaction_stiffness = None
+            ApplyVisualizationConfig(visualization, builder, lcm_buses=lcm_buses, meshcat=meshcat)
         builder.ExportOutput(self._plant.get_body_poses_output_port(), "body_poses")
         builder.ExportOutput(self._plant.get_contact_results_output_port(), "contact_results")
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
@@ -173,7 +178,7 @@ class Station(Diagram):
             plant=self._plant,
             cameras=scenario.cameras,
             lcm_buses=lcm_buses,
-            photographer=self._camera_process,
+            renderer=self._camera_process,
             period=scenario.poil.rates.tracker,
             stopwatch=stopwatch,
         )
@@ -204,8 +209,8 @@ class Station(Diagram):
         """From the capture of the exported images to their appearance [s]."""
         return self._camera_delay
 
-    def TakePictures(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns what each camera sees now; `CaptureFrame` is the whole frame of it."""
+    def RenderImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
+        """Returns what each camera sees now; `CaptureFrame` makes a frame of it."""
         if self._camera_process is None:
             return tuple(
                 ReadImage(diagram=self, context=context, name=name, labels=labels)
@@ -213,9 +218,9 @@ class Station(Diagram):
             )
         plant_context = self.GetSubsystemContext(self._plant, context)
         scene = (self._plant.GetPositions(plant_context), context.get_time())
-        images = self._camera_process.take(*scene)
+        images = self._camera_process.render(*scene)
         if labels:
-            found = self._camera_process.take_labels(*scene)
+            found = self._camera_process.render_labels(*scene)
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
 
@@ -234,10 +239,11 @@ class Station(Diagram):
             self._camera_process.warm_up()
 
     def Close(self) -> None:
-        """Ends the process of delayed cameras. The station cannot be simulated any further."""
+        """Ends the process of delayed cameras. Nothing can be simulated after that."""
         if self._camera_process is not None and self._delayed_cameras is not None:
-            self._camera_process.close()
+            # First the thread that asks, then the process that answers.
             self._delayed_cameras.close()
+            self._camera_process.close()
 
     def plant(self) -> MultibodyPlant:
         """Returns the simulated plant."""
@@ -265,7 +271,7 @@ def MakeStation(
     meshcat: Meshcat | None = None,
     hardware: bool = False,
     cameras: bool = True,
-    prompt_cameras: bool = False,
+    ignore_output_delay: bool = False,
     package_xmls: Sequence[str | Path] = (),
     stopwatch: Stopwatch | None = None,
     parser_preload_callback: PrefinalizeCallback | None = None,
@@ -278,8 +284,8 @@ def MakeStation(
         meshcat: Shows the scene there.
         hardware: Not available yet; there is a simulated station only.
         cameras: False leaves out cameras and renderer altogether, for speed.
-        prompt_cameras: Whether images are of the moment, whatever the cameras' `output_delay`: for
-            a look around without a simulation.
+        ignore_output_delay: Whether images are of the moment, whatever the cameras' `output_delay`:
+            for a look around without a simulation.
         package_xmls: Further `package.xml` files, for directives with `package://...`.
         stopwatch: Where delayed cameras note how long they render, and are waited for.
         parser_preload_callback: Called with the parser before the directives are read.
@@ -296,17 +302,17 @@ def MakeStation(
             remedy="Leave out hardware (--hardware).",
         )
     callbacks = (parser_preload_callback, parser_prefinalize_callback)
-    if cameras and not prompt_cameras and any(callbacks) and CameraDelay(scenario.cameras):
+    if cameras and not ignore_output_delay and any(callbacks) and CameraDelay(scenario.cameras):
         raise StationError(
             "A station whose cameras have an output_delay got a parser callback, of which the "
             "process that renders would not know.",
-            remedy="Set the cameras' output_delay to 0, or use prompt_cameras=True.",
+            remedy="Set the cameras' output_delay to 0, or use ignore_output_delay=True.",
         )
     return Station(
         scenario,
         meshcat=meshcat,
         cameras=cameras,
-        prompt_cameras=prompt_cameras,
+        ignore_output_delay=ignore_output_delay,
         package_xmls=package_xmls,
         stopwatch=stopwatch,
         parser_preload_callback=parser_preload_callback,
@@ -331,7 +337,7 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
             remedy="Name cameras in the scenario and build the station with cameras=True.",
         )
     return MakeFrame(
-        station.camera_models, station.TakePictures(context, labels=labels), station.label_ids
+        station.camera_models, station.RenderImages(context, labels=labels), station.label_ids
     )
 
 

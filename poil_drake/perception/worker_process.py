@@ -59,7 +59,7 @@ class WorkerProcess:
         with theirs:
             files = (theirs.fileno(), self._requests.file, self._answers.file)
             self._process = subprocess.Popen(
-                [sys.executable, "-m", module, *map(str, files)],
+                [sys.executable, "-P", "-m", module, *map(str, files)],
                 pass_fds=files,
                 env=_environment(),
                 stdin=subprocess.DEVNULL,
@@ -90,12 +90,18 @@ class WorkerProcess:
             RuntimeError: with the text of any other error of the worker.
             WorkerEndedError: when the process has ended, or does before it has answered.
         """
+        if not self._close.alive:
+            raise self.ended()
         try:
             self._send(request)
             answer = self._connection.recv()
         except (EOFError, OSError) as error:
             self.end()
             raise self.ended() from error
+        except BaseException:
+            # Whoever is interrupted here must not get this answer to the next request.
+            self.end()
+            raise
         if isinstance(answer, PoilError):
             raise answer
         if isinstance(answer, str):

@@ -1,8 +1,9 @@
 """Cameras whose images appear a while after their capture, and are rendered meanwhile."""
 
-from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol
 
 import cv2
@@ -15,15 +16,17 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.background import Background
 from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
 from poil_drake.systems.stopwatch import Stopwatch
 
 
-class Photographer(Protocol):
-    """Takes pictures of a scene; its calls may take long, and come from one thread at a time."""
+class SceneRenderer(Protocol):
+    """Renders a scene; its calls may take long, and come from one thread at a time."""
 
-    def take(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-        """Returns what the cameras show, with the stamp `time` [s].
+    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+        """Returns what the cameras see, with the stamp `time` [s].
 
         Args:
             positions: The plant's generalised positions (nq,).
@@ -31,18 +34,24 @@ class Photographer(Protocol):
         """
         ...
 
-    def take_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
-        """Returns the render labels (H, W) int16 of what `take` shows."""
+    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+        """Returns the render labels (H, W) int16 of what `render` shows."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class _Exposure(SharedOnCopy):
-    """What was captured: the scene then, and its images, once they are ready."""
+class _Capture(SharedOnCopy):
+    """What was captured.
 
-    positions: np.ndarray
+    Attributes:
+        time: When [s].
+        images: The images, once they are ready.
+        labels: Returns the label images; they are rendered with the first call.
+    """
+
     time: float
     images: Future[tuple[RgbdImage, ...]]
+    labels: Callable[[], tuple[np.ndarray, ...]]
 
 
 class DelayedCameras(LeafSystem):
@@ -62,7 +71,7 @@ class DelayedCameras(LeafSystem):
     The delay is that of a real camera, from exposure to delivery; the simulation goes on meanwhile,
     while the images are rendered elsewhere, and is held up when they are due before they are ready.
     So what comes out, and when, does not depend on how fast anything is. Drake's `RgbdSensorAsync`
-    does the same with a thread.
+    does the same with a thread. Every capture is rendered, whether somebody looks or not.
 
     Input: `plant_state` (nq + nv,), of which the positions are taken. Where they are not finite,
     nothing is captured, and the last images stay.
@@ -79,7 +88,7 @@ class DelayedCameras(LeafSystem):
     def __init__(
         self,
         *,
-        photographer: Photographer,
+        renderer: SceneRenderer,
         cameras: Sequence[CameraModel],
         num_positions: int,
         num_velocities: int,
@@ -90,7 +99,7 @@ class DelayedCameras(LeafSystem):
         """Constructs the system.
 
         Args:
-            photographer: What renders.
+            renderer: What renders.
             cameras: The cameras' models, in the order in which it gives their images.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
@@ -103,20 +112,20 @@ class DelayedCameras(LeafSystem):
             InvalidValueError: if there is no delay.
         """
         super().__init__()
-        if not delay > 0.0:
+        if not (delay > 0.0 and not ReleaseSchedule(period=period, latency=delay).immediate):
             raise InvalidValueError(
                 f"DelayedCameras.delay is {delay} s.",
                 remedy="It must be positive; use RgbdSensor for cameras without a delay.",
             )
-        self._photographer, self._stopwatch = photographer, stopwatch or Stopwatch()
+        self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
         self._cameras, self._num_positions = tuple(cameras), num_positions
         self._schedule = ReleaseSchedule(period=period, latency=delay)
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="cameras")
+        self._background = Background("cameras' thread")
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
         self._queue = self.DeclareAbstractState(Value(()))
-        self._shown = self.DeclareAbstractState(Value(object()))
+        self._shown = self.DeclareAbstractState(Value(ABSENT))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._capture)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, delay, self._release)
         for view, camera in enumerate(self._cameras):
@@ -129,70 +138,73 @@ class DelayedCameras(LeafSystem):
 
     def close(self) -> None:
         """Ends the thread that waits for images. No capture may follow."""
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._background.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:
         known = {self.abstract_state_ticket(self._shown)}
 
-        def calc_rgb(context: Context, output: AbstractValue) -> None:
-            if (exposure := self._exposure(context)) is not None:
-                rgb = exposure.images.result()[view].rgb
-                image = ImageRgba8U(rgb.shape[1], rgb.shape[0])
-                cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA, dst=image.mutable_data)
-                output.set_value(image)
+        def rgb(capture: _Capture) -> ImageRgba8U:
+            pixels = capture.images.result()[view].rgb
+            image = ImageRgba8U(pixels.shape[1], pixels.shape[0])
+            cv2.cvtColor(pixels, cv2.COLOR_RGB2RGBA, dst=image.mutable_data)
+            return image
 
-        def calc_depth(context: Context, output: AbstractValue) -> None:
-            if (exposure := self._exposure(context)) is not None:
-                depth = exposure.images.result()[view].depth
-                image = ImageDepth32F(depth.shape[1], depth.shape[0])
-                image.mutable_data[:, :, 0] = depth
-                output.set_value(image)
+        def depth(capture: _Capture) -> ImageDepth32F:
+            pixels = capture.images.result()[view].depth
+            image = ImageDepth32F(pixels.shape[1], pixels.shape[0])
+            image.mutable_data[:, :, 0] = pixels
+            return image
 
-        def calc_label(context: Context, output: AbstractValue) -> None:
-            if (exposure := self._exposure(context)) is not None:
-                label = self._labels(exposure)[view]
-                image = ImageLabel16I(label.shape[1], label.shape[0])
-                image.mutable_data[:, :, 0] = label
-                output.set_value(image)
+        def label(capture: _Capture) -> ImageLabel16I:
+            pixels = capture.labels()[view]
+            image = ImageLabel16I(pixels.shape[1], pixels.shape[0])
+            image.mutable_data[:, :, 0] = pixels
+            return image
 
         def calc_time(context: Context, output: BasicVector) -> None:
-            exposure = self._exposure(context)
-            output.SetAtIndex(0, np.nan if exposure is None else exposure.time)
+            capture = self._shown_capture(context)
+            output.SetAtIndex(0, np.nan if capture is None else capture.time)
 
-        for kind, empty, calc in (
-            ("rgb_image", ImageRgba8U, calc_rgb),
-            ("depth_image", ImageDepth32F, calc_depth),
-            ("label_image", ImageLabel16I, calc_label),
+        for kind, empty, convert in (
+            ("rgb_image", ImageRgba8U, rgb),
+            ("depth_image", ImageDepth32F, depth),
+            ("label_image", ImageLabel16I, label),
         ):
 
             def allocate(empty: Any = empty) -> AbstractValue:
                 return Value(empty())
 
+            def calc(
+                context: Context, output: AbstractValue, empty: Any = empty, convert: Any = convert
+            ) -> None:
+                capture = self._shown_capture(context)
+                output.set_value(empty() if capture is None else convert(capture))
+
             self.DeclareAbstractOutputPort(f"{name}.{kind}", allocate, calc, known)
         self.DeclareVectorOutputPort(f"{name}.image_time", 1, calc_time, known)
 
-    def _exposure(self, context: Context) -> _Exposure | None:
+    def _shown_capture(self, context: Context) -> _Capture | None:
         """Returns what is shown; its images are ready."""
         shown = context.get_abstract_state(self._shown).get_value()
-        return shown if isinstance(shown, _Exposure) else None
-
-    def _labels(self, exposure: _Exposure) -> tuple[np.ndarray, ...]:
-        take = self._photographer.take_labels
-        return self._worker.submit(take, exposure.positions, exposure.time).result()
+        return shown if isinstance(shown, _Capture) else None
 
     def _capture(self, context: Context, state: State) -> None:
         positions = self._plant_state.Eval(context)[: self._num_positions].copy()
         if not all_finite(positions):
             return
-        time = context.get_time()
-        exposure = _Exposure(positions, time, self._worker.submit(self._take, positions, time))
-        queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
-        queue = self._schedule.added(queue, time, exposure)
-        state.get_mutable_abstract_state(self._queue).set_value(queue)
+        time, renderer = context.get_time(), self._renderer
 
-    def _take(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-        with self._stopwatch.measure("rendering"):
-            return self._photographer.take(positions, time)
+        def render() -> tuple[RgbdImage, ...]:
+            with self._stopwatch.measure("rendering"):
+                return renderer.render(positions, time)
+
+        def render_labels() -> tuple[np.ndarray, ...]:
+            return self._background.submit(renderer.render_labels, positions, time).result()
+
+        capture = _Capture(time, self._background.submit(render), cache(render_labels))
+        queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
+        queue = self._schedule.added(queue, time, capture)
+        state.get_mutable_abstract_state(self._queue).set_value(queue)
 
     def _release(self, context: Context, state: State) -> None:
         queue = context.get_abstract_state(self._queue).get_value()

@@ -126,7 +126,7 @@ class GroundTruthTracker(LeafSystem):
         self._queue = self.DeclareAbstractState(Value(()))
         self._released = self.DeclareAbstractState(Value(nothing))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._config.period, 0.0, self._capture)
-        if self._config.latency > 0.0:
+        if not self._schedule.immediate:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 self._config.period, self._config.latency, self._release
             )
@@ -162,7 +162,7 @@ class GroundTruthTracker(LeafSystem):
         queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
         queue = self._schedule.added(queue, time, report)
         state.get_mutable_abstract_state(self._queue).set_value(queue)
-        if self._config.latency == 0.0:
+        if self._schedule.immediate:
             state.get_mutable_abstract_state(self._released).set_value(report)
 
     def _release(self, context: Context, state: State) -> None:

@@ -12,6 +12,7 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.statuses import RobotMode
 
 
@@ -57,14 +58,15 @@ class McapLogger(LeafSystem):
         - applied_spatial_force
         - <topic>.<field>
 
-    Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) and `frame` (`MultiViewFrame`
-    or None) are written once for each stamp; `points` and `target_points` (3N,) row-major [m,
-    world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major; `spatial_velocity` (6,), (ω
-    [rad/s], v [m/s]); the measured joint positions [rad], velocities [rad/s] and torques [Nm] (J,);
-    `panda.velocity`, the joint velocities commanded [rad/s]; `phase` (1,), written when it changes,
-    with the reason, for which `fault` (1,) is looked at; `panda.status` (2,), robot mode and age
-    [s]; `applied_spatial_force`, the forces on bodies as the plant takes them, written while there
-    are any and when they end; and for each status topic one (1,) port per field.
+    Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) and `frame` (`MultiViewFrame`,
+    anything else before the first) are written once for each stamp; `points` and `target_points`
+    (3N,) row-major [m, world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major;
+    `spatial_velocity` (6,), (ω [rad/s], v [m/s]); the measured joint positions [rad], velocities
+    [rad/s] and torques [Nm] (J,); `panda.velocity`, the joint velocities commanded [rad/s]; `phase`
+    (1,), written when it changes, with the reason, for which `fault` (1,) is looked at;
+    `panda.status` (2,), robot mode and age [s]; `applied_spatial_force`, the forces on bodies as
+    the plant takes them, written while there are any and when they end; and for each status topic
+    one (1,) port per field.
 
     Any port may stay unconnected: what it carries is then not logged. The same holds for tracked
     points and frames before the first; NaN in the rest is logged as such. Everything is written by
@@ -125,7 +127,7 @@ class McapLogger(LeafSystem):
     def _declare_ports(self, num_points: int) -> None:
         joints = len(self._joint_names)
         self.DeclareAbstractInputPort("tracked_points", Value(TrackedPoints.lost(num_points, 0.0)))
-        self.DeclareAbstractInputPort("frame", Value(object()))
+        self.DeclareAbstractInputPort("frame", Value(ABSENT))
         self.DeclareAbstractInputPort(
             "applied_spatial_force", AbstractValue.Make([ExternallyAppliedSpatialForce()])
         )

@@ -13,6 +13,7 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors import protocol
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.camera_ports import CameraPorts
 from poil_drake.systems.statuses import DetectorStatus
 from poil_drake.systems.stopwatch import Stopwatch
@@ -73,9 +74,9 @@ class PartDetector(LeafSystem):
     next tick of `period`). It may stay unconnected; NaN asks for nothing. Every output is a
     function of the state alone:
 
-    - `part_cloud`: a `PointCloud` [m, world], None before the part was found.
-    - `masks`: `PartMasks`, None before the part was found. Each search that succeeds gives a new
-      object, so that consumers can tell by identity.
+    - `part_cloud`: a `PointCloud` [m, world], `ABSENT` before the part was found.
+    - `masks`: `PartMasks`, `ABSENT` before the part was found. Each search that succeeds gives a
+      new object, so that consumers can tell by identity.
     - `status` (1,): a `DetectorStatus`; WAITING before the first complete set of images. After a
       search that failed it is NOT_FOUND, while the other outputs keep what was found earlier.
     """
@@ -119,9 +120,10 @@ class PartDetector(LeafSystem):
         for name, field in (("part_cloud", "cloud"), ("masks", "masks")):
 
             def calc(context: Context, output: AbstractValue, field: str = field) -> None:
-                output.set_value(getattr(self._detection(context), field))
+                found = getattr(self._detection(context), field)
+                output.set_value(ABSENT if found is None else found)
 
-            self.DeclareAbstractOutputPort(name, lambda: Value(object()), calc, known)
+            self.DeclareAbstractOutputPort(name, lambda: Value(ABSENT), calc, known)
         self.DeclareVectorOutputPort("status", 1, self._calc_status, known)
 
     def _detection(self, context: Context) -> Detection:

@@ -1,7 +1,7 @@
 """Follows the part points through the camera images."""
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,8 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers import protocol
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.background import Background
 from poil_drake.systems.camera_ports import CameraPorts
 from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
 from poil_drake.systems.stopwatch import Stopwatch
@@ -86,15 +88,15 @@ class PointTracker(LeafSystem):
 
     Inputs: `query_points` (3N,) row-major, where the points are at first [m, world], NaN until
     known (may stay unconnected when the constructor gets them); `masks`, the detector's
-    `PartMasks`, None until known; `object_motion` (16,) X_M row-major, by forward kinematics (may
-    stay unconnected or NaN: no prior). The logic of starting, stepping and starting anew is in
-    `tracker_run.advance`. Every output is a function of the state alone:
+    `PartMasks`, anything else until known; `object_motion` (16,) X_M row-major, by forward
+    kinematics (may stay unconnected or NaN: no prior). The logic of starting, stepping and starting
+    anew is in `tracker_run.advance`. Every output is a function of the state alone:
 
     - `tracked_points`: `TrackedPoints` with the stamp of their capture. Before the first release
       they are lost, with a stamp of minus infinity; those of a lost object have confidence 0.
     - `status` (1,): a `TrackerStatus` as of the last release; WAITING until query points and masks
       were known at a capture.
-    - `frame`: the `MultiViewFrame` of the last capture; None before the first.
+    - `frame`: the `MultiViewFrame` of the last capture; `ABSENT` before the first.
 
     Captures are unrestricted updates at `offset` and every period after it, releases are
     unrestricted updates `latency` later. Images whose stamp does not advance are not tracked, so
@@ -135,14 +137,14 @@ class PointTracker(LeafSystem):
             self._given_query = frozen_array(
                 query_points, name="PointTracker.query_points", shape=(num_points, 3)
             )
-        self._worker = ThreadPoolExecutor(max_workers=1) if self._config.parallel else None
+        self._background = Background("tracker's thread") if self._config.parallel else None
         self._cameras = CameraPorts(system=self, cameras=cameras)
         self._query = self.DeclareVectorInputPort("query_points", 3 * num_points)
-        self._masks = self.DeclareAbstractInputPort("masks", Value(object()))
+        self._masks = self.DeclareAbstractInputPort("masks", Value(ABSENT))
         self._motion = self.DeclareVectorInputPort("object_motion", 16)
 
         self._nothing = TrackerRun(points=TrackedPoints.lost(num_points, -np.inf))
-        self._frame = self.DeclareAbstractState(Value(None))
+        self._frame = self.DeclareAbstractState(Value(ABSENT))
         self._queue = self.DeclareAbstractState(Value(()))
         self._released = self.DeclareAbstractState(Value(Captured(-1, self._nothing)))
         self._declare_events()
@@ -156,8 +158,8 @@ class PointTracker(LeafSystem):
 
     def close(self) -> None:
         """Ends the workers; what they are doing is finished first. No capture may follow."""
-        if self._worker is not None:
-            self._worker.shutdown(wait=True, cancel_futures=True)
+        if self._background is not None:
+            self._background.close()
         if isinstance(self._tracker, ProcessTracker):
             self._tracker.close()
 
@@ -166,7 +168,7 @@ class PointTracker(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, config.offset, self._capture)
         if not config.blocking:
             self.DeclarePeriodicUnrestrictedUpdateEvent(config.poll_period, 0.0, self._poll)
-        elif config.latency > 0.0:
+        elif not self._schedule.immediate:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 config.period, config.offset + config.latency, self._release
             )
@@ -193,7 +195,7 @@ class PointTracker(LeafSystem):
         queue = self._schedule.added(queue, context.get_time(), work)
         state.get_mutable_abstract_state(self._queue).set_value(queue)
         state.get_mutable_abstract_state(self._frame).set_value(frame)
-        if self._config.blocking and self._config.latency == 0.0:
+        if self._config.blocking and self._schedule.immediate:
             self._show(queue[-1], state)
 
     def _release(self, context: Context, state: State) -> None:
@@ -240,8 +242,8 @@ class PointTracker(LeafSystem):
                 return advance(self._tracker, run, inputs)
 
         future: Future[TrackerRun]
-        if self._worker is not None:
-            future = self._worker.submit(compute)
+        if self._background is not None:
+            future = self._background.submit(compute)
         else:
             future = Future()
             future.set_result(compute())

@@ -44,6 +44,11 @@ class ReleaseSchedule:
                 remedy="Give a positive period, and a latency and an offset of 0 or more.",
             )
 
+    @property
+    def immediate(self) -> bool:
+        """Whether a release is at the instant of its capture, but for rounding."""
+        return self.latency < _SAME * self.period
+
     def capture_tick(self, time: float) -> int:
         """Returns the number of the capture at `time` [s]."""
         return round((time - self.offset) / self.period)

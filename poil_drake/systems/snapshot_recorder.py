@@ -10,11 +10,12 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
 
-_REMEMBERED = 16
-"""Frames that wait for their track: more than come in any latency."""
+_REMEMBERED = 64
+"""Pictures that wait for their track at most, should the tracker stall."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,16 +98,18 @@ class SnapshotRecorder(LeafSystem):
         - frame
         - tracked_points
 
-    `frame` is an abstract `MultiViewFrame`, or None before the first; `tracked_points` are
+    `frame` is an abstract `MultiViewFrame`, or anything else before the first; `tracked_points` are
     `TrackedPoints`, which come later than their frame: their stamp tells which one it is. There
-    are no outputs. Periodic updates remember the frames, and periodic publish events add the one
-    that has been tracked; none is added before the first track, and points that are lost are NaN.
+    are no outputs. Periodic updates remember the camera's images, and periodic publish events add
+    the one that has been tracked; none is added before the first track, and points that are lost
+    are NaN.
     """
 
     def __init__(
         self,
         *,
         album: SnapshotAlbum,
+        camera: CameraModel,
         reference: PointTrajectory,
         period: float,
         offset: float,
@@ -116,55 +119,57 @@ class SnapshotRecorder(LeafSystem):
 
         Args:
             album: Where the snapshots go.
+            camera: The camera whose pictures are kept.
             reference: The reference of the N points; its closest configuration is their target.
             period: From one capture to the next [s].
             offset: How long after time 0 to look first [s], e.g. the control period: a publish
                 event at the time of a capture would still see what was before.
-            view: Which of the frame's cameras to keep.
+            view: Which of the frames' cameras that is.
         """
         super().__init__()
-        self._album, self._view, self._reference = album, view, reference
-        num_points = reference.positions.shape[1]
-        self._frame = self.DeclareAbstractInputPort("frame", Value(object()))
-        self._tracked = self.DeclareAbstractInputPort(
-            "tracked_points", Value(TrackedPoints.lost(num_points, -np.inf))
-        )
-        self._frames = self.DeclareAbstractState(Value(()))
+        self._album, self._reference = album, reference
+        self._camera, self._view = camera, view
+        self._nothing = TrackedPoints.lost(reference.positions.shape[1], -np.inf)
+        self._frame = self.DeclareAbstractInputPort("frame", Value(ABSENT))
+        self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(self._nothing))
+        self._images = self.DeclareAbstractState(Value(()))
         self.DeclarePeriodicPublishEvent(period, offset, self._publish)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._remember)
         self.DeclareForcedPublishEvent(self._publish)
 
-    def _known_frames(self, context: Context) -> tuple[MultiViewFrame, ...]:
-        """Returns the frames that are remembered, and the one at the port."""
-        frames: tuple[MultiViewFrame, ...] = context.get_abstract_state(self._frames).get_value()
+    def _waiting(self, context: Context) -> tuple[RgbdImage, ...]:
+        """Returns the images that are remembered, and the one at the port."""
+        images: tuple[RgbdImage, ...] = context.get_abstract_state(self._images).get_value()
         frame = self._frame.Eval(context) if self._frame.HasValue(context) else None
-        if not isinstance(frame, MultiViewFrame) or (frames and frame.stamp <= frames[-1].stamp):
-            return frames
-        return (*frames, frame)
+        if not isinstance(frame, MultiViewFrame) or (images and frame.stamp <= images[-1].stamp):
+            return images
+        return (*images, frame.images[self._view])
+
+    def _tracked_points(self, context: Context) -> TrackedPoints:
+        return self._tracked.Eval(context) if self._tracked.HasValue(context) else self._nothing
 
     def _remember(self, context: Context, state: State) -> None:
-        frames = self._known_frames(context)[-_REMEMBERED:]
-        state.get_mutable_abstract_state(self._frames).set_value(frames)
+        done = self._tracked_points(context).stamp
+        images = tuple(image for image in self._waiting(context) if image.stamp > done)
+        state.get_mutable_abstract_state(self._images).set_value(images[-_REMEMBERED:])
 
     def _publish(self, context: Context) -> None:
-        if not self._tracked.HasValue(context):
-            return
-        tracked: TrackedPoints = self._tracked.Eval(context)
+        tracked = self._tracked_points(context)
         if tracked.stamp <= self._album.last_time:
             return
-        for frame in self._known_frames(context):
-            if frame.stamp == tracked.stamp:
-                self._album.add(self._snapshot(frame, tracked))
+        for image in self._waiting(context):
+            if image.stamp == tracked.stamp:
+                self._album.add(self._snapshot(image, tracked))
 
-    def _snapshot(self, frame: MultiViewFrame, tracked: TrackedPoints) -> Snapshot:
+    def _snapshot(self, image: RgbdImage, tracked: TrackedPoints) -> Snapshot:
         field = point_set_bcsdm(
             tracked.positions, self._reference, BcsdmConfig(), tracked.confidence
         )
         known = np.isfinite(field.tau)
         return Snapshot(
-            time=frame.stamp,
-            camera=frame.cameras[self._view],
-            rgb=frame.images[self._view].rgb,
+            time=image.stamp,
+            camera=self._camera,
+            rgb=image.rgb,
             points=tracked.positions,
             target_points=(
                 self._reference.positions_at(field.tau)

@@ -35,7 +35,7 @@ def dut(drawn: Scenario) -> Iterator[CameraProcess]:
 def test_pictures_are_those_of_the_station_itself_to_the_last_bit(
     dut: CameraProcess, drawn: Scenario
 ) -> None:
-    station = MakeStation(drawn, prompt_cameras=True)
+    station = MakeStation(drawn, ignore_output_delay=True)
     context = station.CreateDefaultContext()
     for time, x in ((0.375, 0.45), (1.0, 0.5)):
         SetObjectPose(station, context, RigidTransform([x, -0.1, 0.15]))
@@ -44,7 +44,7 @@ def test_pictures_are_those_of_the_station_itself_to_the_last_bit(
             station.GetSubsystemContext(station.plant(), context)
         )
 
-        images, labels = dut.take(positions, time), dut.take_labels(positions, time)
+        images, labels = dut.render(positions, time), dut.render_labels(positions, time)
 
         expected = CaptureFrame(station, context, labels=True).images
         assert len(images) == len(labels) == len(expected) == 2
@@ -57,7 +57,7 @@ def test_pictures_are_those_of_the_station_itself_to_the_last_bit(
 
 def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) -> None:
     delayed = MakeStation(drawn)
-    prompt = MakeStation(drawn, prompt_cameras=True)
+    prompt = MakeStation(drawn, ignore_output_delay=True)
 
     frames = [
         CaptureFrame(station, station.CreateDefaultContext(), labels=True)
@@ -113,4 +113,4 @@ def test_after_closing_there_are_no_pictures(drawn: Scenario) -> None:
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
     with pytest.raises(StationError, match="has been closed"):
-        dut.take(np.zeros(1), 0.0)
+        dut.render(np.zeros(1), 0.0)

@@ -185,7 +185,7 @@ def test_the_parts_add_up_to_the_whole(
     dut = summarize(make_report(Phase.DONE, wall=4.0, stopwatch=stopwatch)).timing
 
     # Rendering and tracking are done by other processes, beside the rest.
-    assert dut.beside == {"rendering": 0.25, "tracking": 0.25}
+    assert dut.concurrent == {"rendering": 0.25, "tracking": 0.25}
     assert set(dut.parts) == {*parts, "physics"}
     assert sum(dut.parts.values()) == pytest.approx(4.0)
     assert dut.parts["physics"] == pytest.approx(4.0 - 6 * 0.25)

@@ -6,7 +6,7 @@ from poil_drake.diagrams.simulator import MakeSimulator
 
 TEXT = (
     "{simulator_config: {target_realtime_rate: 0.5, max_step_size: 0.004, accuracy: 0.02,"
-    " integration_scheme: runge_kutta3, use_error_control: true, publish_every_time_step: true}}"
+    " integration_scheme: runge_kutta3, use_error_control: true}}"
 )
 
 

@@ -21,7 +21,7 @@ NO_NOISE = "{poil: {depth_noise: {enabled: false}}}"
 @pytest.fixture(scope="module")
 def station() -> Station:
     scenario = LoadScenario(filename=default_scenario_file(), data=NO_NOISE)
-    return MakeStation(scenario, prompt_cameras=True)
+    return MakeStation(scenario, ignore_output_delay=True)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_a_station_built_again_takes_the_same_pictures() -> None:
     scenario = LoadScenario(filename=default_scenario_file(), data="{random_seed: 4}")
 
     def take() -> MultiViewFrame:
-        station = MakeStation(scenario, prompt_cameras=True)
+        station = MakeStation(scenario, ignore_output_delay=True)
         return CaptureFrame(station, station.CreateDefaultContext())
 
     first, second = take(), take()
@@ -134,13 +134,29 @@ def test_one_of_everything_with_a_cup_in_mjcf() -> None:
     assert image.label[v[0], u[0]] not in frame.label_ids["cup/grip"]
 
 
-def test_delayed_images_are_not_published() -> None:
-    scenario = LoadScenario(
-        filename=default_scenario_file(), data='{lcm_buses: {default: {lcm_url: "memq://"}}}'
-    )
+SILENT = "rgb: false, depth: false, label: false"
+ON_A_NETWORK = 'lcm_buses: {default: {lcm_url: "memq://"}}'
 
-    with pytest.raises(ScenarioError, match=r"left has an output_delay .* lcm_buses.default"):
-        MakeStation(scenario)
+
+def test_delayed_images_are_not_published() -> None:
+    with pytest.raises(ScenarioError, match=r"left has an output_delay .* lcm_buses.default") as e:
+        LoadScenario(filename=default_scenario_file(), data=f"{{{ON_A_NETWORK}}}")
+
+    assert "set its rgb, depth and label to false" in e.value.remedy
+
+
+@pytest.mark.parametrize("ignore_output_delay", [False, True])
+def test_cameras_that_publish_nothing_see_all_the_same(ignore_output_delay: bool) -> None:
+    silent = f"cameras: {{left: {{{SILENT}}}, right: {{{SILENT}}}}}"
+    scenario = LoadScenario(filename=default_scenario_file(), data=f"{{{ON_A_NETWORK}, {silent}}}")
+    station = MakeStation(scenario, ignore_output_delay=ignore_output_delay)
+
+    frame = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
+    station.Close()
+
+    for image in frame.images:
+        assert image.rgb.std() > 10.0
+        assert np.isin(image.label, frame.label_ids["mug"]).sum() > 2000
 
 
 @pytest.mark.parametrize("callback", ["parser_preload_callback", "parser_prefinalize_callback"])
@@ -151,8 +167,11 @@ def test_models_added_by_code_are_not_for_delayed_cameras(callback: str) -> None
     with pytest.raises(StationError, match="would not know") as info:
         MakeStation(scenario, **added)
 
-    assert "prompt_cameras=True" in info.value.remedy
-    assert MakeStation(scenario, prompt_cameras=True, **added).camera_names == ("left", "right")
+    assert "ignore_output_delay=True" in info.value.remedy
+    assert MakeStation(scenario, ignore_output_delay=True, **added).camera_names == (
+        "left",
+        "right",
+    )
 
 
 def test_a_camera_has_one_name() -> None:

@@ -210,7 +210,7 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
     assert parts["control"] > 0.0
     # Without cameras and a tracker's process there is nothing to look at or to wait for.
     assert parts["capture"] == parts["detection"] == parts["waiting"] == 0.0
-    assert timing["beside"] == {"rendering": 0.0, "tracking": 0.0}
+    assert timing["concurrent"] == {"rendering": 0.0, "tracking": 0.0}
     assert sum(parts.values()) == pytest.approx(timing["wall"])
     assert summary.timing.stages == timing["stages"]
 

@@ -1,6 +1,8 @@
 import os
 import signal
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,8 +140,61 @@ def test_a_worker_that_nobody_holds_ends_by_itself() -> None:
     assert process.wait(10.0) == 0
 
 
-def test_it_computes_on_one_core(dut: WorkerProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_computes_on_one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(name, "4")
+    dut = WorkerProcess(WORKER, "hello")
+    dut.ask(("word", []))
+
     with open(f"/proc/{dut.pid}/environ") as file:
         environment = dict(item.split("=", 1) for item in file.read().split("\0") if item)
 
     assert environment["OMP_NUM_THREADS"] == environment["OPENBLAS_NUM_THREADS"] == "1"
+    dut.end()
+
+
+def test_files_of_the_folder_one_works_in_do_not_hide_libraries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "queue.py").write_text("raise RuntimeError('not this one')")
+    monkeypatch.chdir(tmp_path)
+    dut = WorkerProcess(WORKER, "hello")
+
+    assert dut.ask(("word", [])).value[2] == "word"
+    dut.end()
+
+
+def test_whoever_is_interrupted_leaves_no_answer_for_the_next(
+    dut: WorkerProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupted:
+        def __init__(self, connection: Connection):
+            self._connection = connection
+
+        def recv(self) -> object:
+            raise KeyboardInterrupt
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self._connection, name)
+
+    monkeypatch.setattr(dut, "_connection", Interrupted(dut._connection))
+    with pytest.raises(KeyboardInterrupt):
+        dut.ask(("first", []))
+    monkeypatch.undo()
+
+    with pytest.raises(WorkerEndedError):
+        dut.ask(("second", []))
+
+
+def test_asking_one_that_has_ended_touches_no_file(dut: WorkerProcess, tmp_path: Path) -> None:
+    dut.ask(("word", []))
+    dut.end()
+    # These get the numbers that the worker's files had.
+    files = [(tmp_path / f"{k}").open("w+b") for k in range(8)]
+
+    with pytest.raises(WorkerEndedError):
+        dut.ask(("word", [np.zeros(100_000)]))
+
+    assert [file.seek(0, 2) for file in files] == [0] * 8
+    for file in files:
+        file.close()

@@ -10,6 +10,7 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.systems.absent import ABSENT, Absent
 from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
@@ -118,7 +119,9 @@ class Bench:
         self.fix_masks(masks)
 
     def fix_masks(self, masks: PartMasks | None) -> None:
-        self.dut.GetInputPort("masks").FixValue(self.context, Value(masks))
+        self.dut.GetInputPort("masks").FixValue(
+            self.context, Value(ABSENT if masks is None else masks)
+        )
 
     def advance_to(self, time: float) -> None:
         self.simulator.AdvanceTo(time)
@@ -132,5 +135,5 @@ class Bench:
         return TrackerStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
 
     @property
-    def frame(self) -> MultiViewFrame | None:
+    def frame(self) -> MultiViewFrame | Absent:
         return self.dut.GetOutputPort("frame").Eval(self.context)

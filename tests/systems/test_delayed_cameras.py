@@ -35,14 +35,14 @@ class Moving(LeafSystem):
 
 
 class Painter:
-    """A photographer whose images tell what it was given: depth is position, view, and sum."""
+    """A renderer whose images tell what it was given: depth is position, view, and sum."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
         self.go.set()
         self.labels_of: list[float] = []
 
-    def take(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
         self.go.wait()
         assert positions.shape == (2,)
         return tuple(
@@ -54,7 +54,7 @@ class Painter:
             for view in range(2)
         )
 
-    def take_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
         self.labels_of.append(time)
         return tuple(np.full((H, W), 5 + view, np.int16) for view in range(2))
 
@@ -75,7 +75,7 @@ class Bench:
         self.painter = painter or Painter()
         self.dut = builder.AddSystem(
             DelayedCameras(
-                photographer=self.painter,
+                renderer=self.painter,
                 cameras=CAMERAS,
                 num_positions=2,
                 num_velocities=1,
@@ -149,7 +149,9 @@ def test_labels_are_rendered_of_the_images_shown_and_only_when_wanted(bench: Ben
 
     bench.read("left.label_image")
 
-    assert bench.painter.labels_of == [0.375]
+    bench.read("right.label_image")
+
+    assert bench.painter.labels_of == [0.375], "once for all cameras"
 
 
 def test_the_simulation_goes_on_until_images_are_due_and_waits_for_them_then(
@@ -158,10 +160,11 @@ def test_the_simulation_goes_on_until_images_are_due_and_waits_for_them_then(
     bench.painter.go.clear()
     bench.simulator.AdvanceTo(3 / 32)  # would never come back if it waited at the capture
 
-    # Nothing but the release that comes now lets the painter go, so it must be waiting.
+    # Somebody else lets the painter go, some time after the release has begun to wait.
     threading.Timer(0.05, bench.painter.go.set).start()
     bench.simulator.AdvanceTo(3 / 32 + AFTER)
 
+    assert bench.painter.go.is_set()
     assert bench.time_shown() == 0.0
 
 
@@ -177,7 +180,7 @@ def test_what_is_not_a_number_is_not_rendered() -> None:
 
 def test_an_error_in_rendering_shows_when_images_are_due() -> None:
     class Broken(Painter):
-        def take(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+        def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
             raise StationError("The cameras' process has ended.", remedy="See what it wrote.")
 
     bench = Bench(delay=1 / 16, painter=Broken())
@@ -186,6 +189,31 @@ def test_an_error_in_rendering_shows_when_images_are_due() -> None:
     with pytest.raises(StationError, match="has ended"):
         bench.simulator.AdvanceTo(1 / 16 + AFTER)
     bench.dut.close()
+
+
+def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: Bench) -> None:
+    bench.simulator.AdvanceTo(0.5)
+    assert bench.read("left.rgb_image").size > 0
+    bench.read("left.label_image")
+    root = bench.simulator.get_mutable_context()
+
+    bench.simulator.get_system().SetDefaultContext(root)
+    root.SetTime(0.0)
+    bench.simulator.Initialize()
+
+    for kind in ("rgb_image", "depth_image", "label_image"):
+        assert bench.read(f"left.{kind}").size == 0
+    assert np.isnan(bench.time_shown())
+    bench.simulator.AdvanceTo(3 / 32 + AFTER)
+    assert bench.time_shown() == 0.0
+
+
+def test_after_closing_an_error_says_what_was_closed(bench: Bench) -> None:
+    bench.simulator.AdvanceTo(PERIOD)
+    bench.dut.close()
+
+    with pytest.raises(StationError, match=r"has been closed.*Close the loop after"):
+        bench.simulator.AdvanceTo(PERIOD + AFTER)
 
 
 def test_nothing_feeds_through(bench: Bench) -> None:
@@ -226,7 +254,7 @@ def test_a_stopwatch_counts_rendering_and_waiting() -> None:
     assert stopwatch.durations("waiting").shape == (3,)
 
 
-@pytest.mark.parametrize("delay", [0.0, -0.1, np.nan])
+@pytest.mark.parametrize("delay", [0.0, -0.1, np.nan, 1e-17])
 def test_cameras_without_a_delay_are_refused(delay: float) -> None:
     with pytest.raises(InvalidValueError, match="delay"):
         Bench(delay=delay)

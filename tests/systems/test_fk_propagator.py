@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.arm_kinematics import ArmKinematics
 from poil_drake.systems.fk_propagator import FkPropagator
 
@@ -301,7 +302,7 @@ def test_nothing_feeds_through(two_joint_arm: ArmKinematics) -> None:
     assert not dut.HasAnyDirectFeedthrough()
 
 
-@pytest.mark.parametrize("wrong", [None, np.zeros((N, 3)), TrackedPoints.lost(N + 1, 0.0)])
+@pytest.mark.parametrize("wrong", [ABSENT, np.zeros((N, 3)), TrackedPoints.lost(N + 1, 0.0)])
 def test_what_is_not_a_track_of_these_points_is_refused(
     two_joint_arm: ArmKinematics, wrong: object
 ) -> None:

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
 
 
@@ -114,7 +115,7 @@ def test_kinds_of_images_can_be_left_out(log, color, depth):
 def test_no_frame_and_no_track_yet_write_nothing(log):
     dut = make(log)
     context = dut.CreateDefaultContext()
-    dut.GetInputPort("frame").FixValue(context, Value[object](None))
+    dut.GetInputPort("frame").FixValue(context, Value(ABSENT))
     dut.GetInputPort("tracked_points").FixValue(context, TrackedPoints.lost(3, -np.inf))
 
     dut.ForcedPublish(context)

@@ -10,6 +10,7 @@ from poil_drake.geometry.depth_masks import DepthMaskConfig
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.part_detector import PartDetector, find_part
 from poil_drake.systems.statuses import DetectorStatus
 
@@ -85,8 +86,8 @@ def test_before_the_first_event_nothing_is_known() -> None:
     bench = Bench()
 
     assert bench.status is DetectorStatus.WAITING
-    assert bench.read("part_cloud") is None
-    assert bench.read("masks") is None
+    assert bench.read("part_cloud") is ABSENT
+    assert bench.read("masks") is ABSENT
 
 
 def test_it_searches_once_without_a_request() -> None:
@@ -152,7 +153,7 @@ def test_a_first_search_that_fails_is_repeated_on_request_only() -> None:
     bench.request(0.0)
     bench.simulator.AdvanceTo(0.5)
     assert bench.status is DetectorStatus.NOT_FOUND
-    assert bench.read("masks") is None
+    assert bench.read("masks") is ABSENT
     bench.show(brightness=200)
     bench.request(1.0)
 

@@ -9,6 +9,7 @@ from point_tracker_bench import AFTER, PERIOD, QUERY, Bench, N, Scene, SummingTr
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.point_tracker import PointTrackerConfig
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
@@ -20,7 +21,7 @@ def test_before_the_first_event_nothing_is_tracked(make_bench: Callable[..., Ben
     assert bench.status is TrackerStatus.WAITING
     assert bench.points.stamp == -np.inf
     np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
-    assert bench.frame is None
+    assert bench.frame is ABSENT
 
 
 @pytest.mark.parametrize("parallel", [False, True])
@@ -56,8 +57,11 @@ def test_with_an_offset_everything_comes_that_much_later(make_bench: Callable[..
     assert bench.scene.looks == [3 / 32, 7 / 32, 11 / 32, 15 / 32]
 
 
-def test_without_latency_a_capture_is_released_at_once(make_bench: Callable[..., Bench]) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=0.0))
+@pytest.mark.parametrize("latency", [0.0, 3.5e-18])
+def test_without_latency_a_capture_is_released_at_once(
+    make_bench: Callable[..., Bench], latency: float
+) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=latency))
 
     bench.advance_to(AFTER)
 

@@ -69,3 +69,10 @@ def test_a_release_comes_a_latency_after_its_capture() -> None:
 def test_impossible_times_are_refused(period: float, latency: float, offset: float) -> None:
     with pytest.raises(InvalidValueError, match="latency"):
         ReleaseSchedule(period=period, latency=latency, offset=offset)
+
+
+@pytest.mark.parametrize(
+    ("latency", "immediate"), [(0.0, True), (3.5e-18, True), (1e-6, False), (1 / 16, False)]
+)
+def test_rounding_is_no_latency(latency: float, immediate: bool) -> None:
+    assert ReleaseSchedule(period=1 / 8, latency=latency).immediate is immediate

@@ -7,6 +7,7 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.snapshot_recorder import Snapshot, SnapshotAlbum, SnapshotRecorder
 
 CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
@@ -55,14 +56,16 @@ class Bench:
     """The recorder, and what it sees from one of its looks to the next."""
 
     def __init__(self, album):
-        self.dut = SnapshotRecorder(album=album, reference=REFERENCE, period=PERIOD, offset=OFFSET)
+        self.dut = SnapshotRecorder(
+            album=album, camera=CAMERA, reference=REFERENCE, period=PERIOD, offset=OFFSET
+        )
         self.simulator = Simulator(self.dut)
         self.context = self.simulator.get_mutable_context()
         self.looks = 0
-        self.give(None, TrackedPoints.lost(N, -np.inf))
+        self.give(ABSENT, TrackedPoints.lost(N, -np.inf))
 
     def give(self, frame, tracked):
-        self.dut.GetInputPort("frame").FixValue(self.context, Value[object](frame))
+        self.dut.GetInputPort("frame").FixValue(self.context, Value(frame))
         self.dut.GetInputPort("tracked_points").FixValue(self.context, Value(tracked))
 
     def look(self):
@@ -153,7 +156,7 @@ def test_a_point_that_was_not_observed_has_a_target_all_the_same(bench, album):
 
 def test_no_frame_is_no_snapshot(bench, album):
     bench.look()
-    bench.give(None, seen(0.0))
+    bench.give(ABSENT, seen(0.0))
     bench.look()
 
     assert album.snapshots == ()
@@ -164,9 +167,18 @@ def test_what_it_remembers_is_in_the_context(bench, album):
     bench.look()
     other = bench.dut.CreateDefaultContext()
     other.SetTimeStateAndParametersFrom(bench.context)
-    bench.dut.GetInputPort("frame").FixValue(other, Value[object](make_frame(0.125)))
+    bench.dut.GetInputPort("frame").FixValue(other, Value(make_frame(0.125)))
     bench.dut.GetInputPort("tracked_points").FixValue(other, Value(seen(0.0)))
 
     bench.dut.ForcedPublish(other)
 
     assert [snapshot.time for snapshot in album.snapshots] == [0.0]
+
+
+def test_pictures_are_forgotten_once_they_are_tracked(bench):
+    for tick in range(6):
+        bench.give(make_frame(tick * PERIOD), seen((tick - 1) * PERIOD))
+        bench.look()
+
+    images = bench.context.get_abstract_state(0).get_value()
+    assert [image.stamp for image in images] == [5 * PERIOD]

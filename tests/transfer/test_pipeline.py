@@ -33,7 +33,7 @@ TOLERANT = TransferConfig(ambiguity=AmbiguityConfig(cost_margin=0.35))
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario) -> tuple[MultiViewFrame, np.ndarray]:
     """What the cameras see before the run, and the mug's pose then."""
-    station = MakeStation(scenario, prompt_cameras=True)
+    station = MakeStation(scenario, ignore_output_delay=True)
     context = station.CreateDefaultContext()
     pose = GetObjectPose(station, context).GetAsMatrix4()
     return CaptureFrame(station, context, labels=True), pose

@@ -1,0 +1,41 @@
+"""One thread for the work that a system does beside the simulation."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import ParamSpec, TypeVar
+
+from poil_drake.errors import StationError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Background:
+    """Does one thing after the other on a thread, which begins with the first."""
+
+    def __init__(self, name: str):
+        """Starts nothing.
+
+        Args:
+            name: What the thread is called, and the error of a use after `close`.
+        """
+        self._name = name
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+
+    def submit(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Returns what will be the result of the work.
+
+        Raises:
+            StationError: after `close`.
+        """
+        try:
+            return self._executor.submit(work, *args, **kwargs)
+        except RuntimeError as error:
+            raise StationError(
+                f"The {self._name} has been closed.",
+                remedy="Close the loop after its last AdvanceTo, or build a new one.",
+            ) from error
+
+    def close(self) -> None:
+        """Finishes the work in hand, and forgets what waits."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
