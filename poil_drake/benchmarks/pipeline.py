@@ -40,7 +40,9 @@ class Trial:
             truth [m]; NaN without tracks.
         worst_tracking_error: The largest of them [m].
         carried_tracking_errors: Median and 95th percentile while the object is carried [m].
-        unobserved: Share of the points that the tracker did not see.
+        unobserved: Share of the points that the tracker did not see; most are missed after the
+            release, while the object drops and swings.
+        carried_unobserved: The same while the object is carried.
         real_time_factor: Simulated over wall-clock time of the closed loop.
         split: Share of that wall-clock time by what it went to.
         concurrent: Share of it during which another process rendered or tracked.
@@ -57,6 +59,7 @@ class Trial:
     worst_tracking_error: float = np.nan
     carried_tracking_errors: tuple[float, float] = (np.nan, np.nan)
     unobserved: float = np.nan
+    carried_unobserved: float = np.nan
     real_time_factor: float = np.nan
     split: dict[str, float] | None = None
     concurrent: dict[str, float] | None = None
@@ -143,6 +146,9 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
         "carried_tracking_error_p95_worst_trial": _percentile(carried[:, 1], 100),
         "unobserved_mean": _mean([trial.unobserved for trial in finished]),
         "unobserved_worst_trial": _percentile([t.unobserved for t in finished], 100),
+        "carried_unobserved_worst_trial": _percentile(
+            [t.carried_unobserved for t in finished], 100
+        ),
         "real_time_factor_median": _percentile(factors, 50),
         "real_time_factor_p5": _percentile(factors, 5),
         "split": _mean_shares([trial.split or {} for trial in finished]),
@@ -182,6 +188,7 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         worst_tracking_error=tracking.maximum,
         carried_tracking_errors=(carried.median, carried.percentile_95),
         unobserved=tracking.missing,
+        carried_unobserved=carried.missing,
         real_time_factor=summary.timing.real_time_factor,
         split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
         concurrent={

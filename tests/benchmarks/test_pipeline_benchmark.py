@@ -67,7 +67,7 @@ def test_errors_while_carried_and_what_was_not_seen_stand_beside() -> None:
     trials = [
         hung(0, carried_tracking_errors=(0.001, 0.003), unobserved=0.0),
         unplanned(1),
-        hung(2, carried_tracking_errors=(0.003, 0.009), unobserved=0.3),
+        hung(2, carried_tracking_errors=(0.003, 0.009), unobserved=0.3, carried_unobserved=0.02),
         hung(3, carried_tracking_errors=(0.002, 0.004), unobserved=0.0),
     ]
 
@@ -78,6 +78,7 @@ def test_errors_while_carried_and_what_was_not_seen_stand_beside() -> None:
     assert dut["carried_tracking_error_p95_worst_trial"] == pytest.approx(0.009)
     assert dut["unobserved_mean"] == pytest.approx(0.1)
     assert dut["unobserved_worst_trial"] == pytest.approx(0.3)
+    assert dut["carried_unobserved_worst_trial"] == pytest.approx(0.02)
 
 
 def test_single_errors_that_are_nan_do_not_hide_the_others() -> None:
