@@ -1,5 +1,10 @@
 """The wires of the closed loop, each end as "<system>.<port>"."""
 
+from collections.abc import Mapping
+from typing import Any
+
+from pydrake.systems.framework import DiagramBuilder
+
 LOOP_WIRES = [
     # From                                   to
     ("tracker.tracked_points", "propagator.tracked_points"),
@@ -88,3 +93,35 @@ SNAPSHOT_WIRES = [
     ("tracker.frame", "snapshots.frame"),
     ("tracker.tracked_points", "snapshots.tracked_points"),
 ]
+
+
+def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
+    """Connects the loop's parts, as far as they are there, by the names of their ports."""
+    wires = list(LOOP_WIRES)
+    if "detector" in parts:
+        wires += PERCEPTION_WIRES
+        for camera in parts["station"].camera_names:
+            for image in ("rgb_image", "depth_image", "image_time"):
+                port = f"{camera}.{image}"
+                wires.append((f"station.{port}", f"tracker.{port}"))
+                wires.append((f"station.{port}", f"detector.{port}"))
+            wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
+        first = parts["station"].camera_names[0]
+        wires.append((f"station.{first}.image_time", "propagator.image_time"))
+    else:
+        wires += GROUND_TRUTH_WIRES
+    if "visualizer" in parts:
+        wires += VISUALIZER_WIRES
+    if "logger" in parts:
+        wires += LOGGER_WIRES
+        if "detector" in parts:
+            wires += DETECTOR_LOGGER_WIRES
+    if "snapshots" in parts:
+        wires += SNAPSHOT_WIRES
+    robot = parts["station"].scenario.poil.robot
+    for source, target in wires:
+        source, target = (
+            end.replace("station.panda.", f"station.{robot}.") for end in (source, target)
+        )
+        (giver, output), (taker, input_) = source.split(".", 1), target.split(".", 1)
+        builder.Connect(parts[giver].GetOutputPort(output), parts[taker].GetInputPort(input_))

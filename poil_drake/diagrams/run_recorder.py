@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop
-from poil_drake.diagrams.station import GetObjectPose
+from poil_drake.diagrams.station_state import GetObjectPose
 from poil_drake.diagrams.task_success import HangingJudge, TouchedGeometries
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints

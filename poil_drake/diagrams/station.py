@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -25,8 +24,6 @@ from poil_drake.diagrams.cameras import (
 )
 from poil_drake.diagrams.labels import AssignLabels
 from poil_drake.diagrams.panda_arm import (
-    ARM_DRIVER,
-    HAND_DRIVER,
     AddPandaDrivers,
     SetControllerGains,
 )
@@ -339,42 +336,3 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
     return MakeFrame(
         station.camera_models, station.RenderImages(context, labels=labels), station.label_ids
     )
-
-
-def GetObjectPose(station: Station, context: Context) -> RigidTransform:
-    """Returns X_WO, the pose of the object's base body, from the station's context."""
-    plant_context = station.GetSubsystemContext(station.plant(), context)
-    return station.object_body().EvalPoseInWorld(plant_context)
-
-
-def SetObjectPose(station: Station, context: Context, X_WO: RigidTransform) -> None:
-    """Puts the object's base body at X_WO, at rest, in the station's context."""
-    plant, body = station.plant(), station.object_body()
-    plant_context = station.GetMutableSubsystemContext(plant, context)
-    plant.SetFreeBodyPose(plant_context, body, X_WO)
-    plant.SetVelocities(
-        plant_context,
-        body.model_instance(),
-        np.zeros(plant.num_velocities(body.model_instance())),
-    )
-
-
-def SetRobotPosition(
-    station: Station, context: Context, q: np.ndarray, *, width: float | None = None
-) -> None:
-    """Puts the arm at joint positions q (7,) [rad] and the hand at a width [m], at rest.
-
-    The drivers are reset, too, so that the robot stays there.
-    """
-    plant = station.plant()
-    robot = plant.GetModelInstanceByName(station.scenario.poil.robot)
-    plant_context = station.GetMutableSubsystemContext(plant, context)
-    positions = plant.GetPositions(plant_context, robot)
-    positions[: len(q)] = q
-    if width is not None:
-        positions[len(q) :] = width / 2
-    plant.SetPositions(plant_context, robot, positions)
-    plant.SetVelocities(plant_context, robot, np.zeros(plant.num_velocities(robot)))
-    for name in (ARM_DRIVER, HAND_DRIVER):
-        driver = station.GetSubsystemByName(name)
-        driver.Reset(station.GetMutableSubsystemContext(driver, context))

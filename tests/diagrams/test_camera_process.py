@@ -13,7 +13,8 @@ from poil_drake.diagrams.camera_process import CameraProcess
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
-from poil_drake.diagrams.station import CaptureFrame, MakeStation, SetObjectPose
+from poil_drake.diagrams.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.station_state import SetObjectPose
 from poil_drake.errors import PoilError, StationError
 
 pytestmark = pytest.mark.render

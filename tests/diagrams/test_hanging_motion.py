@@ -13,7 +13,8 @@ from poil_drake.diagrams.demonstration_config import (
 from poil_drake.diagrams.demonstration_recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration_scene import DemonstrationScene
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
-from poil_drake.diagrams.station import GetObjectPose, MakeStation, SetObjectPose
+from poil_drake.diagrams.station import MakeStation
+from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.models.mug_family import NAMED_MUGS

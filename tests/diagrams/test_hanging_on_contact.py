@@ -9,7 +9,8 @@ from poil_drake.diagrams.demonstration_recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration_scene import DemonstrationScene
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import MakeStation, SetObjectPose, Station
+from poil_drake.diagrams.station import MakeStation, Station
+from poil_drake.diagrams.station_state import SetObjectPose
 from poil_drake.diagrams.task_success import HangingJudge, HolderGeometries, TouchedGeometries
 
 DURATION = 1.0

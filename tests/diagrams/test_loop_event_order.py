@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.station import GetObjectPose, SetObjectPose
+from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose
 from poil_drake.systems.differential_ik import DifferentialIk
 from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ground_truth_tracker import GroundTruthTracker

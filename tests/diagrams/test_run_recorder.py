@@ -11,7 +11,7 @@ from short_skill import POINTS, short_plan, short_scenario
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run_recorder import CheckedTrack, RunRecorder
-from poil_drake.diagrams.station import GetObjectPose, SetObjectPose
+from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose
 from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.skill_phases import Fault, Phase, SkillState

@@ -7,14 +7,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
-from poil_drake.diagrams.station import (
-    CaptureFrame,
-    GetObjectPose,
-    MakeStation,
-    SetObjectPose,
-    SetRobotPosition,
-    Station,
-)
+from poil_drake.diagrams.station import CaptureFrame, MakeStation, Station
+from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.errors import ScenarioError, StationError
 
 TEST_FILE = Path(__file__).parent / "scenarios.yaml"

@@ -6,7 +6,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
-from poil_drake.diagrams.station import CaptureFrame, GetObjectPose, MakeStation, Station
+from poil_drake.diagrams.station import CaptureFrame, MakeStation, Station
+from poil_drake.diagrams.station_state import GetObjectPose
 from poil_drake.errors import ScenarioError, StationError
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_shape import handle_center_line

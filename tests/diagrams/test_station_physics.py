@@ -12,13 +12,8 @@ from pydrake.systems.analysis import Simulator
 
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.randomization import ObjectDirective
-from poil_drake.diagrams.station import (
-    GetObjectPose,
-    MakeStation,
-    SetObjectPose,
-    SetRobotPosition,
-    Station,
-)
+from poil_drake.diagrams.station import MakeStation, Station
+from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.diagrams.task_success import TouchedGeometries
 from poil_drake.models.mug_family import NAMED_MUGS, MugParameters
 from poil_drake.models.mug_shape import handle_center_line

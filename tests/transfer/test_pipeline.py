@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from poil_drake.diagrams.demonstration_recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration_scene import DemonstrationScene
 from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import CaptureFrame, GetObjectPose, MakeStation
+from poil_drake.diagrams.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.station_state import GetObjectPose
 from poil_drake.errors import DetectionError, InvalidValueError, TransferError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.images import MultiViewFrame
