@@ -190,15 +190,14 @@ def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) ->
         unobserved=tracking.missing,
         carried_unobserved=carried.missing,
         real_time_factor=summary.timing.real_time_factor,
-        split={name: part / summary.timing.wall for name, part in summary.timing.parts.items()},
-        concurrent={
-            name: part / summary.timing.wall for name, part in summary.timing.concurrent.items()
-        },
+        split=_shares(summary.timing.parts, summary.timing.wall),
+        concurrent=_shares(summary.timing.concurrent, summary.timing.wall),
         simulated=summary.timing.simulated,
     )
 
 
 def _shares(parts: Mapping[str, float], whole: float) -> dict[str, float]:
+    """Returns which share of the whole each part is."""
     return {name: part / whole for name, part in parts.items()}
 
 

@@ -119,16 +119,22 @@ def MakeClosedLoop(
         ),
     )
     parts: dict[str, Any] = {"station": station}
+    given: dict[str, Any] = {
+        "builder": builder,
+        "scenario": scenario,
+        "plan": plan,
+        "station": station,
+    }
     try:
         station.StartCameras()
-        parts |= AddControl(builder, station, plan, stopwatch)
+        parts |= AddControl(builder=builder, station=station, plan=plan, stopwatch=stopwatch)
         if truth:
-            parts["tracker"] = AddGroundTruthTracker(builder, scenario, plan, station)
+            parts["tracker"] = AddGroundTruthTracker(**given)
         else:
-            parts |= AddPerception(builder, scenario, plan, station, hardware, stopwatch)
-        parts |= AddOnlookers(builder, scenario, plan, station, meshcat, log, album)
+            parts |= AddPerception(**given, hardware=hardware, stopwatch=stopwatch)
+        parts |= AddOnlookers(**given, meshcat=meshcat, log=log, album=album)
         ConnectByName(builder, parts)
-        AddDisturbances(builder, disturbances, parts)
+        AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)
         diagram = builder.Build()
         station.WarmUpCameras()

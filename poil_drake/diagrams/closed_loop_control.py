@@ -22,6 +22,7 @@ _MISSED_TRACKS = 4
 
 
 def AddControl(
+    *,
     builder: DiagramBuilder,
     station: Station,
     plan: ExecutionPlan,

@@ -1,6 +1,6 @@
 """What shows and records a run of the closed loop, and what disturbs it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydrake.geometry import Meshcat
@@ -22,6 +22,7 @@ from poil_drake.systems.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
 
 
 def AddOnlookers(
+    *,
     builder: DiagramBuilder,
     scenario: Scenario,
     plan: ExecutionPlan,
@@ -63,9 +64,15 @@ def AddOnlookers(
 
 
 def AddDisturbances(
-    builder: DiagramBuilder, pulses: Sequence[Pulse], parts: dict[str, Any]
+    *, builder: DiagramBuilder, pulses: Sequence[Pulse], parts: Mapping[str, Any]
 ) -> None:
-    """Adds pushes on bodies of the simulated plant, and logs them where there is a logger."""
+    """Adds pushes on bodies of the simulated plant, and logs them where there is a logger.
+
+    Args:
+        builder: Gets the injector, if there are any pushes.
+        pulses: The pushes.
+        parts: The loop's parts by name.
+    """
     if not pulses:
         return
     injector = builder.AddNamedSystem(

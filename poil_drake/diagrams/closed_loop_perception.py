@@ -20,9 +20,16 @@ from poil_drake.systems.stopwatch import Stopwatch
 
 
 def AddGroundTruthTracker(
-    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, station: Station
+    *, builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, station: Station
 ) -> GroundTruthTracker:
-    """Adds the labelled baseline, which reads the simulator's own poses."""
+    """Adds the labelled baseline, which reads the simulator's own poses.
+
+    Args:
+        builder: Gets the tracker.
+        scenario: Its times.
+        plan: The points to follow.
+        station: The simulator.
+    """
     poil = scenario.poil
     return builder.AddNamedSystem(
         "tracker",
@@ -36,6 +43,7 @@ def AddGroundTruthTracker(
 
 
 def AddPerception(
+    *,
     builder: DiagramBuilder,
     scenario: Scenario,
     plan: ExecutionPlan,

@@ -1,7 +1,7 @@
 """Whether files can be written, asked before the work whose result they shall hold."""
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 from poil_drake.errors import PoilError
@@ -11,7 +11,7 @@ class OutputError(PoilError):
     """An output cannot be written where it shall go."""
 
 
-def require_writable(path: Path, *, inputs: Iterable[str | Path | None] = ()) -> None:
+def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) -> None:
     """Checks that a file can be written; its folder is made where needed, the file is left alone.
 
     Args:

@@ -1,7 +1,7 @@
 """What is written when a run is over: figures, one line, one picture."""
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -68,7 +68,7 @@ class OutputPaths:
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
-    def remove(self, *, inputs: Iterable[str | Path | None] = ()) -> None:
+    def remove(self, *, inputs: Sequence[str | Path | None] = ()) -> None:
         """Removes the files, where there are any, so that all can be written.
 
         Args:
@@ -130,7 +130,7 @@ def FreshOutputs(
     scenario: Scenario,
     stages: Stopwatch,
     *,
-    inputs: Iterable[str | Path | None] = (),
+    inputs: Sequence[str | Path | None] = (),
 ) -> Iterator[None]:
     """Removes what an earlier run left; figures are written even if the block raises.
 

@@ -3,7 +3,7 @@
 import dataclasses
 import gc
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -110,7 +110,7 @@ def ExecutePlan(
     show_progress: bool = True,
     stages: Stopwatch | None = None,
     check: bool = True,
-    inputs: Iterable[str | Path | None] = (),
+    inputs: Sequence[str | Path | None] = (),
 ) -> RunSummary:
     """Executes a plan in closed loop, judges the outcome and writes the outputs.
 

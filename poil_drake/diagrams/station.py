@@ -152,13 +152,13 @@ class Station(Diagram):
         self,
         builder: DiagramBuilder,
         lcm_buses: LcmBuses,
-        prompt: bool,
+        ignore_output_delay: bool,
         package_xmls: Sequence[str | Path],
         stopwatch: Stopwatch | None,
     ) -> None:
         scenario = self._scenario
         delay = CameraDelay(scenario.cameras)
-        if prompt or delay == 0.0:
+        if ignore_output_delay or delay == 0.0:
             self._camera_models = AddCameras(
                 builder=builder,
                 plant=self._plant,
@@ -207,7 +207,15 @@ class Station(Diagram):
         return self._camera_delay
 
     def RenderImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns what each camera sees now; `CaptureFrame` makes a frame of it."""
+        """Returns what each camera sees now, (H, W) each; `CaptureFrame` makes a frame of it.
+
+        Args:
+            context: The station's own context.
+            labels: Whether to render the label images, too.
+
+        Raises:
+            StationError: if the process that renders has ended.
+        """
         if self._camera_process is None:
             return tuple(
                 ReadImage(diagram=self, context=context, name=name, labels=labels)
@@ -227,7 +235,7 @@ class Station(Diagram):
             self._camera_process.start()
 
     def WarmUpCameras(self) -> None:
-        """Waits until delayed cameras are ready to take pictures at their usual pace.
+        """Waits until delayed cameras are ready to render at their usual pace.
 
         Raises:
             PoilError: if they cannot be used.
