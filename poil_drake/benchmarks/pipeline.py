@@ -1,77 +1,36 @@
 """The main job over many randomised trials: success, causes of failure, errors, speed."""
 
 import json
-import multiprocessing
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.diagrams.planning import PlanScenario
-from poil_drake.diagrams.randomization import ObjectDirective
-from poil_drake.diagrams.run_report import OutputPaths
-from poil_drake.diagrams.run_summary import ErrorStatistics
+from poil_drake.benchmarks.pipeline_trial import TASKS, Trial, lost_trial, run_recorded_trial
+from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
 from poil_drake.diagrams.scenario_choice import ChooseScenario
-from poil_drake.diagrams.skill_run import ExecutePlan, RecordScenarioDemonstration
-from poil_drake.errors import InvalidValueError, PoilError
+from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
+from poil_drake.errors import InvalidValueError
 from poil_drake.recording.plain_json import plain_json
-
-TASKS = {"hang_mug": None}
-"""Task -> scenario name in the package's scenario file; None is the default."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """One randomised run.
-
-    Attributes:
-        task: The task.
-        seed: Drew object, pose and noise.
-        object_model: The object's model file.
-        success: Whether the object hung at the end.
-        cause: Why it did not; empty on success.
-        final_error: Mean distance of the points to the reference's end at release [m].
-        tracking_errors: Median and 95th percentile of the distance of tracked points from the
-            truth [m]; NaN without tracks.
-        worst_tracking_error: The largest of them [m].
-        carried_tracking_errors: Median and 95th percentile while the object is carried [m].
-        unobserved: Share of the points that the tracker did not see; most are missed after the
-            release, while the object drops and swings.
-        carried_unobserved: The same while the object is carried.
-        real_time_factor: Simulated over wall-clock time of the closed loop.
-        split: Share of that wall-clock time by what it went to.
-        concurrent: Share of it during which another process rendered or tracked.
-        simulated: Simulated time [s].
-    """
-
-    task: str
-    seed: int
-    object_model: str
-    success: bool
-    cause: str
-    final_error: float = np.nan
-    tracking_errors: tuple[float, float] = (np.nan, np.nan)
-    worst_tracking_error: float = np.nan
-    carried_tracking_errors: tuple[float, float] = (np.nan, np.nan)
-    unobserved: float = np.nan
-    carried_unobserved: float = np.nan
-    real_time_factor: float = np.nan
-    split: dict[str, float] | None = None
-    concurrent: dict[str, float] | None = None
-    simulated: float = np.nan
 
 
 def run_pipeline_benchmark(
-    *, tasks: Sequence[str], trials: int, jobs: int, tracker: str | None, json_path: Path
+    *,
+    tasks: Sequence[str],
+    trials: int,
+    jobs: int,
+    tracker: str | None,
+    json_path: Path,
+    ray_address: str | None = None,
 ) -> list[Trial]:
     """Runs the trials, prints a table and writes every figure as JSON.
 
-    Each trial runs in a process of its own, so that none can disturb the next.
+    Each trial runs in a process of its own, so that none can disturb the next. The trials are
+    returned and written in the order of tasks and seeds.
 
     Args:
         tasks: Names in `TASKS`.
@@ -79,6 +38,7 @@ def run_pipeline_benchmark(
         jobs: Trials run side by side; speeds are only comparable with one.
         tracker: In place of the scenario's.
         json_path: Where the figures go.
+        ray_address: Of the Ray cluster that runs them, see `run_trials`; None: this machine.
 
     Raises:
         InvalidValueError: if a task is unknown.
@@ -88,30 +48,36 @@ def run_pipeline_benchmark(
         raise InvalidValueError(
             f"There is no task '{unknown[0]}'.", remedy=f"Choose from: {', '.join(TASKS)}."
         )
-    results = []
+    arguments = [(task, seed, tracker) for task in tasks for seed in range(trials)]
+    results: dict[int, Trial] = {}
+    ends = run_trials(
+        run_recorded_trial,
+        arguments,
+        shared=({task: _demonstration(task) for task in tasks},),
+        jobs=jobs,
+        ray_address=ray_address,
+        trials_per_worker=1,
+    )
+    with tqdm(total=len(arguments), desc="trials") as bar:
+        for index, end in ends:
+            results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
+            tqdm.write(_row(results[index]))
+            bar.update()
+            _write(_in_order(results), json_path)
+    print(_table(summarize(_in_order(results))))
+    return _in_order(results)
+
+
+def _in_order(results: Mapping[int, Trial]) -> list[Trial]:
+    return [results[index] for index in sorted(results)]
+
+
+def _demonstration(task: str) -> bytes:
+    """Returns a recorded demonstration of a task, which workers on other machines get, too."""
     with tempfile.TemporaryDirectory() as folder:
-        demonstrations = {}
-        for task in tasks:
-            demonstrations[task] = Path(folder) / f"{task}.mcap"
-            RecordScenarioDemonstration(
-                ChooseScenario(scenario_name=TASKS[task]), demonstrations[task]
-            )
-        arguments = [
-            (task, seed, tracker, str(demonstrations[task]))
-            for task in tasks
-            for seed in range(trials)
-        ]
-        pool = ProcessPoolExecutor(
-            jobs, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1
-        )
-        with pool, tqdm(total=len(arguments), desc="trials") as bar:
-            for trial in pool.map(_run_trial, *zip(*arguments, strict=True)):
-                results.append(trial)
-                tqdm.write(_row(trial))
-                bar.update()
-                _write(results, json_path)
-    print(_table(summarize(results)))
-    return results
+        path = Path(folder) / f"{task}.mcap"
+        RecordScenarioDemonstration(ChooseScenario(scenario_name=TASKS[task]), path)
+        return path.read_bytes()
 
 
 def _write(trials: Sequence[Trial], path: Path) -> None:
@@ -160,45 +126,6 @@ def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
     """Returns the mean of each share; one that is missing is 0."""
     names = sorted({name for one in shares for name in one})
     return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
-
-
-def _run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
-    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
-    model = Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem
-    try:
-        plan = PlanScenario(scenario, demonstration)
-        summary = ExecutePlan(
-            plan, scenario, outputs=OutputPaths(), show=False, show_progress=False, check=False
-        )
-    except Exception as error:
-        problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
-        cause = f"{type(error).__name__}: {problem}"
-        return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
-    nothing = ErrorStatistics.of(np.zeros(0))
-    tracking = summary.tracking_error or nothing
-    carried = summary.carried_tracking_error or nothing
-    return Trial(
-        task=task,
-        seed=seed,
-        object_model=model,
-        success=summary.success,
-        cause="" if summary.success else summary.reason,
-        final_error=summary.mean_error,
-        tracking_errors=(tracking.median, tracking.percentile_95),
-        worst_tracking_error=tracking.maximum,
-        carried_tracking_errors=(carried.median, carried.percentile_95),
-        unobserved=tracking.missing,
-        carried_unobserved=carried.missing,
-        real_time_factor=summary.timing.real_time_factor,
-        split=_shares(summary.timing.parts, summary.timing.wall),
-        concurrent=_shares(summary.timing.concurrent, summary.timing.wall),
-        simulated=summary.timing.simulated,
-    )
-
-
-def _shares(parts: Mapping[str, float], whole: float) -> dict[str, float]:
-    """Returns which share of the whole each part is."""
-    return {name: part / whole for name, part in parts.items()}
 
 
 def _mean(values: Sequence[float]) -> float:

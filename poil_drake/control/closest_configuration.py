@@ -51,7 +51,8 @@ def squared_distances(
     differences = (positions - points).reshape(len(positions), -1)
     if weights is None:
         return np.einsum("tk,tk->t", differences, differences)
-    return np.square(differences, out=differences) @ np.repeat(weights, 3)
+    # A matrix product rounds some rows otherwise than others, so that equal samples would differ.
+    return np.einsum("tk,k->t", np.square(differences, out=differences), np.repeat(weights, 3))
 
 
 def nearest_sample(

@@ -29,6 +29,9 @@ def split_motion(
 ) -> list[Interval]:
     """Returns the stretches of a motion, in order; between and around them it stands still.
 
+    A reference has to be without its pauses: the closest configuration moves on only where the
+    reference does, so the field comes to rest at a pause, as at the goal.
+
     Args:
         times: (T,) [s].
         speeds: (T,) root mean square speed of the points [m/s].

@@ -2,23 +2,16 @@
 
 import enum
 import math
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import dataclass
 
 import numpy as np
 
+from poil_drake.control.bcsdm_config import BcsdmConfig
 from poil_drake.control.closest_configuration import closest_configuration
 from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.control.twist_fit import (
-    RansacConfig,
-    RobustTwist,
-    fit_twist_ransac,
-    fit_twist_to_inliers,
-)
+from poil_drake.control.twist_fit import RobustTwist, fit_twist_ransac, fit_twist_to_inliers
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, rigid_inliers
-
-OutlierTest = Literal["rigidity", "velocity", "none"]
+from poil_drake.geometry.rigid_consensus import rigid_inliers
 
 
 class BcsdmStatus(enum.Enum):
@@ -32,58 +25,6 @@ class BcsdmStatus(enum.Enum):
 
     GOAL = enum.auto()
     """The points are at the end of the reference, within the tolerance."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BcsdmConfig:
-    """Parameters of the field.
-
-    Attributes:
-        eta: Gain of the contraction towards the reference [1/s]. 3 is the paper's.
-        interpolate: Whether the closest configuration is sought between the samples too. The
-            paper takes the closest sample, which makes the field jump as the sample changes.
-        progress_window: How far the closest configuration is sought around that of the last tick,
-            (backward, forward) [s]. None seeks it in the whole reference, as in the paper, which
-            lets a disturbance move the index anywhere, and noise too where the reference comes
-            near itself. The window ends at a sample or between it and the next.
-        window_escape_ratio: With a window, the whole reference still wins where its potential is
-            below this part of the window's: the object was carried elsewhere. 0 never leaves.
-        goal_tolerance: Mean distance of the points from the reference's end that counts as there
-            [m]. 3 mm is about a tracker's noise over ten points plus the hand's lag.
-        goal_window: The closest configuration must lie within this time of the reference's end
-            [s] to count as there, so that passing by the end does not.
-        min_spread: Root mean square distance of the points from the line that fits them best which
-            is still enough for a rotation [m]. A mug's handle has 8 mm and more.
-        outlier_test: How points that are not where the tracker says are found and left out.
-            "rigidity": by RANSAC on the rigid motion between the points and the closest
-            configuration. "velocity": by RANSAC on the velocities, as in the paper, which takes
-            points far from the reference in rotation for outliers. "none": not at all.
-        rigidity: For "rigidity".
-        ransac: For "velocity".
-    """
-
-    eta: float = 3.0
-    interpolate: bool = True
-    progress_window: tuple[float, float] | None = None
-    window_escape_ratio: float = 0.25
-    goal_tolerance: float = 0.003
-    goal_window: float = 0.5
-    min_spread: float = 0.001
-    outlier_test: OutlierTest = "rigidity"
-    rigidity: RigidConsensusConfig = field(default_factory=RigidConsensusConfig)
-    ransac: RansacConfig = field(default_factory=RansacConfig)
-
-    def __post_init__(self) -> None:
-        if not self.eta > 0.0:
-            raise InvalidValueError(
-                f"BcsdmConfig.eta is {self.eta} / s.",
-                remedy="Pass a positive gain, or the field does not converge.",
-            )
-        if self.outlier_test not in get_args(OutlierTest):
-            raise InvalidValueError(
-                f"BcsdmConfig.outlier_test is '{self.outlier_test}'.",
-                remedy=f"Choose one of {', '.join(get_args(OutlierTest))}.",
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +99,11 @@ def point_set_bcsdm(
     weights = np.ones(len(points)) if confidence is None else confidence
     # NaN fails the comparison, so a confidence that is NaN leaves its point out as well.
     observed = (weights > 0.0) & (weights < np.inf) & np.isfinite(points.sum(axis=1))
-    which = slice(None) if observed.all() else np.flatnonzero(observed)
-    x, w, positions = points[which], weights[which], reference.positions[:, which]
+    which: slice | np.ndarray = slice(None)
+    x, w, positions = points, weights, reference.positions
+    if not observed.all():
+        which = np.flatnonzero(observed)
+        x, w, positions = points[which], weights[which], positions.take(which, axis=1)
     if len(x) < 3:
         return _lost(len(points))
     segment, fraction = closest_configuration(
@@ -211,9 +155,15 @@ def _fit(
 ) -> tuple[RobustTwist, bool]:
     """Returns the twist, and whether its residuals are large enough to look for outliers."""
     if config.outlier_test == "velocity":
-        return fit_twist_ransac(points, velocities, weights, config=config.ransac), False
+        ransac, spread = config.ransac, config.min_rotation_spread
+        fit = fit_twist_ransac(
+            points, velocities, weights, config=ransac, min_rotation_spread=spread
+        )
+        return fit, False
     everyone = np.ones(len(points), dtype=bool)
-    fit, squares = fit_twist_to_inliers(points, velocities, weights, everyone)
+    fit, squares = fit_twist_to_inliers(
+        points, velocities, weights, everyone, config.min_rotation_spread
+    )
     limit = (config.eta * config.rigidity.inlier_distance) ** 2
     return fit, config.outlier_test == "rigidity" and bool(squares.max() > limit)
 

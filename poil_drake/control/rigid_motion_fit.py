@@ -18,6 +18,10 @@ def fit_rigid_motion(
     Generalised Procrustes analysis: poses are fitted to the shape and the shape to the poses, in
     turn. Points that left the body in a sample do not count there.
 
+    A reference has to be rigid: a rigid object cannot reach a shape that is not its own, so that D
+    stays above zero and the goal's tolerance may never be met, and the field would follow the
+    tracker's noise.
+
     Args:
         positions: (T, N, 3) tracked positions [m, world]; NaN where a point was not observed.
         config: When a point has left the body.

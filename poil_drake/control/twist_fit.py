@@ -8,7 +8,10 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import skew
-from poil_drake.geometry.triples import TripleConfig, choose_triples
+from poil_drake.geometry.triples import TripleConfig, choose_triples, cross, triangle_corners
+
+# The alternating symbol: [-omega] = _NEGATIVE_SKEW @ omega, for many omega (3, K) as well.
+_NEGATIVE_SKEW = np.ascontiguousarray(np.moveaxis(skew(-np.eye(3)), 0, -1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +72,25 @@ def fit_twist(
 
 
 def fit_twist_to_inliers(
-    points: np.ndarray, velocities: np.ndarray, weights: np.ndarray, inliers: np.ndarray
+    points: np.ndarray,
+    velocities: np.ndarray,
+    weights: np.ndarray,
+    inliers: np.ndarray,
+    min_rotation_spread: float = 0.0,
 ) -> tuple[RobustTwist, np.ndarray]:
     """Returns the twist of some points and the squared residuals of all.
+
+    About a principal axis from which the points are a root mean square distance s away, noise in
+    the velocities is divided by s. Below s0 = `min_rotation_spread` the turn is scaled by
+    (s / s0)^2, so that noise is at most divided by s0, and the turn fades out, without a jump, as
+    the points come to lie on the axis. D still falls, since each axis adds to its rate by itself.
 
     Args:
         points: (N, 3) positions [m].
         velocities: (N, 3) their velocities [m/s].
         weights: (N,) positive.
         inliers: (N,) bool, which points to fit to.
+        min_rotation_spread: s0 [m]; 0 for plain least squares.
 
     Returns:
         fit: See `RobustTwist`.
@@ -96,7 +109,8 @@ def fit_twist_to_inliers(
     # A = tr(W) I - W shares W's axes, with the sum of the other two eigenvalues on each. About the
     # points' own line it is zero up to rounding: no rotation about it.
     rounding = 1e-12 * (middle + high)
-    gains = [g if g > rounding else math.inf for g in (middle + high, low + high, low + middle)]
+    floor, sums = min_rotation_spread**2, (middle + high, low + high, low + middle)
+    gains = [max(g, floor) if g > rounding else math.inf for g in sums]
     omega = axes @ ((moment @ axes) / np.array(gains))
     x, y, z = omega.tolist()
     # r [-omega] = (omega x r)^T for a row r.
@@ -113,6 +127,7 @@ def fit_twist_ransac(
     *,
     config: RansacConfig,
     seed: int = 0,
+    min_rotation_spread: float = 0.0,
 ) -> RobustTwist:
     """Returns the twist that best matches the velocities of points, outliers left out.
 
@@ -130,28 +145,26 @@ def fit_twist_ransac(
         weights: (N,) positive; None for all equal.
         config: Threshold and number of trials.
         seed: Of the drawn sets. The result depends on nothing else.
+        min_rotation_spread: See `fit_twist_to_inliers`.
     """
     w = np.ones(len(points)) if weights is None else weights
     inliers = np.ones(len(points), dtype=bool)
-    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers)
+    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers, min_rotation_spread)
     limit = config.inlier_threshold**2
     if len(points) < 4 or squares.max() <= limit:
         return fit
     triples = choose_triples(points, config.triples, seed)
     if len(triples) == 0:
         return fit
-    omegas, vs, centroids = _fit_triangles(points[triples], velocities[triples])
-    arms = points - centroids[:, None]
-    residuals = (vs[:, None] - velocities) + arms @ skew(-omegas)
-    squares = np.einsum("kni,kni->kn", residuals, residuals)
-    best = int(np.argmin(np.minimum(squares, limit) @ w))
-    inliers = squares[best] <= limit
+    squares = _triangle_twist_squares(points, velocities, triples)
+    best = int((w @ np.minimum(squares, limit)).argmin())
+    inliers = squares[:, best] <= limit
     inliers[triples[best]] = True
     # One more round: the fit over all inliers is better than the three points' and may win others.
-    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers)
+    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers, min_rotation_spread)
     grown = squares <= limit
     if np.count_nonzero(grown) > np.count_nonzero(inliers):
-        fit, _ = fit_twist_to_inliers(points, velocities, w, grown)
+        fit, _ = fit_twist_to_inliers(points, velocities, w, grown, min_rotation_spread)
     return fit
 
 
@@ -176,7 +189,9 @@ def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
 def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
     """Returns a spatial velocity scaled by one factor so that it respects both limits.
 
-    Its direction is kept, hence the path that it leads along. One that is not finite gives zero.
+    Its direction is kept, hence the path that it leads along: it is a scaling of time, under which
+    D of POIL eq. 4 falls as before. Limits on single axes would bend the path. One that is not
+    finite gives zero.
 
     Args:
         V: (6,), (omega [rad/s], v [m/s]).
@@ -199,13 +214,36 @@ def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float
     return V / max(1.0, excess)
 
 
+def _triangle_twist_squares(
+    points: np.ndarray, velocities: np.ndarray, triples: np.ndarray
+) -> np.ndarray:
+    """Returns the squared residuals (N, K) [m^2/s^2] that the twists of K triangles leave."""
+    omegas, vs, centroids = _fit_triangles(
+        triangle_corners(points, triples), triangle_corners(velocities, triples)
+    )
+    # omega x x = x^T [-omega] for a row x^T: one matrix product for all points and triangles.
+    spins = _NEGATIVE_SKEW @ omegas
+    residuals = (points @ spins.reshape(3, -1)).reshape(len(points), 3, -1)
+    residuals += vs - cross(omegas, centroids)
+    residuals -= velocities[:, :, None]
+    return np.einsum("nik,nik->nk", residuals, residuals)
+
+
 def _fit_triangles(
     corners: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns omega, v and the centroid (K, 3) each of triangles (K, 3, 3)."""
-    centroids, vs = corners.mean(axis=1), velocities.mean(axis=1)
+    """Returns omega, v and the centroid (3, K) each of triangles (3, 3, K), x, y, z first.
+
+    About their centroid three points r_i are in a plane. With a normal n, m = sum_i r_i x v_i and
+    W = sum_i r_i r_i^T the solution of A omega = m is W m / d in the plane, where d is the product
+    of the eigenvalues of W there, and n (n . m) / (|n|^2 tr W) along n. For n = r_1 x r_2 (a third
+    of the sides' product) Cauchy and Binet give d = 3 |n|^2.
+    """
+    centroids, vs = corners.sum(axis=1) / 3.0, velocities.sum(axis=1) / 3.0
     arms = corners - centroids[:, None]
-    A = np.einsum("kni,kni->k", arms, arms)[:, None, None] * np.eye(3)
-    A -= arms.swapaxes(-1, -2) @ arms
-    moments = np.cross(arms, velocities).sum(axis=1)
-    return np.linalg.solve(A, moments[..., None])[..., 0], vs, centroids
+    moments = cross(arms, velocities).sum(axis=1)
+    normals = cross(arms[:, 0], arms[:, 1])
+    traces = np.einsum("isk,isk->k", arms, arms)
+    across = np.einsum("isk,sk->ik", arms, np.einsum("isk,ik->sk", arms, moments)) / 3.0
+    along = normals * (np.einsum("ik,ik->k", normals, moments) / traces)
+    return (across + along) / np.einsum("ik,ik->k", normals, normals), vs, centroids

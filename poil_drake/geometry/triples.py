@@ -6,6 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
+_NEXT = np.array([1, 2, 0])
+_AFTER_NEXT = np.array([2, 0, 1])
+
 
 @dataclass(frozen=True, kw_only=True)
 class TripleConfig:
@@ -34,11 +37,30 @@ def choose_triples(points: np.ndarray, config: TripleConfig, seed: int = 0) -> n
         seed: Of the drawn sets. The result depends on nothing else.
     """
     triples = _triples(len(points), config.exhaustive_count, config.trials, seed)
-    corners = points[triples]
-    sides = corners[:, [1, 2, 0]] - corners
-    longest = np.einsum("kij,kij->ki", sides, sides).max(axis=1)
-    doubled_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return triples[doubled_area > config.min_aspect * longest]
+    corners = triangle_corners(points, triples)
+    sides = corners.take([1, 2, 0], axis=1) - corners
+    longest = np.einsum("isk,isk->sk", sides, sides).max(axis=0)
+    normals = cross(sides[:, 0], sides[:, 1])
+    # Twice the area, which is the normal's length, is height times longest side.
+    fat = np.einsum("ik,ik->k", normals, normals) > (config.min_aspect * longest) ** 2
+    return triples[fat]
+
+
+def triangle_corners(points: np.ndarray, triples: np.ndarray) -> np.ndarray:
+    """Returns the corners (3, 3, K) [m] of triangles: x, y, z first, then the corner.
+
+    With the triangles last, NumPy works on all of them at a time in every step.
+
+    Args:
+        points: (N, 3) [m].
+        triples: (K, 3) indices.
+    """
+    return points.T.take(triples.T, axis=1)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns a x b (3, ...) of vectors (3, ...), some three times as fast as `np.cross`."""
+    return a[_NEXT] * b[_AFTER_NEXT] - a[_AFTER_NEXT] * b[_NEXT]
 
 
 @lru_cache(maxsize=32)

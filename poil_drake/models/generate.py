@@ -1,7 +1,8 @@
-"""Writes the shipped mugs into the package: `python -m poil_drake.models.generate`."""
+"""Writes the generated models into the package: `python -m poil_drake.models.generate`."""
 
 from pathlib import Path
 
+from poil_drake.models.bag_sdf import BagParameters, write_bag
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_sdf import write_mug
 
@@ -10,9 +11,11 @@ MODELS_DIRECTORY = Path(__file__).parent
 
 
 def main() -> None:
-    """Writes every named mug to `mugs/<name>/`."""
+    """Writes every named mug to `mugs/<name>/`, and the bag."""
     for mug in NAMED_MUGS:
         write_mug(mug, MODELS_DIRECTORY / "mugs" / mug.name)
+    bag = BagParameters()
+    write_bag(bag, MODELS_DIRECTORY / "bags" / bag.name)
 
 
 if __name__ == "__main__":

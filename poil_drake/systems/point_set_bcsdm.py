@@ -10,8 +10,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiscreteValues,
     LeafSystem,
+    State,
     ValueProducer,
 )
 
@@ -24,6 +24,8 @@ from poil_drake.control.point_set_bcsdm import (
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.control.twist_fit import scale_twist, shift_twist
 from poil_drake.geometry.all_finite import all_finite
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.statuses import ControllerStatus
 
 _OK, _LIMITED, _GOAL, _LOST, _INVALID_INPUT = ControllerStatus
@@ -111,6 +113,14 @@ def gripper_velocity(
     return ControllerAnswer(V_WG, status, output, target)
 
 
+@dataclass(frozen=True, eq=False)
+class _Memory(SharedOnCopy):
+    """The last finite time of the closest configuration [s], and the reference that it is of."""
+
+    tau: float
+    reference: PointTrajectory | None
+
+
 class PointSetBcsdm(LeafSystem):
     """Closed-loop velocity field of POIL (section III-B) on the tracked points.
 
@@ -121,6 +131,7 @@ class PointSetBcsdm(LeafSystem):
         - points
         - confidence
         - gripper_pose
+        - reference
         output_ports:
         - spatial_velocity
         - tau
@@ -131,8 +142,10 @@ class PointSetBcsdm(LeafSystem):
         - target_points
 
     Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `gripper_pose` (16,) X_WG
-    row-major. The mathematics is in `gripper_velocity`. Every output follows the inputs directly
-    (declared feedthrough), all from one computation:
+    row-major, and `reference`, which may stay unconnected: a `PointTrajectory` there takes the
+    place of the constructor's, and `ABSENT` there asks to stand still. The mathematics is in
+    `gripper_velocity`. Every output follows the inputs directly (declared feedthrough), all from
+    one computation:
 
     - `spatial_velocity` (6,): (ω [rad/s], v [m/s]) of the gripper frame in the world.
     - `tau` (1,): time of the reference's closest configuration [s].
@@ -144,9 +157,10 @@ class PointSetBcsdm(LeafSystem):
 
     With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
     confidence (so before the first track, and when it has gone stale), the velocity is zero, the
-    status LOST and the rest NaN. With a gripper pose that is not finite the velocity is zero and
-    the status INVALID_INPUT. The only state is the last finite `tau`, and only where the field has
-    a progress window.
+    status LOST and the rest NaN. With a gripper pose that is not finite, or while `reference` is
+    `ABSENT`, the velocity is zero and the status INVALID_INPUT; the rest is of the constructor's
+    reference then. The only state is the last finite `tau` and its reference, as each has its own
+    time; and that only where the field has a progress window.
     """
 
     def __init__(
@@ -170,11 +184,14 @@ class PointSetBcsdm(LeafSystem):
         self._points = self.DeclareVectorInputPort("points", 3 * n)
         self._confidence = self.DeclareVectorInputPort("confidence", n)
         self._gripper = self.DeclareVectorInputPort("gripper_pose", 16)
-        prerequisites = {port.ticket() for port in (self._points, self._confidence, self._gripper)}
+        self._given = self.DeclareAbstractInputPort("reference", Value(ABSENT))
+        ports = (self._points, self._confidence, self._gripper, self._given)
+        prerequisites = {port.ticket() for port in ports}
         self._windowed = self._config.bcsdm.progress_window is not None
         if self._windowed:
-            prerequisites.add(self.discrete_state_ticket(self.DeclareDiscreteState([np.nan])))
-            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember_tau)
+            self._memory = self.DeclareAbstractState(Value(_Memory(np.nan, None)))
+            prerequisites.add(self.abstract_state_ticket(self._memory))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._remember_tau)
         self._answer = self.DeclareCacheEntry(
             "answer",
             ValueProducer(allocate=Value(object()).Clone, calc=self._calc_answer),
@@ -200,18 +217,33 @@ class PointSetBcsdm(LeafSystem):
 
             self.DeclareVectorOutputPort(name, size, calc, {self._answer.ticket()})
 
+    def _followed(self, context: Context) -> PointTrajectory | None:
+        """Returns the reference to follow, None to stand still."""
+        given = self._given.Eval(context) if self._given.HasValue(context) else self._reference
+        return None if given is ABSENT else given
+
     def _calc_answer(self, context: Context, cache: Value) -> None:
+        followed = self._followed(context)
+        reference = self._reference if followed is None else followed
+        previous_tau = None
+        if self._windowed:
+            memory = context.get_abstract_state(self._memory).get_value()
+            previous_tau = memory.tau if memory.reference is reference else None
         answer = gripper_velocity(
             self._points.Eval(context).reshape(-1, 3),
             self._confidence.Eval(context),
             self._gripper.Eval(context).reshape(4, 4),
-            self._reference,
+            reference,
             self._config,
-            context.get_discrete_state_vector()[0] if self._windowed else None,
+            previous_tau,
         )
+        if followed is None and answer.status is not _LOST:
+            answer = answer._replace(V_WG=np.zeros(6), status=_INVALID_INPUT)
         cache.set_value(answer)
 
-    def _remember_tau(self, context: Context, discrete_state: DiscreteValues) -> None:
+    def _remember_tau(self, context: Context, state: State) -> None:
         tau = self._answer.Eval(context).output.tau
         if np.isfinite(tau):
-            discrete_state.set_value([tau])
+            followed = self._followed(context)
+            memory = _Memory(tau, self._reference if followed is None else followed)
+            state.get_mutable_abstract_state(self._memory).set_value(memory)

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from poil_drake.benchmarks import pipeline
-from poil_drake.benchmarks.pipeline import Trial, run_pipeline_benchmark, summarize
+from poil_drake.benchmarks.pipeline import run_pipeline_benchmark, summarize
+from poil_drake.benchmarks.pipeline_trial import Trial, lost_trial, run_trial
+from poil_drake.benchmarks.trial_pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
 
@@ -152,12 +154,22 @@ def test_the_table_shows_errors_in_millimetres_and_every_cause() -> None:
 def test_a_trial_that_fails_before_the_simulation_is_told_with_its_cause(
     tmp_path: Path,
 ) -> None:
-    trial = pipeline._run_trial("hang_mug", 3, "ground_truth", str(tmp_path / "missing.mcap"))
+    trial = run_trial("hang_mug", 3, "ground_truth", str(tmp_path / "missing.mcap"))
 
     assert not trial.success
     assert trial.cause.startswith("DemonstrationError: ")
     assert "missing.mcap" in trial.cause
     assert math.isnan(trial.simulated)
+
+
+def test_a_trial_that_lost_its_workers_is_a_failure_with_its_cause() -> None:
+    lost = LostTrial(3, ("hang_mug", 3, "ground_truth"), 3, "was killed by SIGSEGV")
+
+    trial = lost_trial(lost)
+
+    assert (trial.task, trial.seed, trial.success) == ("hang_mug", 3, False)
+    assert "SIGSEGV" in trial.cause
+    assert trial.object_model.startswith("mug_")
 
 
 def test_an_unknown_task_is_refused(tmp_path: Path) -> None:

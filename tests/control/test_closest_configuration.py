@@ -38,6 +38,18 @@ def test_among_equals_the_last_sample_is_taken():
     assert dut.nearest_sample(POINTS + 1.0, standing) == 5
 
 
+@pytest.mark.parametrize("count", range(2, 12))
+def test_equal_samples_are_equally_far_whatever_the_weights(count):
+    rng = np.random.default_rng(count)
+    standing = np.repeat(rng.normal(size=(1, 10, 3)), count, axis=0)
+
+    squares = dut.squared_distances(
+        rng.normal(size=(10, 3)), standing, rng.uniform(0.1, 1.0, size=10)
+    )
+
+    assert len(set(squares.tolist())) == 1
+
+
 def test_closest_configuration_is_between_samples_or_at_one():
     points = POINTS + np.array([2.75, 0.3, 0])
 

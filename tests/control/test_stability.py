@@ -128,6 +128,72 @@ def test_flow_converges_from_random_rotations_away_from_the_critical_ones():
     assert np.max(rotation_angle(R)) < np.radians(0.1)
 
 
+def critical_rotations_found(W, R):
+    """Where Newton's method leads from rotations R (K, 3, 3): zeros of (R^T W - W R)^vee.
+
+    A small rotation xi in the body's frame changes it by -(tr(W R) I - (W R)^T) xi.
+    """
+    for _ in range(60):
+        M = W @ R
+        residual = np.stack(
+            [M[:, 1, 2] - M[:, 2, 1], M[:, 2, 0] - M[:, 0, 2], M[:, 0, 1] - M[:, 1, 0]]
+        )
+        J = np.trace(M, axis1=1, axis2=2)[:, None, None] * np.eye(3) - np.swapaxes(M, 1, 2)
+        step = np.einsum("kij,jk->ki", np.linalg.pinv(J), residual)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        R = R @ rotation_exp(step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-12)))
+    left = np.linalg.norm(np.swapaxes(R, 1, 2) @ W - W @ R, axis=(1, 2)) / np.trace(W)
+    return R[left < 1e-10]
+
+
+@given(seeds, st.booleans())
+@settings(derandomize=True, deadline=None, max_examples=20)
+def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, flat):
+    rng = np.random.default_rng(seed)
+    # Points in a plane have a singular W, but no other critical rotations.
+    points = centred_points(rng) * ([0.0, 1.0, 1.0] if flat else [1.0, 1.0, 1.0])
+    W = dut.moment_matrix(points @ rotation_exp(rng.normal(size=3)).T)
+    known = np.stack([np.eye(3), *dut.critical_rotations(W)])
+
+    found = critical_rotations_found(W, rotation_exp(rng.normal(size=(150, 3)) * 3.0))
+
+    distances = rotation_angle(np.swapaxes(known, -1, -2)[:, None] @ found)
+    assert len(found) > 75
+    assert np.max(distances.min(axis=0)) < 1e-5
+    assert set(np.argmin(distances, axis=0)) == {0, 1, 2, 3}
+
+
+@given(seeds)
+@settings(derandomize=True, deadline=None, max_examples=10)
+def test_flow_of_any_points_converges_from_any_rotation(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(rng.integers(3, 12), 3)) * rng.uniform(0.3, 1.0, size=3)
+    W = dut.moment_matrix(points)
+    R = rotation_exp(rng.normal(size=(50, 3)) * 3.0)
+    potential = dut.rotation_potential(W, R)
+
+    for _ in range(400):
+        R = R @ rotation_exp(0.1 * dut.rotation_velocity(W, R))
+        fallen = dut.rotation_potential(W, R)
+        assert np.all(fallen <= potential + 1e-12 * np.trace(W))
+        potential = fallen
+
+    assert np.max(rotation_angle(R)) < np.radians(0.1)
+
+
+def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_full_rate():
+    W = np.diag([1.0, 2.0, 2.0])
+    angles = np.linspace(0.0, np.pi, 7)
+    circle = rotation_exp(np.pi * np.stack([0.0 * angles, np.cos(angles), np.sin(angles)], axis=1))
+
+    np.testing.assert_allclose(dut.rotation_velocity(W, circle), 0.0, atol=1e-12)
+    for R in circle:
+        # -(l_1 + l) about the own axis, 0 along the circle, l - l_1 about the first axis.
+        np.testing.assert_allclose(
+            np.sort(np.linalg.eigvalsh(dut.potential_hessian(W, R))), [-3.0, 0.0, 1.0], atol=1e-9
+        )
+
+
 def test_moment_matrix_is_taken_about_the_weighted_centroid():
     points = np.array([[0.0, 0, 0], [3.0, 0, 0]])
 

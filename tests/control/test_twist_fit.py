@@ -60,6 +60,19 @@ def test_fit_turns_with_the_world(seed):
     np.testing.assert_allclose(moved_v, R @ v, atol=1e-10)
 
 
+@given(seeds)
+@property_test
+def test_squared_residuals_are_those_of_the_twist_at_every_point(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 7, 3))
+    inliers = np.array([True] * 5 + [False] * 2)
+
+    fit, squares = dut.fit_twist_to_inliers(points, velocities, np.ones(7), inliers)
+
+    left = rigid_velocities(points, fit.omega, fit.v, points[:5].mean(axis=0)) - velocities
+    np.testing.assert_allclose(squares, np.sum(left**2, axis=1), rtol=1e-9, atol=1e-12)
+
+
 def test_points_on_a_line_get_no_rotation_about_it():
     points = np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]])
     velocities = rigid_velocities(points, np.array([5.0, 0.0, 2.0]), np.ones(3), np.zeros(3))
@@ -92,6 +105,17 @@ def test_outliers_are_left_out_whether_all_or_some_triples_are_tried(count):
     np.testing.assert_allclose(fit.centroid, points[expected_inliers].mean(axis=0), atol=1e-15)
     np.testing.assert_allclose(fit.omega, omega, atol=1e-10)
     np.testing.assert_allclose(fit.v, v + np.cross(omega, fit.centroid), atol=1e-12)
+
+
+def test_no_point_is_dropped_where_plain_least_squares_leaves_none_off():
+    # Drawn so that the largest residual is 12 mm/s, but the best triple leaves some point above 15.
+    rng = np.random.default_rng(25)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.0075, size=(10, 3))
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.all()
 
 
 def test_drawn_triples_depend_on_the_seed_alone():
@@ -136,6 +160,31 @@ def test_spread_is_the_distance_from_the_best_line():
     fit = dut.fit_twist_ransac(points, np.zeros((4, 3)), config=dut.RansacConfig())
 
     assert fit.spread == pytest.approx(0.1)
+
+
+def test_spread_of_a_body_counts_both_directions_off_the_line():
+    points = np.concatenate([np.diag([1.0, 2.0, 3.0]), -np.diag([1.0, 2.0, 3.0])])
+
+    fit = dut.fit_twist_ransac(points, np.zeros((6, 3)), config=dut.RansacConfig())
+
+    # 2 (1^2 + 2^2) over six points.
+    assert fit.spread == pytest.approx(np.sqrt(10.0 / 6.0))
+
+
+def test_points_that_the_best_triple_misses_are_won_back_by_the_fit_to_its_inliers():
+    # Drawn so that the noise in the best three points throws one true point out at first.
+    rng = np.random.default_rng(50)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    motion = rigid_velocities(points, np.array([0.3, -0.2, 0.5]), np.array([0.1, 0, -0.05]), 0.0)
+    velocities = motion + rng.normal(scale=0.006, size=(10, 3))
+    velocities[[1, 4]] += [[0.2, 0.0, 0.0], [0.0, -0.3, 0.0]]
+    true = ~np.isin(np.arange(10), [1, 4])
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    np.testing.assert_array_equal(fit.inliers, true)
+    omega, v = dut.fit_twist(points[true], velocities[true])
+    np.testing.assert_allclose(np.concatenate([fit.omega, fit.v]), [*omega, *v], atol=1e-12)
 
 
 def test_shifted_twist_has_the_velocity_of_the_other_point():

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.point_set_bcsdm import (
     PointSetBcsdm,
     PointSetBcsdmConfig,
@@ -235,3 +237,46 @@ def test_the_memory_survives_a_loss(reference: PointTrajectory) -> None:
     bench.fix("points", reference.positions[16].ravel())
 
     assert bench.read("tau") == pytest.approx(4 * DT + 0.1)
+
+
+def give(bench: Bench, reference: object) -> None:
+    bench.dut.GetInputPort("reference").FixValue(bench.context, Value(reference))
+
+
+def shifted(reference: PointTrajectory, by: np.ndarray) -> PointTrajectory:
+    return PointTrajectory(reference.times, reference.positions + by, reference.velocities)
+
+
+def test_a_reference_at_the_port_takes_the_place_of_the_constructors(
+    reference: PointTrajectory,
+) -> None:
+    by = np.array([0.0, 0.0, 0.1])
+    bench = Bench(reference, reference.positions[7] + by)
+
+    give(bench, shifted(reference, by))
+
+    np.testing.assert_allclose(bench.read("spatial_velocity"), [0, 0, 0, *STEP / DT], atol=1e-12)
+    assert bench.read("mean_error") == pytest.approx(0.0, abs=1e-12)
+
+
+def test_it_stands_still_while_there_is_nothing_to_follow(reference: PointTrajectory) -> None:
+    bench = Bench(reference, reference.positions[7])
+
+    give(bench, ABSENT)
+
+    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
+    assert bench.status is ControllerStatus.INVALID_INPUT
+
+
+def test_the_memory_does_not_outlive_its_reference(reference: PointTrajectory) -> None:
+    config = PointSetBcsdmConfig(
+        bcsdm=BcsdmConfig(interpolate=False, progress_window=(0.1, 0.1), window_escape_ratio=0.0)
+    )
+    bench = Bench(reference, reference.positions[4], config=config)
+    bench.simulator.AdvanceTo(PERIOD)
+    bench.fix("points", reference.positions[16].ravel())
+    assert bench.read("tau") == pytest.approx(4 * DT + 0.1)
+
+    give(bench, shifted(reference, np.zeros(3)))
+
+    assert bench.read("tau") == pytest.approx(16 * DT)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer.exceptions import TyperException
 
+from poil_drake.cli.bench import bench_app
 from poil_drake.errors import PoilError, ScenarioError
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ app = typer.Typer(
     help="One RGB-D demonstration in, a closed-loop robot skill out.",
 )
 demo_app = typer.Typer(no_args_is_help=True, help="Record and look at demonstrations.")
-bench_app = typer.Typer(no_args_is_help=True, help="Studies and measurements.")
 app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
 
@@ -227,28 +227,6 @@ def execute(
     )
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.success else 1)
-
-
-@bench_app.command("pipeline")
-def bench_pipeline(
-    tasks: Annotated[str, typer.Option("--tasks", help="Comma-separated: hang_mug.")] = "hang_mug",
-    trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 20,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Trials run side by side.")] = 1,
-    tracker: Tracker = None,
-    json: Annotated[Path, typer.Option("--json", help="Where the figures go.")] = Path(
-        "out/bench_pipeline.json"
-    ),
-) -> None:
-    """Run the main job with object, pose, texture and noise drawn anew in each trial."""
-    from poil_drake.benchmarks.pipeline import run_pipeline_benchmark
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
-
-    MakeScenarioTracker(_scenario(None, None, None, None, None, tracker).poil)
-    require_writable(json)
-    run_pipeline_benchmark(
-        tasks=tasks.split(","), trials=trials, jobs=jobs, tracker=tracker, json_path=json
-    )
 
 
 @app.command()

@@ -1,0 +1,127 @@
+"""Demonstrations of the control study, recorded in its simulation."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.scripted import ScriptedPolicy, pose_difference
+from poil_drake.benchmarks.control.starts import sample_start, trial_generator
+from poil_drake.benchmarks.control.task import ControlTask
+from poil_drake.benchmarks.control.tasks import MakeTask
+from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.recorded_reference import reference_from_samples
+from poil_drake.control.reference import make_reference
+from poil_drake.diagrams.demonstration_motion import KeyframeMotion
+
+RECORDING_PERIOD = 1 / 16
+"""Between two samples of a demonstration [s]."""
+
+_SETTLING_TIME = 1.0  # A hanging strap comes to rest within this [s].
+_TURNING_SPEED, _MOVING_SPEED = 1.2, 0.1  # Mean speeds to a demonstration's start [rad/s, m/s].
+_BLEND = 0.2  # Of the movements between keyframes [s]; people hardly stop in between.
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedDemonstration:
+    """What a demonstration leaves behind.
+
+    Attributes:
+        times: (T,) [s], from 0.
+        points: (T, N, 3) where the points were [m, world].
+        X_WO: (T, 4, 4) where the driven body was.
+        touching: (T,) bool, whether the object touched the scene.
+        shape: Positions of the object's other joints at the start, at rest.
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+    X_WO: np.ndarray
+    touching: np.ndarray
+    shape: np.ndarray
+
+
+@cache
+def TaskDemonstration(name: str) -> RecordedDemonstration:
+    """Returns the one demonstration of a task."""
+    task = MakeTask(name)
+    return Demonstrate(task, task.times, task.keyframes)
+
+
+@cache
+def TaskReference(name: str) -> PointTrajectory:
+    """Returns the reference that follows from a task's one demonstration.
+
+    A rigid object's is fitted with one shape; a deforming one's points are taken as they moved.
+    """
+    task, shown = MakeTask(name), TaskDemonstration(name)
+    if task.rigid:
+        return make_reference(shown.times, shown.points)
+    return reference_from_samples(shown.times, shown.points)
+
+
+def Demonstrate(
+    task: ControlTask, times: np.ndarray, keyframes: np.ndarray
+) -> RecordedDemonstration:
+    """Simulates a demonstration.
+
+    The object is held still until it has come to rest, and then led smoothly through keyframes.
+
+    Args:
+        task: Whose object and scene.
+        times: (K,) [s].
+        keyframes: (K, 4, 4) poses of the driven body.
+    """
+    motion = KeyframeMotion(times, keyframes, blend=_BLEND)
+    period = RECORDING_PERIOD / 4
+    waiting = round(_SETTLING_TIME / period)
+    count = round(motion.duration / period)
+    poses = [motion.pose(max(k - waiting, 0) * period) for k in range(waiting + count + 1)]
+    arena = Arena(task, ScriptedPolicy(np.array(poses), period=period))
+    simulator = Simulator(arena.diagram)
+    context = simulator.get_mutable_context()
+    arena.place(context, motion.pose(0.0), arena.shape(context))
+    simulator.Initialize()
+    simulator.AdvanceTo(_SETTLING_TIME)
+    shape = arena.shape(context)
+    samples = []
+    impulse, _ = arena.contact(context)
+    for k in range(int(motion.duration / RECORDING_PERIOD) + 1):
+        simulator.AdvanceTo(_SETTLING_TIME + k * RECORDING_PERIOD)
+        now, _ = arena.contact(context)
+        samples.append((arena.points(context), arena.pose(context), now > impulse))
+        impulse = now
+    points, X_WO, touching = (np.array(column) for column in zip(*samples, strict=True))
+    return RecordedDemonstration(
+        RECORDING_PERIOD * np.arange(len(points)), points, X_WO, touching, shape
+    )
+
+
+def NearDemonstrations(name: str, count: int) -> list[RecordedDemonstration]:
+    """Returns demonstrations that start anywhere in the Near region.
+
+    Each moves the object to where the task's one demonstration starts, and goes on as that does.
+
+    Args:
+        name: Of the task.
+        count: How many.
+    """
+    task, shown = MakeTask(name), TaskDemonstration(name)
+    arena = Arena(task, ScriptedPolicy(task.keyframes, period=RECORDING_PERIOD))
+    context = arena.diagram.CreateDefaultContext()
+    recorded = []
+    for k in range(count):
+        rng = trial_generator(name, "demonstrations", k)
+        start = sample_start(arena, context, shown.shape, "near", rng)
+        difference = pose_difference(start, task.keyframes[1])
+        turn, shift = np.linalg.norm(difference[:3]), np.linalg.norm(difference[3:])
+        way = max(turn / _TURNING_SPEED, shift / _MOVING_SPEED)
+        times = np.concatenate([[0.0], task.times[1:] + way])
+        keyframes = np.concatenate([start[None], task.keyframes[1:]])
+        # The rest before the motion stays; the way to the demonstration's start comes after it.
+        times = np.insert(times, 1, task.times[1])
+        keyframes = np.insert(keyframes, 1, start, axis=0)
+        recorded.append(Demonstrate(task, times, keyframes))
+    return recorded

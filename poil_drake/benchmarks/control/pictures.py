@@ -1,0 +1,170 @@
+"""The pictures of the control study."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from poil_drake.benchmarks.control.policies import OURS, ROWS
+from poil_drake.benchmarks.control.table import wilson_interval
+from poil_drake.benchmarks.control.task import NEAR_HALF
+from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.trial import ControlTrial
+
+_BIN = 0.08  # Width of a bin of distances [m].
+_SHOWN_PATHS = 40
+
+
+def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> list[Path]:
+    """Draws success against distance, and the ways that objects took, as PNG.
+
+    Args:
+        trials: Of the whole study.
+        folder: Where the pictures go.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = []
+    if any(trial.region == "far" for trial in trials):
+        drawn.append(_draw_distances(trials, folder / "control_distance.png"))
+    drawn.append(_draw_paths(trials, folder / "control_paths.png"))
+    return drawn
+
+
+def success_by_distance(
+    trials: Sequence[ControlTrial],
+) -> list[tuple[float, float, tuple[float, float]]]:
+    """Returns bins of the start's distance to the Near region: middle [m], rate, interval.
+
+    Starts within the region are a bin of their own, at half a bin before 0.
+    """
+    bins: dict[int, list[bool]] = {}
+    for trial in trials:
+        if np.isfinite(trial.distance):
+            k = -1 if trial.region == "near" else int(trial.distance / _BIN)
+            bins.setdefault(k, []).append(trial.success)
+    return [
+        ((k + 0.5) * _BIN, float(np.mean(one)), wilson_interval(sum(one), len(one)))
+        for k, one in sorted(bins.items())
+    ]
+
+
+def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
+    from matplotlib import pyplot
+
+    tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
+    figure, axes = pyplot.subplots(
+        1, len(tasks), figsize=(3.6 * len(tasks), 3.4), sharey=True, squeeze=False
+    )
+    for axis, task in zip(axes[0], tasks, strict=True):
+        axis.axvspan(-_BIN, 0.0, color="0.9")
+        for k, row in enumerate(ROWS):
+            own = [
+                trial
+                for trial in trials
+                if trial.task == task and trial.policy == row.name and trial.region != "hard"
+            ]
+            if not own:
+                continue
+            middles, rates, intervals = zip(*success_by_distance(own), strict=True)
+            bounds = np.array(intervals).T
+            errors = np.maximum(np.abs(bounds - np.array(rates)), 0.0) * 100
+            axis.errorbar(
+                np.array(middles) + 0.004 * (k - 3),
+                100 * np.array(rates),
+                yerr=errors,
+                label=f"{row.title} ({row.demonstrations} demo)",
+                color=_COLORS[row.name],
+                marker="o",
+                markersize=4,
+                linewidth=2.0 if row.name == OURS else 1.2,
+                capsize=2,
+            )
+        axis.set_title(MakeTask(task).title)
+        axis.set_xlabel("distance to the Near region [m]")
+        axis.set_ylim(-3, 103)
+        axis.grid(alpha=0.3)
+    axes[0][0].set_ylabel("success [%]")
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=9)
+    figure.tight_layout(rect=(0, 0.16, 1, 1))
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+    return path
+
+
+def _draw_paths(trials: Sequence[ControlTrial], path: Path) -> Path:
+    """Draws a row for each task and a column for each policy: the paths seen from the side."""
+    from matplotlib import pyplot
+
+    tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
+    rows = [row for row in ROWS if any(trial.policy == row.name for trial in trials)]
+    figure, axes = pyplot.subplots(
+        len(tasks),
+        len(rows),
+        figsize=(2.7 * len(rows), 2.7 * len(tasks)),
+        squeeze=False,
+        sharex="row",
+        sharey="row",
+    )
+    for number, (line, task) in enumerate(zip(axes, tasks, strict=True)):
+        for axis, row in zip(line, rows, strict=True):
+            own = [
+                trial
+                for trial in trials
+                if (trial.task, trial.policy) == (task, row.name) and trial.region != "hard"
+            ]
+            _draw_task_paths(axis, task, own)
+            if number == 0:
+                title = row.title.replace(", ", ",\n")
+                axis.set_title(f"{title}\n({row.demonstrations} demo)", fontsize=9)
+        line[0].set_ylabel(f"{MakeTask(task).title}\ny [m]", fontsize=9)
+    for axis in axes[-1]:
+        axis.set_xlabel("x [m]", fontsize=9)
+    handles = [pyplot.Line2D([], [], color=color, label=label) for label, color in _PATHS.items()]
+    handles.append(pyplot.Line2D([], [], color="black", linestyle="--", label="demonstration"))
+    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+    figure.tight_layout(rect=(0, 0.03, 1, 1))
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+    return path
+
+
+def _draw_task_paths(axis: Axes, task: str, trials: Sequence[ControlTrial]) -> None:
+    made = MakeTask(task)
+    start = made.start[:2, 3]
+    corner = start - NEAR_HALF
+    from matplotlib.patches import Rectangle
+
+    axis.add_patch(Rectangle(corner, 2 * NEAR_HALF[0], 2 * NEAR_HALF[1], fill=False, ls=":"))
+    far = [trial for trial in trials if trial.region == "far"][:_SHOWN_PATHS]
+    near = [trial for trial in trials if trial.region == "near"][: _SHOWN_PATHS // 4]
+    for trial in [*far, *near]:
+        outcome = "failed"
+        if trial.success:
+            outcome = "arrived" if trial.collision_free else "arrived after a collision"
+        axis.plot(*trial.path[:, :2].T, color=_PATHS[outcome], alpha=0.45, linewidth=0.8)
+    axis.plot(*made.keyframes[:, :2, 3].T, color="black", linewidth=1.0, linestyle="--")
+    axis.plot(*made.keyframes[-1, :2, 3], marker="*", color="black", markersize=8)
+    axis.set_aspect("equal")
+    axis.tick_params(labelsize=7)
+
+
+_COLORS = {
+    "open_loop": "tab:gray",
+    "se3_bcsdm": "tab:green",
+    "pp_1": "tab:pink",
+    "pp_50": "tab:red",
+    "pp_50_noise": "tab:orange",
+    "field": "tab:cyan",
+    "safe_entry": "tab:blue",
+}
+
+_PATHS = {
+    "arrived": "tab:blue",
+    "arrived after a collision": "tab:orange",
+    "failed": "tab:red",
+}

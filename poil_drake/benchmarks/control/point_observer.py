@@ -1,0 +1,71 @@
+"""Reads out of the simulator where the functional part's points truly are."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+
+class PointObserver(LeafSystem):
+    """The ground truth that the study gives to every policy.
+
+    .. pydrake_system::
+
+        name: PointObserver
+        input_ports:
+        - body_poses
+        output_ports:
+        - points
+        - confidence
+        - object_pose
+
+    All outputs follow the plant's `body_poses` directly: `points` (3N,) row-major [m, world],
+    `confidence` (N,) all one, `object_pose` (16,) X_WO row-major of the driven body.
+    """
+
+    def __init__(
+        self,
+        *,
+        plant: MultibodyPlant,
+        body: RigidBody,
+        carriers: list[RigidBody],
+        p_BP: np.ndarray,
+    ):
+        """Constructs the observer.
+
+        Args:
+            plant: The finalized plant.
+            body: The driven body.
+            carriers: N bodies, that to which each point belongs.
+            p_BP: (N, 3) the points in these bodies' frames [m].
+        """
+        super().__init__()
+        self._body = body.index()
+        indices = [carrier.index() for carrier in carriers]
+        self._bodies = list(dict.fromkeys(indices))
+        self._groups = [np.flatnonzero([index == one for index in indices]) for one in self._bodies]
+        self._p_BP = p_BP
+        poses = [RigidTransform()] * plant.num_bodies()
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value(poses))
+        ticket = {self._poses.ticket()}
+        n = len(p_BP)
+        self.DeclareVectorOutputPort("points", 3 * n, self._calc_points, ticket)
+        self.DeclareVectorOutputPort(
+            "confidence",
+            n,
+            lambda context, output: output.SetFromVector(np.ones(n)),
+            {self.nothing_ticket()},
+        )
+        self.DeclareVectorOutputPort("object_pose", 16, self._calc_pose, ticket)
+
+    def _calc_points(self, context: Context, output: BasicVector) -> None:
+        poses = self._poses.Eval(context)
+        points = np.empty_like(self._p_BP)
+        for body, members in zip(self._bodies, self._groups, strict=True):
+            points[members] = (poses[body] @ self._p_BP[members].T).T
+        output.SetFromVector(points.ravel())
+
+    def _calc_pose(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._poses.Eval(context)[self._body].GetAsMatrix4().ravel())

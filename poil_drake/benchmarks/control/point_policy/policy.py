@@ -1,0 +1,100 @@
+"""Point Policy as a controller of the study."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.policy import CommandedTwist, Observation
+from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_transform import rotation_log, transform_points
+
+
+class PointPolicyState(NamedTuple):
+    """What the policy remembers. Nobody writes into the arrays.
+
+    Attributes:
+        history: The latest observations (N, 3) [m, world], oldest first; empty at the start.
+        chunks: The latest predictions (K, N, 3) [m, world], oldest first; the last one was made
+            in the latest step.
+    """
+
+    history: tuple[np.ndarray, ...] = ()
+    chunks: tuple[np.ndarray, ...] = ()
+
+
+class PointPolicy:
+    """Moves the points where the average of the latest predictions has them in the next step.
+
+    Before the first observation with every point there is no motion. A point that is not observed
+    later goes with the others as on a rigid body or, with fewer than three of them, stays.
+
+    Args:
+        trained: What to predict with.
+    """
+
+    def __init__(self, trained: TrainedPointPolicy):
+        self._trained = trained
+        self.period = trained.config.period
+
+    def start(self) -> PointPolicyState:
+        """Returns the state without history or predictions."""
+        return PointPolicyState()
+
+    def step(
+        self, state: PointPolicyState, observation: Observation
+    ) -> tuple[PointPolicyState, CommandedTwist]:
+        """Returns the next state and the twist that reaches the predicted points in one period."""
+        config = self._trained.config
+        points = complete_points(observation, state.history[-1] if state.history else None)
+        if points is None:
+            return state, CommandedTwist(np.zeros(6), np.zeros(3))
+        history = (state.history or (points,) * (config.history - 1))[1 - config.history :]
+        history = (*history, points)
+        chunk = self._trained.predict(np.stack(history))
+        chunks = (*state.chunks, chunk)[-config.chunk :]
+        target = aggregate_chunks(chunks, config.aggregation_rate)
+        return PointPolicyState(history, chunks), twist_between(points, target, self.period)
+
+
+def aggregate_chunks(chunks: tuple[np.ndarray, ...], rate: float) -> np.ndarray:
+    """Returns the next positions (N, 3), averaged over all predictions of them.
+
+    Temporal aggregation of Zhao et al. (RSS 2023): weights exp(-m i), i = 0 for the oldest.
+
+    Args:
+        chunks: (K, N, 3) each, oldest first, made in successive steps, the last one now.
+        rate: m.
+    """
+    predictions = np.stack([chunk[age] for age, chunk in enumerate(reversed(chunks))][::-1])
+    weights = np.exp(-rate * np.arange(len(chunks)))
+    return np.tensordot(weights / weights.sum(), predictions, axes=1)
+
+
+def twist_between(points: np.ndarray, target: np.ndarray, period: float) -> CommandedTwist:
+    """Returns the constant twist that best carries points (N, 3) to a target (N, 3) in a period.
+
+    It is that of the points' centroid, which moves straight.
+    """
+    X = kabsch(points, target)
+    centroid = points.mean(axis=0)
+    v = (transform_points(X, centroid) - centroid) / period
+    return CommandedTwist(np.concatenate([rotation_log(X[:3, :3]) / period, v]), centroid)
+
+
+def complete_points(observation: Observation, previous: np.ndarray | None) -> np.ndarray | None:
+    """Returns all points (N, 3), or None where they never were.
+
+    Args:
+        observation: What is seen now.
+        previous: (N, 3) all points in the step before, None if there was none.
+    """
+    seen = np.isfinite(observation.points).all(axis=1) & (observation.confidence > 0.0)
+    if seen.all():
+        return np.array(observation.points, dtype=float)
+    if previous is None:
+        return None
+    if seen.sum() < 3:
+        return previous
+    X = kabsch(previous, observation.points, seen.astype(float))
+    return np.where(seen[:, None], observation.points, transform_points(X, previous))

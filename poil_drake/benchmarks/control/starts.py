@@ -1,0 +1,80 @@
+"""Where the trials of the control study start."""
+
+import zlib
+from typing import Literal
+
+import numpy as np
+from pydrake.systems.framework import Context
+from scipy.spatial.transform import Rotation
+
+from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.task import NEAR_HALF, ControlTask
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import make_transform
+
+Region = Literal["near", "far", "hard"]
+
+CLEARANCE = 0.01
+"""A start must be this far from all that stands on the table [m]."""
+
+_ABOVE_TABLE = 0.002  # [m]
+_HARD_HEIGHTS = (0.12, 0.35)  # Of the object's frame above the table [m].
+_ATTEMPTS = 1000
+
+
+def trial_generator(task: str, region: str, trial: int) -> np.random.Generator:
+    """Returns the generator that all randomness of a trial is drawn from."""
+    return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial])
+
+
+def sample_start(
+    arena: Arena, context: Context, shape: np.ndarray, region: Region, rng: np.random.Generator
+) -> np.ndarray:
+    """Returns a pose (4, 4) of the object that touches nothing.
+
+    Near draws x and y from a box around the demonstration's start, Far from a larger box without
+    the Near one; both turn the object by any yaw (POIL, section IV-B). Hard draws from the larger
+    box, any orientation, and a height above the table.
+
+    Args:
+        arena: To look for collisions in.
+        context: Of its diagram; the object is moved about in it.
+        shape: Of the object.
+        region: Where from.
+        rng: What to draw with.
+
+    Raises:
+        InvalidValueError: if there is hardly any free place in the region.
+    """
+    for _ in range(_ATTEMPTS):
+        X_WO = _draw(arena.task, region, rng)
+        arena.place(context, X_WO, shape)
+        distances = arena.clearance(context, 2.0 * CLEARANCE)
+        if distances.pop("table", 1.0) > _ABOVE_TABLE and min(distances.values(), default=1.0) > (
+            CLEARANCE
+        ):
+            return X_WO
+    raise InvalidValueError(
+        f"No free start for {arena.task.title} was found in the {region} region.",
+        remedy="Enlarge ControlTask.far_lower and far_upper.",
+    )
+
+
+def _draw(task: ControlTask, region: Region, rng: np.random.Generator) -> np.ndarray:
+    near = np.array(NEAR_HALF)
+    lower, upper = (-near, near) if region == "near" else (task.far_lower, task.far_upper)
+    offset = rng.uniform(lower, upper)
+    while region == "far" and np.all(np.abs(offset) <= near):
+        offset = rng.uniform(lower, upper)
+    position = task.start[:3, 3] + np.array([*offset, 0.0])
+    if region == "hard":
+        position[2] = rng.uniform(*_HARD_HEIGHTS)
+        return make_transform(Rotation.random(rng=rng).as_matrix(), position)
+    yaw = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
+    return make_transform(yaw @ task.start[:3, :3], position)
+
+
+def distance_to_near(task: ControlTask, position: np.ndarray) -> float:
+    """Returns how far a position (3,) lies outside of the Near box, in x and y [m]."""
+    outside = np.abs(position[:2] - task.start[:2, 3]) - NEAR_HALF
+    return float(np.linalg.norm(np.maximum(outside, 0.0)))

@@ -1,0 +1,233 @@
+"""The control study: who reaches the goal from where, over many trials (POIL, table II)."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.delayed_tracking import DelayedTracking, TrackingConfig
+from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
+from poil_drake.benchmarks.control.direct_actuation import Slip
+from poil_drake.benchmarks.control.pictures import draw_pictures
+from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
+from poil_drake.benchmarks.control.policies import LEARNED, OURS, ROWS, MakePolicy, Trained
+from poil_drake.benchmarks.control.starts import Region, trial_generator
+from poil_drake.benchmarks.control.table import print_tables, summarize
+from poil_drake.benchmarks.control.task_pictures import DrawTask
+from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
+from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
+from poil_drake.errors import InvalidValueError, PoilError
+from poil_drake.recording.plain_json import plain_json
+
+HARD_POLICIES = ("field", OURS)
+"""Who is tried in hard mode."""
+
+_HARD_TRIAL = TrialConfig(settled_time=3.0, settled_motion=(0.4, 0.01))
+_HARD_SLIP_TIMES, _HARD_SLIP_DURATION = (1.0, 3.0), 0.25  # [s]
+_HARD_SLIP = (0.03, np.radians(20.0))  # [m], [rad]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlStudyConfig:
+    """What is tried.
+
+    Attributes:
+        tasks: Names of tasks.
+        policies: Names of policies.
+        trials: Of each policy in each region of each task.
+        hard: Whether hard mode is tried, too: any orientation, a tracker of 8 Hz that is 0.1 s late
+            and has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
+    """
+
+    tasks: tuple[str, ...] = TASKS
+    policies: tuple[str, ...] = tuple(row.name for row in ROWS)
+    trials: int = 100
+    hard: bool = True
+
+    def __post_init__(self) -> None:
+        for kind, wanted, known in (
+            ("task", self.tasks, TASKS),
+            ("policy", self.policies, tuple(row.name for row in ROWS)),
+        ):
+            for name in wanted:
+                if name not in known:
+                    raise InvalidValueError(
+                        f"There is no {kind} '{name}'.", remedy=f"Choose from: {', '.join(known)}."
+                    )
+
+
+def run_control_study(
+    config: ControlStudyConfig,
+    *,
+    json_path: Path,
+    pictures: Path | None = None,
+    jobs: int = 1,
+    ray_address: str | None = None,
+) -> list[ControlTrial]:
+    """Trains what is learned, runs all trials, prints the tables and writes the figures.
+
+    Args:
+        config: What is tried.
+        json_path: Where the figures go; written again and again, so that an interrupted study
+            leaves what it knows.
+        pictures: Folder for the pictures; None draws none.
+        jobs: Processes of this machine.
+        ray_address: A Ray cluster in their place; see `run_trials`.
+    """
+    trained = _train(config, jobs, ray_address)
+    arguments = _arguments(config)
+    found: list[ControlTrial | None] = [None] * len(arguments)
+    bar = tqdm(total=len(arguments), desc="trials", smoothing=0.05)
+    ends = run_trials(
+        run_control_trial, arguments, shared=(trained,), jobs=jobs, ray_address=ray_address
+    )
+    for done, (index, end) in enumerate(ends, start=1):
+        if isinstance(end, LostTrial):
+            tqdm.write(str(end))
+        found[index] = end if isinstance(end, ControlTrial) else _lost(arguments[index], str(end))
+        bar.update()
+        if done % 200 == 0:
+            _write([trial for trial in found if trial is not None], json_path)
+    bar.close()
+    trials = [trial for trial in found if trial is not None]
+    _write(trials, json_path)
+    print_tables(trials)
+    if pictures is not None:
+        draw_pictures(trials, pictures)
+        for task in config.tasks:
+            DrawTask(task, pictures / f"control_task_{task}.png")
+    return trials
+
+
+def run_control_trial(
+    trained: Trained, task: str, region: Region, policy: str, trial: int
+) -> ControlTrial:
+    """Runs one trial; what it draws depends on task, region and number alone.
+
+    A trial in which something fails deliberately counts as no success, with the reason as its note.
+    """
+    rng = trial_generator(task, region, trial)
+    hard = region == "hard"
+    arena = _arena(trained, task, policy, hard)
+    try:
+        return RunTrial(
+            arena,
+            TaskDemonstration(task),
+            policy=policy,
+            region=region,
+            trial=trial,
+            rng=rng,
+            slip=_draw_slip(rng) if hard else None,
+            noise_seed=trial,
+            config=_HARD_TRIAL if hard else None,
+        )
+    except PoilError as error:
+        return _lost((task, region, policy, trial), str(error))
+
+
+_arenas: dict[tuple[str, str, bool], Arena] = {}  # Of this worker: dear to make.
+
+
+def _arena(trained: Trained, task: str, policy: str, hard: bool) -> Arena:
+    key = (task, policy, hard)
+    if key not in _arenas:
+        made, shown = MakeTask(task), TaskDemonstration(task)
+        _arenas[key] = Arena(
+            made,
+            MakePolicy(policy, task, trained, noise=TrackingConfig().noise if hard else 0.0),
+            intended_contact=shown.points[shown.touching] if shown.touching.any() else None,
+            tracker=DelayedTracking(num_points=len(made.link_points)) if hard else None,
+        )
+    return _arenas[key]
+
+
+def _draw_slip(rng: np.random.Generator) -> Slip:
+    """Returns a slip at a random time, into a random direction."""
+    shift, turn = rng.normal(size=(2, 3))
+    distance, angle = _HARD_SLIP
+    return Slip(
+        rng.uniform(*_HARD_SLIP_TIMES),
+        _HARD_SLIP_DURATION,
+        distance * shift / np.linalg.norm(shift),
+        angle * turn / np.linalg.norm(turn),
+    )
+
+
+def train_policy(task: str, name: str) -> TrainedPointPolicy:
+    """Returns a learned policy for a task, from the cache or trained.
+
+    One demonstration is the task's own; more of them start anywhere in the Near region.
+    """
+    (row,) = [row for row in ROWS if row.name == name]
+    shown = [TaskDemonstration(task)]
+    if row.demonstrations > 1:
+        shown = _near_demonstrations(task, row.demonstrations)
+    return load_or_train([one.points for one in shown], LEARNED[name])
+
+
+_near_demonstrations = cache(
+    NearDemonstrations
+)  # Of this worker: several policies learn from them.
+
+
+def _train(
+    config: ControlStudyConfig, jobs: int, ray_address: str | None
+) -> dict[tuple[str, str], Any]:
+    wanted = [(task, name) for task in config.tasks for name in config.policies if name in LEARNED]
+    trained: dict[tuple[str, str], Any] = {}
+    if not wanted:
+        return trained
+    with tqdm(total=len(wanted), desc="policies trained, or found in the cache") as bar:
+        for index, end in run_trials(train_policy, wanted, jobs=jobs, ray_address=ray_address):
+            if isinstance(end, LostTrial):
+                raise InvalidValueError(
+                    str(end), remedy="Free some memory, or leave out the learned policies."
+                )
+            trained[wanted[index]] = end
+            bar.update()
+    return trained
+
+
+def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int]]:
+    regions: list[Region] = ["near", "far", "hard"] if config.hard else ["near", "far"]
+    # By task and policy, so that a worker seldom needs another diagram.
+    return [
+        (task, region, policy, trial)
+        for task in config.tasks
+        for policy in config.policies
+        for region in regions
+        if region != "hard" or policy in HARD_POLICIES
+        for trial in range(config.trials)
+    ]
+
+
+def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
+    task, region, policy, trial = arguments
+    nothing = {name: float("nan") for name in ("error", "impulse", "depth", "time", "strain")}
+    return ControlTrial(
+        task=task,
+        region=region,
+        policy=policy,
+        trial=trial,
+        success=False,
+        collision_free=False,
+        distance=float("nan"),
+        path=np.zeros((0, 3)),
+        note=note,
+        **nothing,
+    )
+
+
+def _write(trials: Sequence[ControlTrial], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [{k: v for k, v in vars(trial).items() if k != "path"} for trial in trials]
+    figures = {"summary": [vars(cell) for cell in summarize(trials)], "trials": rows}
+    path.write_text(json.dumps(plain_json(figures), indent=1, allow_nan=False))

@@ -1,0 +1,103 @@
+"""Points on the surfaces of collision geometries: what perfect cameras all around would see."""
+
+import numpy as np
+from pydrake.geometry import Box, Capsule, Cylinder, GeometryId, SceneGraphInspector, Shape, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Context
+
+from poil_drake.errors import InvalidValueError
+
+
+def ModelCloud(
+    plant: MultibodyPlant,
+    context: Context,
+    inspector: SceneGraphInspector,
+    model: ModelInstanceIndex,
+    spacing: float,
+) -> np.ndarray:
+    """Returns points (P, 3) on a model's collision geometries [m, world].
+
+    Args:
+        plant: The finalized plant.
+        context: Its context: where the model is.
+        inspector: Of the scene graph.
+        model: The model.
+        spacing: Distance between neighbouring points [m].
+    """
+    clouds = []
+    for index in plant.GetBodyIndices(model):
+        body = plant.get_body(index)
+        X_WB = plant.EvalBodyPoseInWorld(context, body)
+        for geometry in plant.GetCollisionGeometriesForBody(body):
+            clouds.append((X_WB @ _geometry_cloud(inspector, geometry, spacing).T).T)
+    return np.concatenate(clouds)
+
+
+def _geometry_cloud(
+    inspector: SceneGraphInspector, geometry: GeometryId, spacing: float
+) -> np.ndarray:
+    """Returns a geometry's points (P, 3) in its body's frame [m]."""
+    points = shape_surface(inspector.GetShape(geometry), spacing)
+    return (inspector.GetPoseInFrame(geometry) @ points.T).T
+
+
+def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
+    """Returns points (P, 3) on the surface of a shape [m], in its frame.
+
+    Args:
+        shape: A box, sphere, cylinder or capsule.
+        spacing: Distance between neighbouring points [m].
+
+    Raises:
+        InvalidValueError: if it is something else.
+    """
+    if isinstance(shape, Box):
+        return _box(np.array(shape.size()), spacing)
+    if isinstance(shape, Sphere):
+        return _revolved(*_arc(shape.radius(), 0.0, np.pi, spacing), spacing)
+    if isinstance(shape, Cylinder):
+        r, half = shape.radius(), shape.length() / 2
+        lid = np.linspace(0.0, r, _count(r, spacing))
+        side = np.linspace(-half, half, _count(2 * half, spacing))
+        radii = np.concatenate([lid, np.full(side.size, r), lid])
+        heights = np.concatenate([np.full(lid.size, half), side, np.full(lid.size, -half)])
+        return _revolved(radii, heights, spacing)
+    if isinstance(shape, Capsule):
+        r, half = shape.radius(), shape.length() / 2
+        side = np.linspace(-half, half, _count(2 * half, spacing))
+        top, above = _arc(r, 0.0, np.pi / 2, spacing)
+        radii = np.concatenate([top, np.full(side.size, r), top])
+        heights = np.concatenate([half + above, side, -half - above])
+        return _revolved(radii, heights, spacing)
+    raise InvalidValueError(
+        f"There are no surface points for a {type(shape).__name__}.",
+        remedy="Use boxes, spheres, cylinders and capsules as collision geometries.",
+    )
+
+
+def _count(length: float, spacing: float) -> int:
+    return max(int(np.ceil(length / spacing)), 1) + 1
+
+
+def _arc(radius: float, begin: float, end: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns distances from the axis and heights of points on an arc."""
+    angle = np.linspace(begin, end, _count(radius * (end - begin), spacing))
+    return radius * np.sin(angle), radius * np.cos(angle)
+
+
+def _revolved(radii: np.ndarray, heights: np.ndarray, spacing: float) -> np.ndarray:
+    """Returns points on the surface that an outline makes when it turns about z."""
+    rings = []
+    for r, z in zip(radii, heights, strict=True):
+        angle = np.linspace(0.0, 2 * np.pi, max(_count(2 * np.pi * r, spacing) - 1, 1), False)
+        rings.append(np.stack([r * np.cos(angle), r * np.sin(angle), np.full(angle.size, z)], 1))
+    return np.concatenate(rings)
+
+
+def _box(size: np.ndarray, spacing: float) -> np.ndarray:
+    """Returns the points of a grid that lie on a box's faces."""
+    axes = [np.linspace(-s / 2, s / 2, _count(s, spacing)) for s in size]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    on_face = np.isclose(np.abs(grid), size / 2).any(axis=1)
+    return grid[on_face]

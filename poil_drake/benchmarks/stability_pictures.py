@@ -1,0 +1,219 @@
+"""Pictures of the stability study."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_COLORS = ("#1f5fa8", "#c8501e", "#2f8f5b")
+_GREY = "#6b7178"
+_STYLE = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e5e8",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "figure.dpi": 130,
+}
+
+
+def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
+    """Draws how long the flow takes to leave each saddle against where it began."""
+    with _figure(path, width=7.4, height=4.6) as (figure, _):
+        axes = figure.subplots()
+        distances = np.asarray(figures["distances"])
+        markers = ("o", "s", "^")
+        for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
+            color = _COLORS[way["saddle"] - 1]
+            axes.plot(distances, way["predicted"], color=color, linewidth=1.2)
+            axes.plot(
+                distances,
+                way["times"],
+                markers[way["axis"] - 1],
+                color=color,
+                markersize=4 + 3 * (3 - way["saddle"]),
+                markerfacecolor="none",
+                label=f"saddle {way['saddle']} about axis {way['axis']}: rate {way['rate']:.2f}, "
+                f"measured slope {way['slope']:.2f}",
+            )
+        axes.set_xscale("log")
+        axes.invert_xaxis()
+        axes.set_xlabel("angle from the saddle at the start [rad]")
+        axes.set_ylabel(f"η × time until {figures['end']:g} rad away")
+        moments = " : ".join(f"{m:g}" for m in figures["moments"])
+        axes.set_title(f"Leaving the saddles: eigenvalues of W are {moments}", loc="left")
+        axes.plot([], [], color=_GREY, linewidth=1.2, label="lines: closed form, slope 1 / rate")
+        axes.legend(loc="upper left")
+        axes.set_ylim(0.0, 1.35 * max(np.max(way["times"]) for way in figures["ways"]))
+
+
+def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
+    """Draws how far a twist may be held: runs, rotations and point sets."""
+    with _figure(path, width=13.5, height=4.3) as (figure, colormaps):
+        left, middle, right = figure.subplots(1, 3)
+        runs = figures["runs"]
+        shades = colormaps["viridis"](np.linspace(0.05, 0.85, len(runs)))
+        for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
+            left.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
+        left.set_ylim(1e-9, 5.0)
+        left.set_xlabel("periods")
+        left.set_ylabel("D / D at the start")
+        left.set_title("Runs of the compact set", loc="left")
+        left.legend(title="η dt", loc="lower right", ncols=2)
+
+        for (name, data), color in zip(figures["sets"].items(), _COLORS, strict=False):
+            moments = " : ".join(f"{m:g}" for m in data["moments"])
+            middle.plot(
+                np.degrees(data["angles"]),
+                data["limits"],
+                ".",
+                markersize=2,
+                alpha=0.5,
+                color=color,
+                label=f"{name}, W = {moments}",
+            )
+            for value, style in ((data["largest"], "-"), (data["proven"], "--")):
+                middle.axhline(value, color=color, linestyle=style, linewidth=1.2)
+        middle.plot([], [], "-", color=_GREY, label="largest for all (search)")
+        middle.plot([], [], "--", color=_GREY, label="proven for all")
+        middle.set_ylim(1.2, 6.0)
+        middle.set_xlabel("angle from the goal [deg]")
+        middle.set_ylabel("largest η dt that lowers D")
+        middle.set_title("Random rotations", loc="left")
+        middle.legend(loc="upper left", markerscale=4)
+
+        conditions, curves = figures["conditions"], figures["curves"]
+        right.semilogx(
+            conditions, curves["flat"], "o-", markersize=4, color=_COLORS[0], label="flat sets"
+        )
+        right.semilogx(
+            conditions, curves["round"], "s-", markersize=4, color=_COLORS[1], label="round rods"
+        )
+        right.semilogx(
+            conditions, curves["flat_proven"], "--", color=_COLORS[0], label="proven, flat sets"
+        )
+        right.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
+        right.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
+        right.set_ylim(1.2, 2.1)
+        right.set_xlabel("condition number of A")
+        right.set_ylabel("largest η dt for every rotation")
+        right.set_title("From compact to a line", loc="left")
+        right.legend(loc="upper right")
+
+
+def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
+    """Draws the map of delay and period, and a run with the paper's tracker."""
+    with _figure(path, width=12.0, height=4.8) as (figure, _):
+        from matplotlib.colors import ListedColormap
+
+        left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+        delays, periods = np.asarray(figures["delays"]), np.asarray(figures["periods"])
+        left.grid(False)
+        left.pcolormesh(
+            delays,
+            periods,
+            np.asarray(figures["verdicts"]),
+            cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
+            vmin=0,
+            vmax=2,
+            shading="nearest",
+        )
+        ratios = np.asarray(figures["ratios"])
+        names = ("no overshoot: closed form", "stable: closed form")
+        for key, at_zero, name, color in zip(
+            ("limits_without_overshoot", "limits_stable"),
+            figures["continuous"],
+            names,
+            ("#2f8f5b", "#b03a1a"),
+            strict=True,
+        ):
+            limits = np.asarray(figures[key])
+            x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
+            left.plot(x, y, color=color, linewidth=1.6, label=name)
+        tracker = figures["tracker"]
+        left.plot(
+            tracker["eta_delay"], tracker["eta_period"], "k*", markersize=11, label="8 Hz, 0.1875 s"
+        )
+        for place, text in (
+            ((0.03, 0.1), "D falls"),
+            ((0.3, 0.72), "settles, but D rises at times"),
+        ):
+            left.text(*place, text, fontsize=9)
+        left.text(1.25, 1.3, "does not settle", fontsize=9)
+        left.set_xlim(0.0, 1.8)
+        left.set_ylim(0.0, 2.2)
+        left.set_xlabel("η × delay")
+        left.set_ylabel("η × period of the samples")
+        left.set_title("Simulated (areas) and closed form (lines)", loc="left")
+        left.legend(loc="upper right", facecolor="white", framealpha=0.85, frameon=True)
+
+        offsets = np.asarray(tracker["offsets"])
+        shown = 30
+        right.plot(
+            offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start"
+        )
+        size = tracker["decay_per_period"] ** np.arange(shown)
+        right.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
+        right.plot(-size, "--", color=_GREY, linewidth=1.0)
+        right.axhline(0.0, color=_GREY, linewidth=0.8)
+        right.set_xlabel("sample (1/8 s)")
+        right.set_ylabel("offset of the centroid")
+        right.set_title("η = 3 / s on points 0.1875 s old, without propagation", loc="left")
+        right.legend(loc="upper right")
+
+
+def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
+    """Draws how noise in the points turns the field as the points come to lie on a line."""
+    with _figure(path, width=7.4, height=4.6) as (figure, _):
+        axes = figure.subplots()
+        condition = np.asarray(figures["condition"])
+        noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
+        rows = (
+            ("predicted", "measured", _COLORS[1], "o", "about the line: least squares"),
+            (
+                "predicted_limited",
+                "limited",
+                _COLORS[0],
+                "s",
+                f"about the line: slowed below {floor:g} mm",
+            ),
+        )
+        for predicted, measured, color, marker, name in rows:
+            axes.loglog(condition, np.degrees(figures[predicted]), color=color, linewidth=1.2)
+            axes.loglog(
+                condition,
+                np.degrees(figures[measured]),
+                marker,
+                color=color,
+                markersize=8 if marker == "o" else 4,
+                markerfacecolor="none",
+                label=name,
+            )
+        axes.loglog(
+            condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
+        )
+        axes.plot([], [], color=_GREY, label="lines: to first order in the noise")
+        axes.set_xlabel("condition number of A")
+        axes.set_ylabel("standard deviation of ω / η [deg]")
+        axes.set_title(f"8 points along 10 cm, {noise:g} mm of noise", loc="left")
+        axes.legend(loc="upper left")
+
+
+@contextmanager
+def _figure(path: Path, *, width: float, height: float) -> Iterator[tuple[Any, Any]]:
+    """Yields an empty figure in the style of these pictures, and colour maps; writes it at the end.
+
+    Without pyplot, so that it needs no display and leaves nothing open.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure, mpl.colormaps
+        figure.savefig(path)

@@ -1,0 +1,128 @@
+"""The `poil bench` verbs: studies and measurements."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+bench_app = typer.Typer(no_args_is_help=True, help="Studies and measurements.")
+
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Trials run side by side.")]
+Json = Annotated[Path, typer.Option("--json", help="Where the figures go.")]
+Ray = Annotated[
+    str | None,
+    typer.Option(
+        "--ray",
+        metavar="ADDRESS",
+        help="Run the trials on a Ray cluster: auto, HOST:PORT, ray://HOST:10001, or local.",
+    ),
+]
+
+
+@bench_app.command("pipeline")
+def bench_pipeline(
+    tasks: Annotated[str, typer.Option("--tasks", help="Comma-separated: hang_mug.")] = "hang_mug",
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 20,
+    jobs: Jobs = 1,
+    ray: Ray = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
+    ] = None,
+    json: Json = Path("out/bench_pipeline.json"),
+) -> None:
+    """Run the main job with object, pose, texture and noise drawn anew in each trial."""
+    from poil_drake.benchmarks.pipeline import run_pipeline_benchmark
+    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.diagrams.scenario_choice import ChooseScenario
+    from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
+
+    MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
+    require_writable(json)
+    run_pipeline_benchmark(
+        tasks=tasks.split(","),
+        trials=trials,
+        jobs=jobs,
+        tracker=tracker,
+        json_path=json,
+        ray_address=ray,
+    )
+
+
+@bench_app.command("control")
+def bench_control(
+    tasks: Annotated[
+        str | None,
+        typer.Option(
+            "--tasks",
+            help="Comma-separated: pnp_cube, mug_insertion, reshelving, hanging_bag. Default: all.",
+        ),
+    ] = None,
+    policies: Annotated[
+        str | None,
+        typer.Option(
+            "--policies",
+            help="Comma-separated: open_loop, se3_bcsdm, pp_1, pp_50, pp_50_noise, field, "
+            "safe_entry. Default: all.",
+        ),
+    ] = None,
+    trials: Annotated[
+        int, typer.Option("--trials", min=1, help="In each region of each task.")
+    ] = 100,
+    hard: Annotated[
+        bool, typer.Option(help="Also any orientation, a late tracker, a slip.")
+    ] = True,
+    jobs: Jobs = 1,
+    ray: Ray = None,
+    json: Json = Path("out/bench_control.json"),
+    pictures: Annotated[
+        Path | None,
+        typer.Option("--pictures", help="Folder for the pictures. Default: that of the figures."),
+    ] = None,
+) -> None:
+    """Compare controllers on four tasks with contact, from near and far (POIL, table II).
+
+    The first time, the learned rivals are trained, which takes some minutes; they are kept.
+    """
+    from poil_drake.benchmarks.control.study import ControlStudyConfig, run_control_study
+    from poil_drake.diagrams.output_files import require_writable
+
+    default = ControlStudyConfig()
+    config = ControlStudyConfig(
+        tasks=default.tasks if tasks is None else tuple(tasks.split(",")),
+        policies=default.policies if policies is None else tuple(policies.split(",")),
+        trials=trials,
+        hard=hard,
+    )
+    folder = json.parent if pictures is None else pictures
+    require_writable(json)
+    run_control_study(config, json_path=json, pictures=folder, jobs=jobs, ray_address=ray)
+
+
+@bench_app.command("stability")
+def bench_stability(
+    json: Json = Path("out/bench_stability.json"),
+    pictures: Annotated[
+        Path | None,
+        typer.Option("--pictures", help="Folder for the pictures. Default: that of the figures."),
+    ] = None,
+) -> None:
+    """Measure what the theory of the controller says, and draw the pictures of docs/control.md."""
+    from poil_drake.benchmarks.stability import run_stability_study
+    from poil_drake.diagrams.output_files import require_writable
+
+    require_writable(json)
+    run_stability_study(pictures=json.parent if pictures is None else pictures, json_path=json)
+
+
+@bench_app.command("latency")
+def bench_latency(
+    ticks: Annotated[int, typer.Option("--ticks", min=1, help="How often each is timed.")] = 5000,
+    json: Json = Path("out/bench_latency.json"),
+) -> None:
+    """Time the field, its rival on poses, and the whole control path, side by side."""
+    from poil_drake.benchmarks.latency import run_latency_benchmark
+    from poil_drake.diagrams.output_files import require_writable
+
+    require_writable(json)
+    run_latency_benchmark(ticks=ticks, json_path=json)

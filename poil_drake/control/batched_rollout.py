@@ -1,0 +1,112 @@
+"""Where the field leads many rigid objects that follow it freely."""
+
+import numpy as np
+
+from poil_drake.control.batched_field import batched_field
+from poil_drake.control.point_set_bcsdm import BcsdmConfig, BcsdmStatus
+from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.rollout import Rollout
+from poil_drake.control.twist_fit import shift_twist
+from poil_drake.errors import InvalidValueError, TrackingError
+from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
+
+
+def batched_rollout(
+    points: np.ndarray,
+    reference: PointTrajectory,
+    config: BcsdmConfig,
+    time_step: float = 1.0 / 32.0,
+    max_time: float = 60.0,
+    *,
+    max_angular_speed: float = np.inf,
+    max_linear_speed: float = np.inf,
+    limited_points: np.ndarray | None = None,
+) -> list[Rollout]:
+    """Returns `rollout` of B starts, up to rounding; each run ends as soon as its object arrives.
+
+    Args:
+        points: (B, N, 3) positions at the starts [m, world].
+        reference: The reference of the same N points.
+        config: Parameters of the field.
+        time_step: Length of a step [s].
+        max_time: When to give up [s].
+        max_angular_speed: Limit of |omega| [rad/s].
+        max_linear_speed: Limit of the speed of `limited_points` [m/s].
+        limited_points: (B, 3) where the points that move with the objects, such as the gripper's
+            origin, are at the starts [m, world]; None for the centroids of the points.
+
+    Raises:
+        TrackingError: if the points of a start cannot determine a motion (fewer than 3, or on a
+            line).
+    """
+    if not (time_step > 0.0 and max_time >= 0.0):
+        raise InvalidValueError(
+            f"batched_rollout() got time_step={time_step} s and max_time={max_time} s.",
+            remedy="Pass a positive step and a time that is not negative.",
+        )
+    points = np.asarray(points, dtype=float)
+    B = len(points)
+    if B == 0:
+        return []
+    X = np.tile(np.eye(4), (B, 1, 1))
+    taus, potentials = np.full(B, np.nan), np.full(B, np.nan)
+    lengths, moving = np.zeros(B, dtype=int), np.ones(B, dtype=bool)
+    history: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for _ in range(int(max_time / time_step) + 1):
+        rows = np.flatnonzero(moving)
+        if len(rows) == 0:
+            break
+        field = batched_field(
+            transform_points(X[rows], points[rows]), reference, config, previous_tau=taus[rows]
+        )
+        lost = rows[field.status == BcsdmStatus.LOST]
+        if len(lost) > 0:
+            raise TrackingError(
+                f"The points of the starts {lost.tolist()} do not determine a motion.",
+                remedy="Pass at least three finite points that are not on a line.",
+            )
+        taus[rows], potentials[rows] = field.tau, field.potential
+        lengths[rows] += 1
+        history.append((X.copy(), potentials.copy(), taus.copy()))
+        moving[rows] = field.status != BcsdmStatus.GOAL
+        origins = field.centroid
+        places = origins
+        if limited_points is not None:
+            places = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
+        limited = _scaled(
+            shift_twist(field.twist, places - origins), max_angular_speed, max_linear_speed
+        )
+        V = shift_twist(limited, origins - places)
+        X[rows] = np.where(
+            moving[rows, None, None], _moved(X[rows], V, origins, time_step), X[rows]
+        )
+    motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
+    return [
+        Rollout(
+            times=time_step * np.arange(length),
+            X_W=motions[:length, b],
+            potentials=all_potentials[:length, b],
+            taus=all_taus[:length, b],
+            converged=not moving[b],
+        )
+        for b, length in enumerate(lengths.tolist())
+    ]
+
+
+def _scaled(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
+    """Returns `scale_twist` of each of finite twists (B, 6)."""
+    excess = np.maximum(
+        np.linalg.norm(V[:, :3], axis=1) / max_angular_speed,
+        np.linalg.norm(V[:, 3:], axis=1) / max_linear_speed,
+    )
+    return V / np.maximum(1.0, excess)[:, None]
+
+
+def _moved(X: np.ndarray, V: np.ndarray, origins: np.ndarray, time_step: float) -> np.ndarray:
+    """Returns X (B, 4, 4) after a step of the spatial velocities V (B, 6) about origins (B, 3)."""
+    turns = rotation_exp(V[:, :3] * time_step)
+    moved = X.copy()
+    moved[:, :3, :3] = turns @ X[:, :3, :3]
+    arms = (X[:, :3, 3] - origins)[..., None]
+    moved[:, :3, 3] = (turns @ arms)[..., 0] + origins + V[:, 3:] * time_step
+    return moved

@@ -1,0 +1,104 @@
+"""Checks straight edges between configurations, and shortens and rounds off paths made of them."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+IsFree = Callable[[np.ndarray], np.ndarray]
+"""Tells of configurations (B, D) which are free: (B,) bool."""
+
+
+class EdgeChecker:
+    """Checks straight edges between configurations.
+
+    Attributes:
+        resolution: Distance between the configurations checked, in their unit.
+    """
+
+    def __init__(self, is_free: IsFree, resolution: float):
+        """Keeps the check.
+
+        Args:
+            is_free: The collision check.
+            resolution: Distance between the configurations checked, in their unit.
+        """
+        self._is_free = is_free
+        self.resolution = resolution
+
+    def samples(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Returns configurations (K, D), K >= 2, along the edge, both ends included."""
+        count = max(int(np.ceil(np.linalg.norm(last - first) / self.resolution)), 1)
+        return first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
+
+    def is_free(self, first: np.ndarray, last: np.ndarray) -> bool:
+        """Returns whether the edge is free; the middle is looked at first, as it seldom is."""
+        samples = self.samples(first, last)
+        middle = len(samples) // 2
+        return bool(self._is_free(samples[middle : middle + 1])[0] and self._is_free(samples).all())
+
+    def path_is_free(self, path: np.ndarray) -> bool:
+        """Returns whether all configurations (K, D) of a path are free."""
+        return bool(self._is_free(path).all())
+
+
+def shorten_path(
+    corners: np.ndarray, edges: EdgeChecker, attempts: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Returns the corners (K, D) of a shorter path: random pairs of points on it are joined.
+
+    Args:
+        corners: (K, D) of a free path.
+        edges: The check.
+        attempts: How many pairs.
+        rng: Chooses them.
+    """
+    for _ in range(attempts):
+        lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(lengths)])
+        low, high = np.sort(rng.uniform(0.0, along[-1], 2))
+        before, after = (np.searchsorted(along, value, side="right") - 1 for value in (low, high))
+        after = min(after, len(lengths) - 1)
+        if before == after:
+            continue
+        first, last = (
+            corners[k] + (value - along[k]) / lengths[k] * (corners[k + 1] - corners[k])
+            for k, value in ((before, low), (after, high))
+        )
+        if edges.is_free(first, last):
+            corners = np.vstack([corners[: before + 1], first, last, corners[after + 1 :]])
+            keep = np.r_[True, np.linalg.norm(np.diff(corners, axis=0), axis=1) > 1e-6]
+            keep[-1] = True
+            corners = corners[keep]
+    return corners
+
+
+def round_corners(
+    corners: np.ndarray, edges: EdgeChecker, *, width: float, resolution: float
+) -> np.ndarray:
+    """Returns an even path (K, D) with its corners rounded off as far as there is room.
+
+    Args:
+        corners: (K, D) of a free path.
+        edges: The check.
+        width: Length over which corners are rounded off, where there is room.
+        resolution: Distance between the configurations returned.
+    """
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    count = max(int(np.ceil(along[-1] / resolution)), 2)
+    even = np.linspace(0.0, along[-1], count + 1)
+    while width > resolution:
+        path = _smoothed(corners, along, even, width)
+        if edges.path_is_free(path):
+            return path
+        width *= 0.5
+    return _smoothed(corners, along, even, 0.0)
+
+
+def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
+    """Returns the mean of the path over a window around each length; narrower near the ends."""
+    halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
+    offsets = np.linspace(-1.0, 1.0, 21)
+    at = np.clip(even[:, None] + halves[:, None] * offsets, 0.0, along[-1])
+    values = np.stack([np.interp(at, along, corners[:, k]) for k in range(corners.shape[1])], -1)
+    return values.mean(axis=1)

@@ -1,0 +1,87 @@
+"""Gives the controller a reference that is safe to follow from where the object is."""
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from poil_drake.control.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
+from poil_drake.control.safe_entry import SafeEntryPlanner
+from poil_drake.systems.absent import ABSENT
+
+
+class SafeEntry(LeafSystem):
+    """Plans a collision-free way onto the demonstration, and another after a push or a slip.
+
+    .. pydrake_system::
+
+        name: SafeEntry
+        input_ports:
+        - points
+        - confidence
+        output_ports:
+        - reference
+        - status
+
+    Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,). The
+    mathematics is in `safe_entry_step`, which runs once every period, as an unrestricted update:
+    before the controller's discrete updates of the same instant. Planning happens there and then,
+    in some tens of milliseconds; a loop that must not wait that long runs this at a period, and in
+    a thread, of its own.
+
+    Every output is a function of the state alone:
+
+    - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, whose field
+      must be the planner's. The object changes with each plan. `ABSENT` where the object should
+      stand still: before the first three points, while it is off its way, while there is no way.
+    - `status` (1,): an `EntryStatus`; WAITING before the first three points.
+
+    Points that are lost, stale or NaN later on leave both outputs as they are.
+    """
+
+    def __init__(
+        self,
+        *,
+        planner: SafeEntryPlanner,
+        period: float,
+        config: EntryMonitorConfig | None = None,
+    ):
+        """Constructs the system.
+
+        Args:
+            planner: Of the reference, the scene and the object's shape.
+            period: The control period [s].
+            config: When to plan again.
+        """
+        super().__init__()
+        self._planner = planner
+        self._config = config or EntryMonitorConfig()
+        n = planner.model.reference.positions.shape[1]
+        self._points = self.DeclareVectorInputPort("points", 3 * n)
+        self._confidence = self.DeclareVectorInputPort("confidence", n)
+        self._state = self.DeclareAbstractState(Value(EntryState()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        known = {self.abstract_state_ticket(self._state)}
+        self.DeclareAbstractOutputPort(
+            "reference", lambda: Value(ABSENT), self._calc_reference, known
+        )
+        self.DeclareVectorOutputPort("status", 1, self._calc_status, known)
+
+    def _entry(self, context: Context) -> EntryState:
+        return context.get_abstract_state(self._state).get_value()
+
+    def _calc_reference(self, context: Context, output: AbstractValue) -> None:
+        reference = self._entry(context).reference
+        output.set_value(ABSENT if reference is None else reference)
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._entry(context).status)])
+
+    def _update(self, context: Context, state: State) -> None:
+        entry = safe_entry_step(
+            self._entry(context),
+            self._points.Eval(context).reshape(-1, 3),
+            context.get_time(),
+            self._planner,
+            self._config,
+            self._confidence.Eval(context),
+        )
+        state.get_mutable_abstract_state(self._state).set_value(entry)

@@ -1,0 +1,102 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from poil_drake.benchmarks.control import table as dut
+from poil_drake.benchmarks.control.pictures import draw_pictures, success_by_distance
+from poil_drake.benchmarks.control.trial import ControlTrial
+
+TRIAL = ControlTrial(
+    task="pnp_cube",
+    region="far",
+    policy="field",
+    trial=0,
+    success=True,
+    collision_free=True,
+    error=0.001,
+    impulse=0.0,
+    depth=0.0,
+    time=6.0,
+    strain=0.0,
+    distance=0.1,
+    path=np.array([[0.4, -0.2, 0.03], [0.5, 0.1, 0.2], [0.55, 0.2, 0.03]]),
+)
+
+
+def trials(successes, failures, **changes):
+    good = [dataclasses.replace(TRIAL, trial=k, **changes) for k in range(successes)]
+    bad = [dataclasses.replace(TRIAL, trial=k, success=False, **changes) for k in range(failures)]
+    return [*good, *bad]
+
+
+def test_wilson_interval_is_that_of_the_formula():
+    # (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4 n^2)) / (1 + z^2 / n), z = 1.95996, n = 100.
+    low, high = dut.wilson_interval(90, 100)
+
+    assert low == pytest.approx(0.8256, abs=1e-4)
+    assert high == pytest.approx(0.9448, abs=1e-4)
+
+
+def test_wilson_interval_of_nothing_but_success_ends_at_one():
+    low, high = dut.wilson_interval(100, 100)
+
+    # 1 / (1 + z^2 / n).
+    assert low == pytest.approx(1.0 / (1.0 + 1.95996**2 / 100), abs=1e-5)
+    assert high == pytest.approx(1.0)
+
+
+def test_collisions_only_count_in_the_second_column():
+    bumped = [dataclasses.replace(one, collision_free=False) for one in trials(2, 1)]
+
+    (cell,) = dut.summarize([*trials(5, 2), *bumped])
+
+    assert (cell.trials, cell.successes, cell.clean) == (10, 7, 5)
+
+
+def test_trials_that_were_lost_count_but_have_no_figures():
+    lost = dataclasses.replace(TRIAL, success=False, error=np.nan, time=np.nan)
+
+    (cell,) = dut.summarize([TRIAL, lost])
+
+    assert (cell.trials, cell.successes) == (2, 1)
+    assert cell.error == 0.001
+
+
+def test_table_shows_measured_and_published_figures():
+    cells = {(c.task, c.region, c.policy): c for c in dut.summarize(trials(9, 1, policy="pp_50"))}
+
+    lines = dut.table_lines(cells, ["pnp_cube"], ("near", "far"), clean=False)
+
+    (row,) = [line for line in lines if "50 demo" in line]
+    assert "90 [60-98] (100)" in row
+    assert "- (100)" in row
+    assert any("Instant Policy, as published" in line for line in lines)
+
+
+def test_table_without_collisions_has_no_published_figures():
+    cells = {(c.task, c.region, c.policy): c for c in dut.summarize(trials(9, 1))}
+
+    lines = dut.table_lines(cells, ["pnp_cube"], ("near", "far"), clean=True)
+
+    assert not any("(" in line.replace("SE(3)", "") for line in lines)
+
+
+def test_success_is_binned_by_distance():
+    near = trials(3, 0, region="near", distance=0.0)
+    close, away = trials(1, 1, distance=0.05), trials(0, 2, distance=0.17)
+
+    bins = success_by_distance([*near, *close, *away])
+
+    assert [rate for _, rate, _ in bins] == [1.0, 0.5, 0.0]
+    assert [middle for middle, _, _ in bins] == pytest.approx([-0.04, 0.04, 0.20])
+
+
+def test_pictures_show_something(tmp_path):
+    import cv2
+
+    drawn = draw_pictures([*trials(3, 1), *trials(2, 0, region="near", distance=0.0)], tmp_path)
+
+    assert [path.name for path in drawn] == ["control_distance.png", "control_paths.png"]
+    for path in drawn:
+        assert cv2.imread(str(path)).std() > 5.0

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from poil_drake.benchmarks.control.open_loop import OpenLoopPolicy
+from poil_drake.benchmarks.control.policy import Observation
+from poil_drake.benchmarks.control.scripted import ScriptedPolicy, pose_difference
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
+
+BODY = np.array([[0.03, 0, 0], [-0.03, 0.01, 0], [0, 0.02, 0], [0, 0, 0.02], [0, -0.03, 0.01]])
+PERIOD = 1 / 16
+
+
+def path():
+    share = np.linspace(0.0, 1.0, 33)[:, None]
+    R = rotation_exp(share * np.array([0.0, 0.4, 0.8]))
+    p = np.array([0.4, 0.0, 0.1]) + share * np.array([0.1, 0.2, 0.1])
+    return make_transform(R, p)
+
+
+def follow(policy, X_WO, steps):
+    """Moves the object exactly as commanded; returns where it ends."""
+    state = policy.start()
+    for k in range(steps):
+        observation = Observation(
+            k * policy.period, transform_points(X_WO, BODY), np.ones(len(BODY)), X_WO
+        )
+        state, (V, point) = policy.step(state, observation)
+        turn = rotation_exp(V[:3] * policy.period)
+        moved = turn @ (X_WO[:3, 3] - point) + point + V[3:] * policy.period
+        X_WO = make_transform(turn @ X_WO[:3, :3], moved)
+    return X_WO
+
+
+def test_difference_leads_from_one_pose_to_the_other():
+    first, second = path()[0], path()[-1]
+
+    V = pose_difference(first, second)
+
+    np.testing.assert_allclose(V, [0.0, 0.4, 0.8, 0.1, 0.2, 0.1], atol=1e-12)
+
+
+def test_script_is_followed_and_its_end_kept():
+    poses = path()
+
+    end = follow(ScriptedPolicy(poses, period=PERIOD), poses[0], 60)
+
+    np.testing.assert_allclose(end, poses[-1], atol=1e-6)
+
+
+def test_script_corrects_errors():
+    poses = path()
+    elsewhere = poses[0].copy()
+    elsewhere[:3, 3] += [0.02, 0.0, 0.0]
+
+    end = follow(ScriptedPolicy(poses, period=PERIOD), elsewhere, 60)
+
+    np.testing.assert_allclose(end, poses[-1], atol=1e-4)
+
+
+def test_replay_reaches_the_goal_from_elsewhere_when_nothing_disturbs():
+    poses = path()
+    dut = OpenLoopPolicy(transform_points(poses, BODY[None]), period=PERIOD)
+    start = make_transform(rotation_exp([0.0, 0.0, 2.5]), np.array([0.2, -0.3, 0.1]))
+
+    end = follow(dut, start, 160)
+
+    np.testing.assert_allclose(end, poses[-1], atol=1e-6)
+
+
+def test_replay_does_not_see_a_push():
+    poses = path()
+    dut = OpenLoopPolicy(transform_points(poses, BODY[None]), period=PERIOD)
+    state, _ = dut.step(
+        dut.start(), Observation(0.0, transform_points(poses[0], BODY), np.ones(5), poses[0])
+    )
+    pushed = poses[10].copy()
+    pushed[:3, 3] += 0.1
+
+    commands = [
+        dut.step(state, Observation(1.0, transform_points(X, BODY), np.ones(5), X))[1]
+        for X in (poses[10], pushed)
+    ]
+
+    np.testing.assert_array_equal(commands[0].V, commands[1].V)
+    assert np.linalg.norm(commands[0].V) > 0.05
+
+
+@pytest.mark.parametrize(("time", "resting"), [(1.0, False), (100.0, True)])
+def test_replay_is_at_rest_in_the_end(time, resting):
+    poses = path()
+    dut = OpenLoopPolicy(transform_points(poses, BODY[None]), period=PERIOD)
+    seen = Observation(0.0, transform_points(poses[0], BODY), np.ones(5), poses[0])
+    state, _ = dut.step(dut.start(), seen)
+
+    _, command = dut.step(state, Observation(time, seen.points, seen.confidence, seen.X_WO))
+
+    assert (np.linalg.norm(command.V) == 0.0) == resting

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import cKDTree
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.body_clearance import BodyClearance
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
+from poil_drake.geometry.scene_distance import SceneDistance, SceneDistanceConfig
+
+REACH = 0.012
+
+
+@pytest.fixture(scope="module")
+def obstacles():
+    rng = np.random.default_rng(1)
+    rod = np.linspace([0.0, -0.3, 0.3], [0.0, 0.3, 0.3], 301)
+    return np.concatenate([rod, rng.uniform([-0.3, -0.3, 0.1], [0.3, 0.3, 0.7], (50, 3))])
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    """An ellipsoid's surface."""
+    directions = np.random.default_rng(2).normal(size=(1500, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    return directions * [0.08, 0.05, 0.03]
+
+
+@pytest.fixture(scope="module")
+def poses():
+    rng = np.random.default_rng(3)
+    turns = rotation_exp(rng.normal(size=(400, 3)))
+    return make_transform(turns, rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.6], (400, 3)))
+
+
+def test_clearance_is_the_smallest_distance_of_all_pairs(obstacles, cloud, poses):
+    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+
+    clearance = dut.clearance(poses, REACH)
+
+    pairs = cKDTree(obstacles).query(transform_points(poses, cloud))[0].min(axis=1)
+    assert_allclose(clearance, np.minimum(pairs, REACH), atol=1e-12)
+    assert np.any(pairs < 0.5 * REACH)
+    assert np.any(pairs > REACH)
+
+
+def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
+    scene = SceneDistance(obstacles, config=SceneDistanceConfig(ground_height=0.1))
+    dut = BodyClearance(cloud=cloud, scene=scene)
+
+    height = dut.height(poses)
+
+    assert_allclose(height, transform_points(poses, cloud)[..., 2].min(axis=1) - 0.1, atol=1e-12)
+    assert np.any(height < 0.0)
+
+
+def test_without_a_ground_every_height_is_infinite(obstacles, cloud, poses):
+    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+
+    assert np.all(np.isinf(dut.height(poses)))
+
+
+def test_number_of_patches_makes_no_difference(obstacles, cloud, poses):
+    scene = SceneDistance(obstacles)
+
+    few, many = (BodyClearance(cloud=cloud, scene=scene, patches=k) for k in (1, 300))
+
+    assert_allclose(few.clearance(poses, REACH), many.clearance(poses, REACH), atol=1e-12)
+
+
+def test_no_pose_gives_no_clearance(obstacles, cloud):
+    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+
+    assert_array_equal(dut.clearance(np.empty((0, 4, 4)), REACH), np.empty(0))
+
+
+def test_radius_is_that_of_the_farthest_point(cloud, obstacles):
+    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+
+    assert dut.radius == pytest.approx(0.08, rel=0.02)
+
+
+def test_a_body_needs_a_surface(obstacles):
+    with pytest.raises(InvalidValueError, match="empty"):
+        BodyClearance(cloud=np.empty((0, 3)), scene=SceneDistance(obstacles))
