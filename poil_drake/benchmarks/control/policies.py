@@ -1,5 +1,6 @@
 """The policies that the control study compares, by name."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -130,10 +131,11 @@ def FieldConfig(task: str, noise: float) -> BcsdmConfig:
 def MonitorConfig(task: str, noise: float) -> EntryMonitorConfig:
     """Returns when safe entry plans again: an object that has arrived must not seem blocked.
 
-    The mean distance of noisy points from where they belong is 1.6 standard deviations.
+    The mean distance of noisy points from where they belong is 1.6 standard deviations, to which
+    deformation adds in squares; half as much again is to spare.
     """
-    nearly = EntryMonitorConfig().stall_error + 2.0 * noise + MakeTask(task).deformation
-    return EntryMonitorConfig(stall_error=nearly)
+    expected = 1.5 * math.hypot(1.6 * noise, MakeTask(task).deformation)
+    return EntryMonitorConfig(stall_error=max(EntryMonitorConfig().stall_error, expected))
 
 
 @cache

@@ -30,7 +30,7 @@ from poil_drake.recording.plain_json import plain_json
 HARD_POLICIES = ("field", OURS)
 """Who is tried in hard mode."""
 
-_HARD_TRIAL = TrialConfig(settled_time=3.0, settled_motion=(0.4, 0.01))
+_HARD_TRIAL = TrialConfig(settled_time=5.0, settled_motion=(0.4, 0.01))
 _HARD_SLIP_TIMES, _HARD_SLIP_DURATION = (1.0, 3.0), 0.25  # [s]
 _HARD_SLIP = (0.03, np.radians(20.0))  # [m], [rad]
 

@@ -46,7 +46,7 @@ class ControlTask:
         far_lower: Corner of the Far region in x and y, from the demonstration's start [m].
         far_upper: The opposite corner [m].
         rigid: Whether the reference is fitted with a rigid shape.
-        deformation: How far a point gets from the rigid shape that fits all of them [m].
+        deformation: How far, in the mean, points get from the rigid shape that fits all best [m].
         paper: Success of the paper's rows in percent, (near, far) by row (its table II).
     """
 

@@ -1,0 +1,97 @@
+"""The turn that best matches the velocities of points, from nine of their sums."""
+
+import math
+
+import numpy as np
+
+_WELL_CONDITIONED = 1e-4
+"""Least det A / tr(W)^3 for the closed form, whose rounding errors grow with its inverse.
+
+It is the squared ratio of the points' distances from the line that fits them best to their
+distances along it, or thereabouts: 1 % is enough.
+"""
+
+Vector = tuple[float, float, float]
+
+
+def solve_turn(
+    second_moments: tuple[float, float, float, float, float, float],
+    moment: Vector,
+    min_rotation_spread: float = 0.0,
+) -> tuple[Vector, float]:
+    """Returns the omega with A omega = m, and the points' spread.
+
+    A = tr(W) I - W for W = sum_i s_i r_i r_i^T and m = sum_i s_i r_i x v_i, with shares s_i and
+    positions r_i about the centroid. A shares W's axes, with the sum of the other two eigenvalues
+    on each. An axis from which the points are less than `min_rotation_spread` away is treated as in
+    `fit_twist_to_inliers`; one on which all of them lie gets no turn.
+
+    A control tick spends less time on Cramer's rule with floats than LAPACK takes to be called, so
+    W is decomposed only where the points are too near a line.
+
+    Args:
+        second_moments: W's xx, xy, xz, yy, yz, zz [m^2].
+        moment: m [m^2/s].
+        min_rotation_spread: [m].
+
+    Returns:
+        omega: [rad/s].
+        spread: Root mean square distance of the points from the line that fits them best [m].
+    """
+    xx, xy, xz, yy, yz, zz = second_moments
+    trace = xx + yy + zz
+    a, b, c = yy + zz, xx + zz, xx + yy  # A's diagonal; -xy, -xz and -yz are beside it.
+    # The adjugate of A.
+    p, q, r = b * c - yz * yz, a * c - xz * xz, a * b - xy * xy
+    s, t, u = xz * yz + xy * c, xy * yz + b * xz, xy * xz + a * yz
+    determinant = a * p - xy * s - xz * t
+    if determinant > _WELL_CONDITIONED * trace * trace * trace:
+        squared_spread = trace - largest_eigenvalue(second_moments)
+        if squared_spread >= min_rotation_spread * min_rotation_spread:
+            x, y, z = moment
+            omega = (
+                (p * x + s * y + t * z) / determinant,
+                (s * x + q * y + u * z) / determinant,
+                (t * x + u * y + r * z) / determinant,
+            )
+            return omega, math.sqrt(squared_spread)
+    return solve_turn_by_axes(second_moments, moment, min_rotation_spread)
+
+
+def solve_turn_by_axes(
+    second_moments: tuple[float, float, float, float, float, float],
+    moment: Vector,
+    min_rotation_spread: float = 0.0,
+) -> tuple[Vector, float]:
+    """Returns what `solve_turn` does, by W's eigenvalues and axes."""
+    xx, xy, xz, yy, yz, zz = second_moments
+    eigenvalues, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    low, middle, high = eigenvalues.tolist()
+    # About the points' own line A is zero up to rounding: no rotation about it.
+    rounding = 1e-12 * (middle + high)
+    floor, sums = min_rotation_spread**2, (middle + high, low + high, low + middle)
+    gains = [max(g, floor) if g > rounding else math.inf for g in sums]
+    x, y, z = axes.dot(np.array(moment).dot(axes) / np.array(gains)).tolist()
+    return (x, y, z), math.sqrt(max(low + middle, 0.0))
+
+
+def largest_eigenvalue(
+    second_moments: tuple[float, float, float, float, float, float],
+) -> float:
+    """Returns the largest eigenvalue of W, to within the rounding of its trace.
+
+    About its mean eigenvalue m = tr(W) / 3, W has the eigenvalues 2 p cos(phi + 2 k pi / 3) with
+    6 p^2 = |W - m I|^2 and cos(3 phi) = det(W - m I) / (2 p^3) (Smith 1961).
+    """
+    xx, xy, xz, yy, yz, zz = second_moments
+    mean = (xx + yy + zz) / 3.0
+    x, y, z = xx - mean, yy - mean, zz - mean
+    xy2, xz2, yz2 = xy * xy, xz * xz, yz * yz
+    p2 = (x * x + y * y + z * z + 2.0 * (xy2 + xz2 + yz2)) / 6.0
+    p = math.sqrt(p2)
+    cubed = 2.0 * p2 * p
+    if cubed == 0.0:
+        return mean
+    determinant = x * (y * z - yz2) - z * xy2 - y * xz2 + 2.0 * xy * xz * yz
+    cosine = min(max(determinant / cubed, -1.0), 1.0)
+    return mean + 2.0 * p * math.cos(math.acos(cosine) / 3.0)
