@@ -19,6 +19,11 @@ Ray = Annotated[
 ]
 
 
+def _names(text: str | None) -> tuple[str, ...]:
+    """Returns the names in a comma-separated list."""
+    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
+
+
 @bench_app.command("pipeline")
 def bench_pipeline(
     tasks: Annotated[str, typer.Option("--tasks", help="Comma-separated: hang_mug.")] = "hang_mug",
@@ -40,7 +45,7 @@ def bench_pipeline(
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
     run_pipeline_benchmark(
-        tasks=tasks.split(","),
+        tasks=_names(tasks) or ("hang_mug",),
         trials=trials,
         jobs=jobs,
         tracker=tracker,
@@ -89,8 +94,8 @@ def bench_control(
 
     default = ControlStudyConfig()
     config = ControlStudyConfig(
-        tasks=default.tasks if tasks is None else tuple(tasks.split(",")),
-        policies=default.policies if policies is None else tuple(policies.split(",")),
+        tasks=_names(tasks) or default.tasks,
+        policies=_names(policies) or default.policies,
         trials=trials,
         hard=hard,
     )

@@ -34,7 +34,7 @@ class Predictor:
 
 def observe(points: np.ndarray, confidence: np.ndarray | None = None) -> Observation:
     full = np.ones(len(points)) if confidence is None else confidence
-    return Observation(0.0, points, full, np.eye(4))
+    return Observation(0.0, points, full, np.eye(4), np.eye(4))
 
 
 def test_a_single_chunk_is_its_first_position() -> None:

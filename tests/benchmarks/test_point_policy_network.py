@@ -66,7 +66,7 @@ def test_points_are_told_apart_by_their_identity_only(
     assert not np.allclose(forward(weights, inputs[0][order], HEADS), outputs, atol=1e-3)
 
 
-def test_before_training_the_points_stay(inputs: np.ndarray) -> None:
+def test_before_training_every_output_is_the_middle_of_the_data(inputs: np.ndarray) -> None:
     outputs = forward(initial_weights(SHAPES, seed=0), inputs[0], HEADS)
 
     np.testing.assert_array_equal(outputs, 0.0)

@@ -12,13 +12,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSyst
 
 from poil_drake.benchmarks.control.contact_monitor import ContactMonitor
 from poil_drake.benchmarks.control.delayed_tracking import DelayedTracking
-from poil_drake.benchmarks.control.direct_actuation import ActuationConfig, DirectActuation
+from poil_drake.benchmarks.control.direct_actuation import ActuationConfig, DirectActuation, Slip
 from poil_drake.benchmarks.control.point_observer import PointObserver
 from poil_drake.benchmarks.control.policy import Policy
 from poil_drake.benchmarks.control.policy_system import PolicySystem
 from poil_drake.benchmarks.control.task import MODELS, ControlTask
 
-_MODULUS = 1e7  # [Pa], of hard rubber: 5 N press two boxes into each other by micrometres.
+_MODULUS = 1e7  # [Pa], of hard rubber: 5 N press boxes together by micrometres, a rod by 3 mm.
 _RESOLUTION = 0.01  # Of round shapes' meshes [m].
 
 
@@ -27,7 +27,7 @@ class ArenaConfig:
     """The physics, the same for all policies.
 
     Attributes:
-        time_step: Of the plant [s]. Objects move 2 mm in a step at most.
+        time_step: Of the plant [s]. At the speed limits the far side of an object moves 4 mm.
         max_angular_speed: Of commanded twists [rad/s].
         max_linear_speed: Of commanded twists [m/s].
         actuation: The hand that moves the object.
@@ -97,7 +97,7 @@ class Arena:
             tracker: What stands between the true points and the policy; None shows it the truth.
         """
         config = config or ArenaConfig()
-        self.task, self.tracker = task, tracker
+        self.task, self._tracker = task, tracker
         builder = DiagramBuilder()
         self.plant, self._scene_graph, self.body = AddTaskPlant(builder, task, config.time_step)
         plant, n = self.plant, len(task.link_points)
@@ -171,9 +171,14 @@ class Arena:
         """Returns the policy's state."""
         return self._policy.GetPolicyState(self._policy.GetMyContextFromRoot(context))
 
-    def hand_context(self, context: Context) -> tuple[DirectActuation, Context]:
-        """Returns the hand and its mutable context."""
-        return self._hand, self._hand.GetMyMutableContextFromRoot(context)
+    def SetSlip(self, context: Context, slip: Slip) -> None:
+        """Says how the object will slip in the hand."""
+        self._hand.SetSlip(self._hand.GetMyMutableContextFromRoot(context), slip)
+
+    def SetNoiseSeed(self, context: Context, seed: int) -> None:
+        """Seeds the tracker's noise, where there is a tracker."""
+        if self._tracker is not None:
+            self._tracker.SetSeed(self._tracker.GetMyMutableContextFromRoot(context), seed)
 
     def place(self, context: Context, X_WO: np.ndarray, shape: np.ndarray) -> None:
         """Puts the object somewhere, at rest.

@@ -19,7 +19,7 @@ class CollisionThreshold:
     Attributes:
         impulse: Of all contacts of a run together [N s]. 0.02 is a mug of 0.25 kg that is stopped
             from 8 cm/s.
-        depth: Deepest penetration [m].
+        depth: Deepest penetration [m]. Where the mug's handle presses on the rod, 1 N does it.
     """
 
     impulse: float = 0.02

@@ -15,11 +15,14 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.control.recorded_reference import reference_from_samples
 from poil_drake.control.reference import make_reference
 from poil_drake.diagrams.demonstration_motion import KeyframeMotion
+from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_transform import transform_points
 
 RECORDING_PERIOD = 1 / 16
 """Between two samples of a demonstration [s]."""
 
 _SETTLING_TIME = 1.0  # A hanging strap comes to rest within this [s].
+_RIGID = 0.001  # What deforms less than this is rigid [m].
 _TURNING_SPEED, _MOVING_SPEED = 1.2, 0.1  # Mean speeds to a demonstration's start [rad/s, m/s].
 _BLEND = 0.2  # Of the movements between keyframes [s]; people hardly stop in between.
 
@@ -51,13 +54,26 @@ def TaskDemonstration(name: str) -> RecordedDemonstration:
 
 
 @cache
+def TaskDeformation(name: str) -> float:
+    """Returns how far the points get from their shape at the start in the demonstration [m].
+
+    The mean distance from where the best rigid motion puts them, at its largest.
+    """
+    points = TaskDemonstration(name).points
+    start = np.broadcast_to(points[0], points.shape)
+    rigid = transform_points(kabsch(start, points), points[0])
+    return float(np.linalg.norm(rigid - points, axis=2).mean(axis=1).max())
+
+
+@cache
 def TaskReference(name: str) -> PointTrajectory:
     """Returns the reference that follows from a task's one demonstration.
 
-    A rigid object's is fitted with one shape; a deforming one's points are taken as they moved.
+    Where the points keep their shape, one shape is fitted to them; where they do not, they are
+    taken as they moved.
     """
-    task, shown = MakeTask(name), TaskDemonstration(name)
-    if task.rigid:
+    shown = TaskDemonstration(name)
+    if TaskDeformation(name) < _RIGID:
         return make_reference(shown.times, shown.points)
     return reference_from_samples(shown.times, shown.points)
 

@@ -162,10 +162,7 @@ class DirectActuation(LeafSystem):
         arm = X_WB.translation() + p_BoCo - np.nan_to_num(self._point.Eval(context))
         wanted = twist.copy()
         wanted[3:] += np.cross(twist[:3], arm)
-        slip = self._get_slip(context)
-        if slip.start <= context.get_time() < slip.start + slip.duration:
-            wanted[:3] += R @ slip.turn / slip.duration
-            wanted[3:] += R @ slip.shift / slip.duration
+        wanted += self._slipping(context, R, p_BoCo)
         inertia = R @ self._inertia @ R.T
         wrench = servo_wrench(wanted, measured, self._mass, inertia, self._config)
         wrench[5] += self._weight
@@ -174,6 +171,18 @@ class DirectActuation(LeafSystem):
         applied.p_BoBq_B = self._center
         applied.F_Bq_W = SpatialForce(tau=wrench[:3], f=wrench[3:])
         output.set_value([applied])
+
+    def _slipping(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
+        """Returns how fast the object's centre of mass moves out of the hand (6,), world.
+
+        X_HO = (exp(s turn), s shift) with the share s of the slip, and X_WH at rest.
+        """
+        slip, time = self._get_slip(context), context.get_time()
+        if not slip.start <= time < slip.start + slip.duration:
+            return np.zeros(6)
+        R_WH = R @ rotation_exp(-slip.share(time) * slip.turn)
+        omega, v = R_WH @ slip.turn / slip.duration, R_WH @ slip.shift / slip.duration
+        return np.concatenate([omega, v + np.cross(omega, p_BoCo)])
 
     def _calc_hand(self, context: Context, output: BasicVector) -> None:
         slip = self._get_slip(context)

@@ -3,17 +3,26 @@
 import numpy as np
 
 from poil_drake.benchmarks.control.policy import CommandedTwist, Observation
-from poil_drake.benchmarks.control.scripted import pose_difference
+from poil_drake.benchmarks.control.scripted import track_poses
 from poil_drake.diagrams.demonstration_motion import minimum_jerk
 from poil_drake.geometry.rigid_fit import kabsch
-from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
+from poil_drake.geometry.rigid_transform import (
+    inverse,
+    make_transform,
+    rotation_exp,
+    rotation_log,
+)
+
+_PEAK = 1.875
+"""Fastest over mean speed of a movement of minimum jerk."""
 
 
 class OpenLoopPolicy:
     """Takes the object straight to the demonstration's start, then repeats its motion.
 
-    As in correspondence-based transfer, the points are observed once, at the beginning; from then
-    on velocities are commanded without a look at where they lead.
+    As in correspondence-based transfer, the points are observed once, at the beginning. From then
+    on the hand is led along the poses that follow, in closed loop on its own pose, as an arm is
+    on its joints; what becomes of the object is not looked at.
     """
 
     def __init__(
@@ -21,23 +30,22 @@ class OpenLoopPolicy:
         points: np.ndarray,
         *,
         period: float,
-        approach_speeds: tuple[float, float] = (1.0, 0.15),
+        max_angular_speed: float,
+        max_linear_speed: float,
     ):
         """Keeps the demonstration.
 
         Args:
             points: (T, N, 3) the demonstrated points, one sample each `period` [m, world].
             period: [s].
-            approach_speeds: Mean speeds of the way to the start [rad/s, m/s].
+            max_angular_speed: That of the way to the start stays below [rad/s].
+            max_linear_speed: The same of the hand [m/s].
         """
         self.period = period
-        self._speeds = approach_speeds
+        # What is corrected on the way needs some speed, too.
+        self._speeds = 0.8 * max_angular_speed / _PEAK, 0.8 * max_linear_speed / _PEAK
         self._first = points[0]
-        center = points[0].mean(axis=0)
-        # Poses of a frame at the points' centre.
-        self._X_PC = make_transform(np.eye(3), center)
-        shape = np.broadcast_to(points[0], points.shape)
-        self._poses = kabsch(shape, points) @ self._X_PC
+        self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
 
     def start(self) -> None:
         """Returns None: there is no plan before the first observation."""
@@ -45,16 +53,17 @@ class OpenLoopPolicy:
     def step(
         self, state: np.ndarray | None, observation: Observation
     ) -> tuple[np.ndarray, CommandedTwist]:
-        """Returns the planned poses (K, 4, 4), and the motion to the next one."""
-        poses = self._plan(observation.points) if state is None else state
-        k = min(round(observation.time / self.period), len(poses) - 1)
-        now, then = poses[k], poses[min(k + 1, len(poses) - 1)]
-        return poses, CommandedTwist(pose_difference(now, then) / self.period, now[:3, 3])
+        """Returns the planned poses of the hand (K, 4, 4), and the motion to the next one."""
+        poses = self._plan(observation) if state is None else state
+        k = round(observation.time / self.period)
+        return poses, track_poses(poses, k, observation.X_WH, period=self.period)
 
-    def _plan(self, points: np.ndarray) -> np.ndarray:
-        here = kabsch(self._first, points) @ self._X_PC
-        difference = pose_difference(here, self._poses[0])
-        turn, shift = difference[:3], difference[3:]
+    def _plan(self, observation: Observation) -> np.ndarray:
+        # How the object would have to move to be where the demonstration started.
+        to_start = inverse(kabsch(self._first, observation.points))
+        here, there = observation.X_WH, to_start @ observation.X_WH
+        turn = rotation_log(there[:3, :3] @ here[:3, :3].T)
+        shift = there[:3, 3] - here[:3, 3]
         fastest, quickest = self._speeds
         duration = max(np.linalg.norm(turn) / fastest, np.linalg.norm(shift) / quickest)
         count = max(int(np.ceil(duration / self.period)), 1)
@@ -62,4 +71,4 @@ class OpenLoopPolicy:
         approach = make_transform(
             rotation_exp(share * turn) @ here[:3, :3], here[:3, 3] + share * shift
         )
-        return np.concatenate([approach, self._poses])
+        return np.concatenate([approach, self._motion @ there])

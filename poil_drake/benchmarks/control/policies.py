@@ -10,9 +10,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.benchmarks.control.arena import AddTaskPlant
+from poil_drake.benchmarks.control.arena import AddTaskPlant, ArenaConfig
 from poil_drake.benchmarks.control.demonstration import (
     RECORDING_PERIOD,
+    TaskDeformation,
     TaskDemonstration,
     TaskReference,
 )
@@ -97,9 +98,13 @@ def MakePolicy(name: str, task: str, trained: Trained, *, noise: float = 0.0) ->
     Raises:
         InvalidValueError: naming the policies that there are.
     """
+    limits = ArenaConfig()
     makers: dict[str, Callable[[], Policy]] = {
         "open_loop": lambda: OpenLoopPolicy(
-            TaskDemonstration(task).points, period=RECORDING_PERIOD
+            TaskDemonstration(task).points,
+            period=RECORDING_PERIOD,
+            max_angular_speed=limits.max_angular_speed,
+            max_linear_speed=limits.max_linear_speed,
         ),
         "se3_bcsdm": lambda: _se3_bcsdm(task),
         **{one: lambda: PointPolicy(trained[task, name]) for one in LEARNED},
@@ -121,10 +126,11 @@ def FieldConfig(task: str, noise: float) -> BcsdmConfig:
     """Returns the field of a task: true points must not be taken for outliers.
 
     The limit is the default's, more by what noise of this standard deviation does to nearly every
-    point (3.4 of them, for 99 % in three dimensions) and by how far the object deforms.
+    point (3.4 of them, for 99 % in three dimensions) and by how far the object deforms, as its
+    demonstration shows.
     """
     default = RigidConsensusConfig().inlier_distance
-    limit = default + 3.4 * noise + MakeTask(task).deformation
+    limit = default + 3.4 * noise + TaskDeformation(task)
     return BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=limit))
 
 
@@ -134,7 +140,7 @@ def MonitorConfig(task: str, noise: float) -> EntryMonitorConfig:
     The mean distance of noisy points from where they belong is 1.6 standard deviations, to which
     deformation adds in squares; half as much again is to spare.
     """
-    expected = 1.5 * math.hypot(1.6 * noise, MakeTask(task).deformation)
+    expected = 1.5 * math.hypot(1.6 * noise, TaskDeformation(task))
     return EntryMonitorConfig(stall_error=max(EntryMonitorConfig().stall_error, expected))
 
 

@@ -1,6 +1,6 @@
 """What every controller of the control study is: a function of state and observation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,12 +16,14 @@ class Observation:
         confidence: (N,) in [0, 1].
         X_WO: (4, 4) pose of the object's driven body. Only policies that are granted a known pose
             may look at it.
+        X_WH: (4, 4) pose of the hand, as any arm knows it from its joints; NaN where not known.
     """
 
     time: float
     points: np.ndarray
     confidence: np.ndarray
     X_WO: np.ndarray
+    X_WH: np.ndarray = field(default_factory=lambda: np.full((4, 4), np.nan))
 
 
 class CommandedTwist(NamedTuple):

@@ -5,7 +5,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from poil_drake.benchmarks.control.policy import CommandedTwist, Observation, Policy
-from poil_drake.control.twist_fit import scale_twist
+from poil_drake.control.twist_fit import scale_twist, shift_twist
 
 
 class PolicySystem(LeafSystem):
@@ -18,17 +18,19 @@ class PolicySystem(LeafSystem):
         - points
         - confidence
         - object_pose
+        - hand_pose
         output_ports:
         - twist
         - point
 
-    Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO
-    row-major. At each of the policy's periods it takes a step; outputs are what it then commanded,
-    and zero before the first one:
+    Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO and
+    `hand_pose` (16,) X_WH, both row-major. At each of the policy's periods it takes a step; outputs
+    are what it then commanded, and zero before the first one:
 
     - `twist` (6,): (omega [rad/s], v [m/s]) of `point`, world, scaled by one factor to the limits.
       What is not finite counts as zero.
-    - `point` (3,): the place that moves with v [m, world].
+    - `point` (3,): where the hand was then, whatever place the policy spoke of [m, world]: the
+      limit is of the same place for all policies.
 
     The policy's state is this system's abstract state.
     """
@@ -47,7 +49,7 @@ class PolicySystem(LeafSystem):
             policy: The policy.
             num_points: N.
             max_angular_speed: Of the commanded twist [rad/s].
-            max_linear_speed: Of its point [m/s].
+            max_linear_speed: Of the hand [m/s].
         """
         super().__init__()
         self._policy = policy
@@ -55,6 +57,7 @@ class PolicySystem(LeafSystem):
         self._points = self.DeclareVectorInputPort("points", 3 * num_points)
         self._confidence = self.DeclareVectorInputPort("confidence", num_points)
         self._pose = self.DeclareVectorInputPort("object_pose", 16)
+        self._hand = self.DeclareVectorInputPort("hand_pose", 16)
         at_rest = CommandedTwist(np.zeros(6), np.zeros(3))
         self._state = self.DeclareAbstractState(Value((policy.start(), at_rest)))
         ticket = {self.abstract_state_ticket(self._state)}
@@ -73,9 +76,11 @@ class PolicySystem(LeafSystem):
             points=self._points.Eval(context).reshape(-1, 3),
             confidence=self._confidence.Eval(context),
             X_WO=self._pose.Eval(context).reshape(4, 4),
+            X_WH=self._hand.Eval(context).reshape(4, 4),
         )
-        after, command = self._policy.step(before, observation)
-        command = CommandedTwist(scale_twist(command.V, *self._limits), command.point)
+        after, (V, point) = self._policy.step(before, observation)
+        hand = observation.X_WH[:3, 3]
+        command = CommandedTwist(scale_twist(shift_twist(V, hand - point), *self._limits), hand)
         state.get_mutable_abstract_state(self._state).set_value((after, command))
 
     def _command(self, context: Context) -> CommandedTwist:

@@ -29,10 +29,26 @@ class ScriptedPolicy:
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the motion that reaches the next pose, with the error corrected."""
         k = round(observation.time / self.period)
-        now, then = (self._poses[min(i, len(self._poses) - 1)] for i in (k, k + 1))
-        V = pose_difference(now, then) / self.period
-        V += self._gain * pose_difference(observation.X_WO, now)
-        return state, CommandedTwist(V, observation.X_WO[:3, 3])
+        return state, track_poses(
+            self._poses, k, observation.X_WO, period=self.period, gain=self._gain
+        )
+
+
+def track_poses(
+    poses: np.ndarray, k: int, X: np.ndarray, *, period: float, gain: float = 5.0
+) -> CommandedTwist:
+    """Returns the motion along poses (K, 4, 4) from the k-th to the next, with the error corrected.
+
+    Args:
+        poses: One each `period`; the last is kept.
+        k: Which of them is now.
+        X: (4, 4) the pose as it is.
+        period: [s].
+        gain: Of the correction [1/s].
+    """
+    now, then = (poses[min(i, len(poses) - 1)] for i in (k, k + 1))
+    V = pose_difference(now, then) / period + gain * pose_difference(X, now)
+    return CommandedTwist(V, X[:3, 3])
 
 
 def pose_difference(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:

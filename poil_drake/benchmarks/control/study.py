@@ -1,6 +1,5 @@
 """The control study: who reaches the goal from where, over many trials (POIL, table II)."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -14,18 +13,18 @@ from poil_drake.benchmarks.control.arena import Arena
 from poil_drake.benchmarks.control.delayed_tracking import DelayedTracking, TrackingConfig
 from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
 from poil_drake.benchmarks.control.direct_actuation import Slip
+from poil_drake.benchmarks.control.figures import write_figures
 from poil_drake.benchmarks.control.pictures import draw_pictures
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
 from poil_drake.benchmarks.control.policies import LEARNED, OURS, ROWS, MakePolicy, Trained
-from poil_drake.benchmarks.control.starts import Region, trial_generator
-from poil_drake.benchmarks.control.table import print_tables, summarize
+from poil_drake.benchmarks.control.starts import Region, sample_start, trial_generator
+from poil_drake.benchmarks.control.table import print_tables
 from poil_drake.benchmarks.control.task_pictures import DrawTask
 from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
-from poil_drake.errors import InvalidValueError, PoilError
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("field", OURS)
 """Who is tried in hard mode."""
@@ -62,6 +61,10 @@ class ControlStudyConfig:
                     raise InvalidValueError(
                         f"There is no {kind} '{name}'.", remedy=f"Choose from: {', '.join(known)}."
                     )
+            if len(set(wanted)) < len(wanted):
+                raise InvalidValueError(
+                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="Name each once."
+                )
 
 
 def run_control_study(
@@ -76,35 +79,44 @@ def run_control_study(
 
     Args:
         config: What is tried.
-        json_path: Where the figures go; written again and again, so that an interrupted study
-            leaves what it knows.
+        json_path: Where the figures go; an interrupted study leaves what it knows.
         pictures: Folder for the pictures; None draws none.
         jobs: Processes of this machine.
         ray_address: A Ray cluster in their place; see `run_trials`.
     """
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
     trained = _train(config, jobs, ray_address)
     arguments = _arguments(config)
     found: list[ControlTrial | None] = [None] * len(arguments)
-    bar = tqdm(total=len(arguments), desc="trials", smoothing=0.05)
+
+    def known() -> list[ControlTrial]:
+        return [trial for trial in found if trial is not None]
+
     ends = run_trials(
         run_control_trial, arguments, shared=(trained,), jobs=jobs, ray_address=ray_address
     )
-    for done, (index, end) in enumerate(ends, start=1):
-        if isinstance(end, LostTrial):
-            tqdm.write(str(end))
-        found[index] = end if isinstance(end, ControlTrial) else _lost(arguments[index], str(end))
-        bar.update()
-        if done % 200 == 0:
-            _write([trial for trial in found if trial is not None], json_path)
-    bar.close()
-    trials = [trial for trial in found if trial is not None]
-    _write(trials, json_path)
-    print_tables(trials)
+    bar = tqdm(ends, total=len(arguments), desc="trials", smoothing=0.05)
+    try:
+        for index, end in bar:
+            if isinstance(end, LostTrial):
+                end = _lost(arguments[index], str(end))
+            found[index] = end
+    finally:
+        write_figures(known(), config, json_path)
+    print_tables(known())
     if pictures is not None:
-        draw_pictures(trials, pictures)
-        for task in config.tasks:
-            DrawTask(task, pictures / f"control_task_{task}.png")
-    return trials
+        draw_pictures(known(), pictures)
+        _draw_tasks(config.tasks, pictures)
+    return known()
+
+
+def _draw_tasks(tasks: Sequence[str], folder: Path) -> None:
+    for task in tasks:
+        try:
+            DrawTask(task, folder / f"control_task_{task}.png")
+        except RuntimeError as error:
+            tqdm.write(f"note: {task} could not be drawn: {' '.join(str(error).split())}")
 
 
 def run_control_trial(
@@ -112,41 +124,47 @@ def run_control_trial(
 ) -> ControlTrial:
     """Runs one trial; what it draws depends on task, region and number alone.
 
-    A trial in which something fails deliberately counts as no success, with the reason as its note.
+    A trial in which something fails counts as no success, with the reason as its note.
     """
     rng = trial_generator(task, region, trial)
     hard = region == "hard"
-    arena = _arena(trained, task, policy, hard)
     try:
+        arena, shown = _arena(trained, task, policy, hard), TaskDemonstration(task)
+        context = arena.diagram.CreateDefaultContext()
+        start = sample_start(arena, context, shown.shape, region, rng)
+        noise_seed = int(rng.integers(2**31))
         return RunTrial(
             arena,
-            TaskDemonstration(task),
+            shown,
+            start,
             policy=policy,
             region=region,
             trial=trial,
-            rng=rng,
             slip=_draw_slip(rng) if hard else None,
-            noise_seed=trial,
+            noise_seed=noise_seed,
             config=_HARD_TRIAL if hard else None,
         )
-    except PoilError as error:
-        return _lost((task, region, policy, trial), str(error))
+    except Exception as error:
+        note = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        return _lost((task, region, policy, trial), note)
 
 
-_arenas: dict[tuple[str, str, bool], Arena] = {}  # Of this worker: dear to make.
+# Of this worker, as they are dear to make: the arena, and the weights that its policy has.
+_arenas: dict[tuple[str, str, bool], tuple[Arena, TrainedPointPolicy | None]] = {}
 
 
 def _arena(trained: Trained, task: str, policy: str, hard: bool) -> Arena:
-    key = (task, policy, hard)
-    if key not in _arenas:
+    key, weights = (task, policy, hard), trained.get((task, policy))
+    if key not in _arenas or _arenas[key][1] is not weights:
         made, shown = MakeTask(task), TaskDemonstration(task)
-        _arenas[key] = Arena(
+        arena = Arena(
             made,
             MakePolicy(policy, task, trained, noise=TrackingConfig().noise if hard else 0.0),
             intended_contact=shown.points[shown.touching] if shown.touching.any() else None,
             tracker=DelayedTracking(num_points=len(made.link_points)) if hard else None,
         )
-    return _arenas[key]
+        _arenas[key] = arena, weights
+    return _arenas[key][0]
 
 
 def _draw_slip(rng: np.random.Generator) -> Slip:
@@ -211,7 +229,8 @@ def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int]]
 
 def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
     task, region, policy, trial = arguments
-    nothing = {name: float("nan") for name in ("error", "impulse", "depth", "time", "strain")}
+    unknown = ("error", "impulse", "depth", "time", "strain", "typical_strain")
+    nothing = {name: float("nan") for name in unknown}
     return ControlTrial(
         task=task,
         region=region,
@@ -224,10 +243,3 @@ def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
         note=note,
         **nothing,
     )
-
-
-def _write(trials: Sequence[ControlTrial], path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [{k: v for k, v in vars(trial).items() if k != "path"} for trial in trials]
-    figures = {"summary": [vars(cell) for cell in summarize(trials)], "trials": rows}
-    path.write_text(json.dumps(plain_json(figures), indent=1, allow_nan=False))

@@ -28,7 +28,8 @@ class Cell:
         clean_interval: The same of success without a collision.
         error: Median of what the criterion looks at, in the end [m].
         time: Median of the simulated time [s].
-        strain: Median of the largest strain between the points.
+        strains: Largest strain between two points, 5th, 50th and 95th percentile of the successes.
+        typical_strain: Median over the successes of the median pair's strain, at its largest.
     """
 
     task: str
@@ -41,7 +42,8 @@ class Cell:
     clean_interval: tuple[float, float]
     error: float
     time: float
-    strain: float
+    strains: tuple[float, float, float]
+    typical_strain: float
 
 
 def summarize(trials: Sequence[ControlTrial]) -> list[Cell]:
@@ -65,7 +67,8 @@ def summarize(trials: Sequence[ControlTrial]) -> list[Cell]:
                 clean_interval=wilson_interval(clean, len(group)),
                 error=_median([trial.error for trial in group]),
                 time=_median([trial.time for trial in group]),
-                strain=_median([trial.strain for trial in group]),
+                strains=_percentiles([trial.strain for trial in group if trial.success]),
+                typical_strain=_median([t.typical_strain for t in group if t.success]),
             )
         )
     return cells
@@ -94,13 +97,20 @@ def print_tables(trials: Sequence[ControlTrial]) -> None:
             print(line)
         for line in table_lines(cells, tasks, ("hard",), clean=True)[1:]:
             print(line + "   collision-free")
-    strains = [trial.strain for trial in trials if not MakeTask(trial.task).rigid and trial.success]
-    if strains:
-        low, middle, high = (100 * np.nanpercentile(strains, q) for q in (5, 50, 95))
+    _print_strains([cell for cell in cells.values() if not MakeTask(cell.task).rigid])
+
+
+def _print_strains(cells: Sequence[Cell]) -> None:
+    if cells:
         print(
-            f"\nLargest strain between the bag's points, successful trials: median {middle:.1f} %, "
-            f"5th and 95th percentile {low:.1f} and {high:.1f} %"
+            "\nStrain between the bag's points in successful trials [%]: largest of all pairs and "
+            "times (5th, 50th, 95th percentile of the trials) | median pair at its largest"
         )
+    for cell in cells:
+        low, middle, high = (100.0 * value for value in cell.strains)
+        typical = 100.0 * cell.typical_strain
+        name = f"{cell.policy} {cell.region}"
+        print(f"{name:<36}{low:6.1f}{middle:6.1f}{high:6.1f} |{typical:6.1f}")
 
 
 def table_lines(
@@ -150,3 +160,9 @@ def _entry(cell: Cell, clean: bool) -> str:
 def _median(values: Sequence[float]) -> float:
     known = [value for value in values if np.isfinite(value)]
     return float(np.median(known)) if known else float("nan")
+
+
+def _percentiles(values: Sequence[float]) -> tuple[float, float, float]:
+    known = [value for value in values if np.isfinite(value)]
+    low, middle, high = np.percentile(known, (5, 50, 95)) if known else [np.nan] * 3
+    return float(low), float(middle), float(high)

@@ -45,8 +45,7 @@ class ControlTask:
             "points": the mean distance of the points to it is below 1 cm (the paper's).
         far_lower: Corner of the Far region in x and y, from the demonstration's start [m].
         far_upper: The opposite corner [m].
-        rigid: Whether the reference is fitted with a rigid shape.
-        deformation: How far, in the mean, points get from the rigid shape that fits all best [m].
+        rigid: Whether it keeps its shape; the weight of what does not is not compensated.
         paper: Success of the paper's rows in percent, (near, far) by row (its table II).
     """
 
@@ -62,7 +61,6 @@ class ControlTask:
     far_lower: tuple[float, float] = (-0.40, -0.40)
     far_upper: tuple[float, float] = (0.40, 0.40)
     rigid: bool = True
-    deformation: float = 0.0
     paper: dict[str, tuple[int, int]]
 
     @property

@@ -143,7 +143,6 @@ def _hanging_bag() -> ControlTask:
         keyframes=keyframes,
         criterion="points",
         rigid=False,
-        deformation=0.006,
         paper={"pp_1": (51, 45), "pp_50": (100, 100), "ip_1": (23, 19), "ours": (100, 100)},
     )
 

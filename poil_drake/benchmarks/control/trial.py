@@ -10,7 +10,7 @@ from poil_drake.benchmarks.control.contact_monitor import CollisionThreshold
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration
 from poil_drake.benchmarks.control.direct_actuation import Slip
 from poil_drake.benchmarks.control.scripted import pose_difference
-from poil_drake.benchmarks.control.starts import Region, distance_to_near, sample_start
+from poil_drake.benchmarks.control.starts import Region, distance_to_near
 from poil_drake.benchmarks.control.task import SUCCESS_DISTANCE
 
 
@@ -24,7 +24,7 @@ class TrialConfig:
         settled_time: A trial ends once the object has hardly moved for so long [s]; longer than
             it takes safe entry to see that it is blocked.
         settled_motion: What is hardly moving: a turn [rad] and a shift [m] over that time. At the
-            reference's slowest, 2 cm/s, it moves ten times as far.
+            reference's slowest, 2 cm/s, it moves 5 cm.
         threshold: From when on contact is a collision.
     """
 
@@ -50,7 +50,9 @@ class ControlTrial:
         impulse: Of all contacts that were not meant [N s].
         depth: Deepest such penetration [m].
         time: Simulated [s].
-        strain: Largest change of a distance between two points, relative to that at the start.
+        strain: Largest change of a distance between two points over all pairs and times, relative
+            to that at the start.
+        typical_strain: Largest over all times of the median over all pairs.
         distance: Of the start from the Near region in x and y [m].
         path: (K, 3) of the object's frame [m], one each `look_period`.
         note: What the policy had to say in the end.
@@ -67,6 +69,7 @@ class ControlTrial:
     depth: float
     time: float
     strain: float
+    typical_strain: float
     distance: float
     path: np.ndarray
     note: str = ""
@@ -84,11 +87,11 @@ def goal_error(
 def RunTrial(
     arena: Arena,
     shown: RecordedDemonstration,
+    start: np.ndarray,
     *,
     policy: str,
     region: Region,
     trial: int,
-    rng: np.random.Generator,
     slip: Slip | None = None,
     noise_seed: int = 0,
     config: TrialConfig | None = None,
@@ -98,10 +101,10 @@ def RunTrial(
     Args:
         arena: With the policy.
         shown: The task's demonstration.
+        start: (4, 4) pose of the driven body.
         policy: Name of the policy.
-        region: Where to start.
+        region: Where the start is from.
         trial: Number of the trial.
-        rng: Draws the start.
         slip: How the object slips in the hand; None for not at all.
         noise_seed: Of the tracker's noise, where there is a tracker.
         config: When it ends.
@@ -109,29 +112,15 @@ def RunTrial(
     config = config or TrialConfig()
     simulator = Simulator(arena.diagram)
     context = simulator.get_mutable_context()
-    start = sample_start(arena, context, shown.shape, region, rng)
+    arena.place(context, start, shown.shape)
     if slip is not None:
-        hand, own = arena.hand_context(context)
-        hand.SetSlip(own, slip)
-    if arena.tracker is not None:
-        arena.tracker.SetSeed(arena.tracker.GetMyMutableContextFromRoot(context), noise_seed)
+        arena.SetSlip(context, slip)
+    arena.SetNoiseSeed(context, noise_seed)
     simulator.Initialize()
-    first = arena.points(context)
-    pairs = np.triu_indices(len(first), 1)
-    lengths = np.linalg.norm(first[pairs[0]] - first[pairs[1]], axis=1)
-    poses, strain = [start], 0.0
-    earliest = config.settled_time + (0.0 if slip is None else slip.start + slip.duration)
-    window = round(config.settled_time / config.look_period)
-    while context.get_time() < config.max_time:
-        simulator.AdvanceTo(context.get_time() + config.look_period)
-        points = arena.points(context)
-        poses.append(arena.pose(context))
-        now = np.linalg.norm(points[pairs[0]] - points[pairs[1]], axis=1)
-        strain = max(strain, float(np.max(np.abs(now / lengths - 1.0))))
-        if context.get_time() >= earliest and _is_settled(poses[-1 - window :], config):
-            break
-    error = goal_error(arena.task.criterion, arena.points(context), arena.pose(context), shown)
+    poses, points = _watch(arena, simulator, config, slip)
+    error = goal_error(arena.task.criterion, points[-1], poses[-1], shown)
     impulse, depth = arena.contact(context)
+    strains = pair_strains(points)
     return ControlTrial(
         task=arena.task.name,
         region=region,
@@ -143,11 +132,40 @@ def RunTrial(
         impulse=impulse,
         depth=depth,
         time=context.get_time(),
-        strain=strain,
+        strain=float(strains.max()),
+        typical_strain=float(np.median(strains, axis=1).max()),
         distance=distance_to_near(arena.task, start[:3, 3]),
-        path=np.array(poses)[:, :3, 3],
+        path=poses[:, :3, 3],
         note=str(getattr(arena.policy_state(context), "note", "")),
     )
+
+
+def _watch(
+    arena: Arena, simulator: Simulator, config: TrialConfig, slip: Slip | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Simulates until the end; returns poses (K, 4, 4) and points (K, N, 3), the start included."""
+    context = simulator.get_context()
+    poses, points = [arena.pose(context)], [arena.points(context)]
+    earliest = config.settled_time + (0.0 if slip is None else slip.start + slip.duration)
+    window = round(config.settled_time / config.look_period)
+    while context.get_time() < config.max_time:
+        simulator.AdvanceTo(context.get_time() + config.look_period)
+        poses.append(arena.pose(context))
+        points.append(arena.points(context))
+        if context.get_time() >= earliest and _is_settled(poses[-1 - window :], config):
+            break
+    return np.array(poses), np.array(points)
+
+
+def pair_strains(points: np.ndarray) -> np.ndarray:
+    """Returns by how much the distances between points have changed since the start (K, P).
+
+    Args:
+        points: (K, N, 3) [m].
+    """
+    first, second = np.triu_indices(points.shape[1], 1)
+    lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
+    return np.abs(lengths / lengths[0] - 1.0)
 
 
 def _is_settled(poses: list[np.ndarray], config: TrialConfig) -> bool:

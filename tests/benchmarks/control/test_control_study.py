@@ -4,6 +4,12 @@ import numpy as np
 import pytest
 
 from poil_drake.benchmarks.control import study as dut
+from poil_drake.benchmarks.control.demonstration import TaskDemonstration
+from poil_drake.benchmarks.control.direct_actuation import NO_SLIP
+from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.tasks import TASKS
+from poil_drake.benchmarks.control.trial import RunTrial
+from poil_drake.benchmarks.trial_pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
 SMALL = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("open_loop", "field"), trials=2)
@@ -52,17 +58,95 @@ def test_trial_is_the_same_alone_and_after_others():
     np.testing.assert_array_equal(alone.path, again.path)
 
 
-def test_hard_trials_slip_and_are_noisy():
+def test_hard_trials_are_noisy_and_slip(monkeypatch):
     easy = dut.run_control_trial({}, "pnp_cube", "near", "field", 0)
     hard = dut.run_control_trial({}, "pnp_cube", "hard", "field", 0)
+    monkeypatch.setattr(dut, "_draw_slip", lambda rng: NO_SLIP)
+    held = dut.run_control_trial({}, "pnp_cube", "hard", "field", 0)
 
     assert easy.error < 0.001 < hard.error
     assert hard.success
+    # Slips begin after one second at the earliest, after three at the latest, and move 3 cm.
+    np.testing.assert_array_equal(hard.path[:9], held.path[:9])
+    apart = np.linalg.norm(hard.path[:30] - held.path[:30], axis=1)
+    assert 0.015 < apart.max() < 0.045
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("policy", ["open_loop", "se3_bcsdm", "field", "safe_entry"])
+def test_every_policy_repeats_the_demonstration_from_its_start(task, policy):
+    shown = TaskDemonstration(task)
+
+    trial = RunTrial(
+        dut._arena({}, task, policy, False),
+        shown,
+        shown.X_WO[0],
+        policy=policy,
+        region="near",
+        trial=0,
+    )
+
+    assert trial.success
+    assert trial.collision_free
+
+
+def test_learned_policy_goes_through_the_study(tmp_path, monkeypatch):
+    settings = PointPolicyConfig(steps=5)
+    monkeypatch.setitem(dut.LEARNED, "pp_1", settings)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    trained = dut.train_policy("pnp_cube", "pp_1")
+    trial = dut.run_control_trial({("pnp_cube", "pp_1"): trained}, "pnp_cube", "near", "pp_1", 0)
+
+    assert trained.config == settings
+    assert np.isfinite(trial.error)
+    assert trial.note == ""
+
+
+def test_trial_that_fails_counts_as_no_success():
+    # No policy was trained.
+    trial = dut.run_control_trial({}, "pnp_cube", "near", "pp_1", 0)
+
+    assert not trial.success
+    assert not trial.collision_free
+    assert trial.note.startswith("KeyError")
+
+
+def test_interrupted_study_leaves_what_it_knows(tmp_path, monkeypatch):
+    def interrupted(function, arguments, *, shared, **options):
+        yield 0, function(*shared, *arguments[0])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dut, "run_trials", interrupted)
+    path = tmp_path / "study.json"
+
+    with pytest.raises(KeyboardInterrupt):
+        dut.run_control_study(SMALL, json_path=path)
+
+    assert len(figures(path)["trials"]) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["study.json"]
+
+
+def test_trial_whose_workers_died_is_a_failure_in_the_table(tmp_path, monkeypatch):
+    def dying(function, arguments, *, shared, **options):
+        for index, one in enumerate(arguments):
+            yield index, LostTrial(index, one, 3, "was killed by SIGKILL")
+
+    monkeypatch.setattr(dut, "run_trials", dying)
+
+    trials = dut.run_control_study(SMALL, json_path=tmp_path / "study.json")
+
+    assert not any(trial.success for trial in trials)
+    assert "SIGKILL" in trials[0].note
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"tasks": ("juggling",)}, "task 'juggling'"), ({"policies": ("luck",)}, "policy 'luck'")],
+    [
+        ({"tasks": ("juggling",)}, "task 'juggling'"),
+        ({"policies": ("luck",)}, "policy 'luck'"),
+        ({"policies": ("field", "field")}, "policy is named twice"),
+    ],
 )
 def test_unknown_names_are_refused_with_those_there_are(changes, words):
     with pytest.raises(InvalidValueError, match=words):

@@ -4,6 +4,8 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.benchmarks.control.policy import CommandedTwist
 from poil_drake.benchmarks.control.policy_system import PolicySystem
 
+HAND = [0.5, 0.0, 0.0]
+
 
 class CountingPolicy:
     """Counts its steps, and moves along x ever faster."""
@@ -30,6 +32,9 @@ def make(policy):
     dut.GetInputPort("points").FixValue(context, np.arange(6.0))
     dut.GetInputPort("confidence").FixValue(context, np.ones(2))
     dut.GetInputPort("object_pose").FixValue(context, np.eye(4).ravel())
+    hand = np.eye(4)
+    hand[:3, 3] = HAND
+    dut.GetInputPort("hand_pose").FixValue(context, hand.ravel())
     return dut, simulator, context
 
 
@@ -51,7 +56,7 @@ def test_policy_takes_one_step_each_period():
 
     # Steps at 0 and at 0.25 s.
     np.testing.assert_allclose(twist(dut, context), [0, 0, 0, 0.2, 0, 0])
-    np.testing.assert_array_equal(dut.GetOutputPort("point").Eval(context), [0, 1, 2])
+    np.testing.assert_array_equal(dut.GetOutputPort("point").Eval(context), HAND)
     assert dut.GetPolicyState(context) == 2
 
 
@@ -70,6 +75,19 @@ def test_command_that_is_not_finite_counts_as_zero():
     simulator.AdvanceTo(0.3)
 
     assert not twist(dut, context).any()
+
+
+def test_limits_are_of_the_hand_whatever_place_the_policy_speaks_of():
+    class Turning(CountingPolicy):
+        def step(self, state, observation):
+            return state, CommandedTwist(np.array([0, 0, 0.8, 0, 0, 0]), np.zeros(3))
+
+    dut, simulator, context = make(Turning())
+
+    simulator.AdvanceTo(0.3)
+
+    # Half a metre from the axis the hand would move at 0.4 m/s along y; 0.25 m/s are allowed.
+    np.testing.assert_allclose(twist(dut, context), [0, 0, 0.5, 0, 0.25, 0])
 
 
 def test_each_context_has_a_state_of_its_own():

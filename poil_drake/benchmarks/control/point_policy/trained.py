@@ -58,7 +58,7 @@ class TrainedPointPolicy:
                 remedy="Pass as many observations of the same points.",
             )
         outputs = forward(self.weights, self.normalization.inputs(history), self.config.heads)
-        return self.normalization.positions(outputs, history[-1])
+        return self.normalization.positions(outputs)
 
     def save(self, file: BinaryIO) -> None:
         """Writes an .npz, without pickles."""

@@ -24,7 +24,8 @@ def train_point_policy(
 ) -> TrainedPointPolicy:
     """Returns a policy that imitates demonstrations.
 
-    Minimises the mean squared error of the normalised displacements. The same demonstrations and
+    Minimises the mean squared error of the normalised future positions, as published: what is
+    learnt is where the points were in the world, not how they moved. The same demonstrations and
     settings give the same weights on the same machine.
 
     Args:
@@ -55,7 +56,7 @@ def train_point_policy(
             rng=rng,
         )
         futures = windows.futures[chosen]
-        return normalization.inputs(histories), normalization.targets(histories, futures)
+        return normalization.inputs(histories), normalization.targets(futures)
 
     batches = (draw() for _ in range(config.steps))
     first = initial_weights(network_shapes(config, windows.histories.shape[2]), config.seed)

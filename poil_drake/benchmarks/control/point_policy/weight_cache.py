@@ -18,7 +18,7 @@ from poil_drake.benchmarks.control.point_policy.training import train_point_poli
 from poil_drake.errors import InvalidValueError
 from poil_drake.models.user_cache import user_cache_directory
 
-TRAINING_VERSION = 1
+TRAINING_VERSION = 2
 """Goes up when the same data and settings give other weights."""
 
 

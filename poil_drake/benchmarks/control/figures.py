@@ -1,0 +1,54 @@
+"""Writes the figures of the control study as JSON."""
+
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from poil_drake.benchmarks.control.arena import ArenaConfig
+from poil_drake.benchmarks.control.table import summarize
+from poil_drake.benchmarks.control.tasks import MakeTask
+from poil_drake.benchmarks.control.trial import ControlTrial, TrialConfig
+from poil_drake.recording.library_versions import library_versions
+from poil_drake.recording.plain_json import plain_json
+
+if TYPE_CHECKING:
+    from poil_drake.benchmarks.control.study import ControlStudyConfig
+
+
+def write_figures(trials: Sequence[ControlTrial], config: "ControlStudyConfig", path: Path) -> None:
+    """Writes everything that is known of the trials; the file appears whole.
+
+    Args:
+        trials: Those that have ended.
+        config: What was to be tried.
+        path: Where to.
+    """
+    figures = {
+        "config": asdict(config),
+        "arena": asdict(ArenaConfig()),
+        "trial": asdict(TrialConfig()),
+        "libraries": library_versions(),
+        "paper": {task: MakeTask(task).paper for task in config.tasks},
+        "summary": [vars(cell) for cell in summarize(trials)],
+        "trials": [_row(trial) for trial in trials],
+    }
+    text = json.dumps(plain_json(figures), allow_nan=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, scratch = tempfile.mkstemp(prefix=f".{path.name}", dir=path.parent)
+    try:
+        with os.fdopen(handle, "w") as file:
+            file.write(text)
+        os.replace(scratch, path)
+    finally:
+        Path(scratch).unlink(missing_ok=True)
+
+
+def _row(trial: ControlTrial) -> dict[str, object]:
+    """Returns a trial's figures, its path in whole millimetres."""
+    return {**vars(trial), "path": np.round(1e3 * trial.path).astype(int).tolist()}

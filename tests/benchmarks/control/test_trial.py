@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+
+from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.demonstration import TaskDemonstration
+from poil_drake.benchmarks.control.direct_actuation import Slip
+from poil_drake.benchmarks.control.policy import CommandedTwist
+from poil_drake.benchmarks.control.scripted import pose_difference
+from poil_drake.benchmarks.control.tasks import MakeTask
+from poil_drake.benchmarks.control.trial import RunTrial, TrialConfig, pair_strains
+
+SHOWN = TaskDemonstration("pnp_cube")
+
+
+class Straight:
+    """Goes straight to a pose that it knows."""
+
+    period = 1 / 64
+
+    def __init__(self, X_WO, gain=3.0):
+        self.goal, self.gain = X_WO, gain
+
+    def start(self):
+        return None
+
+    def step(self, state, observation):
+        V = self.gain * pose_difference(observation.X_WO, self.goal)
+        return state, CommandedTwist(V, observation.X_WO[:3, 3])
+
+
+def run(goal, *, gain=3.0, slip=None, config=None):
+    arena = Arena(MakeTask("pnp_cube"), Straight(goal, gain))
+    start = SHOWN.X_WO[0].copy()
+    start[:2, 3] += [0.03, -0.04]
+    return RunTrial(
+        arena,
+        SHOWN,
+        start,
+        policy="straight",
+        region="near",
+        trial=3,
+        slip=slip,
+        config=config,
+    )
+
+
+def test_reaching_the_goal_is_a_success():
+    trial = run(SHOWN.X_WO[-1])
+
+    assert trial.success
+    assert trial.collision_free
+    assert trial.error < 0.001
+    assert trial.strain < 1e-9
+
+
+def test_just_beyond_a_centimetre_is_none():
+    beside = SHOWN.X_WO[-1].copy()
+    beside[0, 3] += 0.0105
+
+    trial = run(beside)
+
+    assert not trial.success
+    assert trial.error == pytest.approx(0.0105, abs=0.0005)
+
+
+def test_orientation_does_not_count_where_the_centre_does():
+    turned = SHOWN.X_WO[-1].copy()
+    turned[:3, :3] = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+    assert run(turned).success
+
+
+def test_trial_ends_when_the_object_has_come_to_rest():
+    config = TrialConfig(settled_time=0.5)
+
+    resting = run(SHOWN.X_WO[-1], gain=0.0, config=config)
+
+    assert resting.time == pytest.approx(0.5)
+    assert not resting.success
+    assert len(resting.path) == 5  # The start, and one each eighth of a second.
+
+
+def test_slow_progress_is_no_rest():
+    trial = run(SHOWN.X_WO[-1], gain=0.4)
+
+    assert trial.error < 0.01
+    assert trial.time > 8.0
+
+
+def test_trial_ends_at_its_time_limit():
+    trial = run(SHOWN.X_WO[-1], gain=0.05, config=TrialConfig(max_time=2.0))
+
+    assert trial.time == pytest.approx(2.0)
+
+
+def test_pressing_on_the_table_is_a_collision():
+    below = SHOWN.X_WO[-1].copy()
+    below[2, 3] -= 0.01
+
+    trial = run(below)
+
+    assert trial.success
+    assert not trial.collision_free
+    assert trial.impulse > 0.02
+
+
+def test_object_that_slips_is_waited_for():
+    slip = Slip(4.0, 0.25, np.array([0.0, 0.0, 0.03]), np.zeros(3))
+
+    trial = run(SHOWN.X_WO[-1], slip=slip, config=TrialConfig(settled_time=0.5))
+
+    assert trial.time >= 4.75
+    heights = trial.path[:, 2]
+    assert heights[round(4.25 * 8)] > heights[round(4.0 * 8)] + 0.01
+    assert trial.success
+
+
+def test_strain_is_the_relative_change_of_each_distance():
+    first = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0]])
+    stretched = first * [1.1, 1.0, 1.0]
+
+    strains = pair_strains(np.array([first, stretched]))
+
+    # Pairs 01, 02, 12; the last from sqrt(0.05) to sqrt(0.0521).
+    np.testing.assert_allclose(strains[0], 0.0)
+    np.testing.assert_allclose(strains[1], [0.1, 0.0, np.sqrt(0.0521 / 0.05) - 1.0], atol=1e-12)
