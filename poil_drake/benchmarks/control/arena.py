@@ -102,52 +102,49 @@ class Arena:
         self.plant, self._scene_graph, self.body = AddTaskPlant(builder, task, config.time_step)
         plant, n = self.plant, len(task.link_points)
         instance = self.body.model_instance()
-        observer = builder.AddSystem(
-            PointObserver(
-                plant=plant,
-                body=self.body,
-                carriers=[plant.GetBodyByName(name, instance) for name in task.carriers],
-                p_BP=task.link_points,
-            )
+        self._observer = PointObserver(
+            plant=plant,
+            body=self.body,
+            carriers=[plant.GetBodyByName(name, instance) for name in task.carriers],
+            p_BP=task.link_points,
         )
-        self._policy = builder.AddSystem(
-            PolicySystem(
-                policy=policy,
-                num_points=n,
-                max_angular_speed=config.max_angular_speed,
-                max_linear_speed=config.max_linear_speed,
-            )
+        self._policy = PolicySystem(
+            policy=policy,
+            num_points=n,
+            max_angular_speed=config.max_angular_speed,
+            max_linear_speed=config.max_linear_speed,
         )
-        self._hand = builder.AddSystem(
-            DirectActuation(plant=plant, body=self.body, config=config.actuation)
+        self._hand = DirectActuation(plant=plant, body=self.body, config=config.actuation)
+        self._monitor = ContactMonitor(
+            plant=plant, body=self.body, num_points=n, intended=intended_contact
         )
-        self._monitor = builder.AddSystem(
-            ContactMonitor(plant=plant, body=self.body, num_points=n, intended=intended_contact)
-        )
-        self._observer = observer
-        sources = {
-            "body_poses": plant.get_body_poses_output_port(),
-            "body_spatial_velocities": plant.get_body_spatial_velocities_output_port(),
-            "contact_results": plant.get_contact_results_output_port(),
-            "query_object": self._scene_graph.get_query_output_port(),
-        }
-        sources |= _outputs(observer, self._policy)
-        sources["hand_pose"] = self._hand.GetOutputPort("hand_pose")
-        seen = dict(sources)
-        if tracker is not None:
-            builder.AddSystem(tracker)
-            _connect(builder, tracker, sources)
-            seen |= _outputs(tracker)
-        _connect(builder, observer, sources)
-        _connect(builder, self._policy, seen)
-        _connect(builder, self._hand, sources)
-        _connect(builder, self._monitor, sources)
-        builder.Connect(
-            self._hand.GetOutputPort("applied_spatial_force"),
-            plant.get_applied_spatial_force_input_port(),
-        )
+        self._connect(builder)
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         self.diagram: Diagram = builder.Build()
+
+    def _connect(self, builder: DiagramBuilder) -> None:
+        """Adds the systems and connects each of their inputs to the output of the same name."""
+        systems = [self._observer, self._policy, self._hand, self._monitor]
+        for system in systems:
+            builder.AddSystem(system)
+        sources = _outputs(*systems)
+        sources |= {
+            "body_poses": self.plant.get_body_poses_output_port(),
+            "body_spatial_velocities": self.plant.get_body_spatial_velocities_output_port(),
+            "contact_results": self.plant.get_contact_results_output_port(),
+            "query_object": self._scene_graph.get_query_output_port(),
+        }
+        seen = dict(sources)
+        if self._tracker is not None:
+            builder.AddSystem(self._tracker)
+            _connect(builder, self._tracker, sources)
+            seen |= _outputs(self._tracker)
+        for system in systems:
+            _connect(builder, system, seen if system is self._policy else sources)
+        builder.Connect(
+            self._hand.GetOutputPort("applied_spatial_force"),
+            self.plant.get_applied_spatial_force_input_port(),
+        )
 
     def points(self, context: Context) -> np.ndarray:
         """Returns where the points truly are, (N, 3) [m, world]."""

@@ -1,5 +1,7 @@
 """Blind replay: the rival that looks once and then follows its plan."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from poil_drake.benchmarks.control.policy import CommandedTwist, Observation
@@ -15,6 +17,18 @@ from poil_drake.geometry.rigid_transform import (
 
 _PEAK = 1.875
 """Fastest over mean speed of a movement of minimum jerk."""
+
+
+class ReplayPlan(NamedTuple):
+    """Where the hand is going to be.
+
+    Attributes:
+        begin: When it begins [s].
+        poses: (K, 4, 4) of the hand, one each period.
+    """
+
+    begin: float
+    poses: np.ndarray
 
 
 class OpenLoopPolicy:
@@ -48,15 +62,18 @@ class OpenLoopPolicy:
         self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
 
     def start(self) -> None:
-        """Returns None: there is no plan before the first observation."""
+        """Returns None: there is no plan before the points are seen."""
 
     def step(
-        self, state: np.ndarray | None, observation: Observation
-    ) -> tuple[np.ndarray, CommandedTwist]:
-        """Returns the planned poses of the hand (K, 4, 4), and the motion to the next one."""
-        poses = self._plan(observation) if state is None else state
-        k = round(observation.time / self.period)
-        return poses, track_poses(poses, k, observation.X_WH, period=self.period)
+        self, state: ReplayPlan | None, observation: Observation
+    ) -> tuple[ReplayPlan | None, CommandedTwist]:
+        """Returns the plan, and the motion to its next pose."""
+        if state is None:
+            if not observation.confidence.all():
+                return None, CommandedTwist(np.zeros(6), observation.X_WH[:3, 3])
+            state = ReplayPlan(observation.time, self._plan(observation))
+        k = round((observation.time - state.begin) / self.period)
+        return state, track_poses(state.poses, k, observation.X_WH, period=self.period)
 
     def _plan(self, observation: Observation) -> np.ndarray:
         # How the object would have to move to be where the demonstration started.

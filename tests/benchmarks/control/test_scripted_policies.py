@@ -88,7 +88,7 @@ def test_way_to_the_start_keeps_the_speed_limits():
 
     planned, _ = dut.step(dut.start(), seen(0.0, far, far))
 
-    approach = planned[: len(planned) - len(poses) + 1]
+    approach = planned.poses[: len(planned.poses) - len(poses) + 1]
     V = np.array([pose_difference(a, b) for a, b in pairwise(approach)]) / PERIOD
     assert np.linalg.norm(V[:, :3], axis=1).max() < 2.0
     assert 0.15 < np.linalg.norm(V[:, 3:], axis=1).max() < 0.25
@@ -111,10 +111,10 @@ def test_replay_leads_the_hand_back_onto_its_plan():
     poses = path()
     dut = replay(poses)
     state, _ = dut.step(dut.start(), seen(0.0, poses[0], poses[0]))
-    pushed = state[16].copy()
+    pushed = state.poses[16].copy()
     pushed[:3, 3] += [0.0, 0.0, 0.05]
 
-    on, off = (dut.step(state, seen(1.0, X, X))[1] for X in (state[16], pushed))
+    on, off = (dut.step(state, seen(1.0, X, X))[1] for X in (state.poses[16], pushed))
 
     assert off.V[5] - on.V[5] == pytest.approx(-5.0 * 0.05)
 
@@ -124,8 +124,21 @@ def test_replay_is_at_rest_in_the_end(time, resting):
     poses = path()
     dut = replay(poses)
     state, _ = dut.step(dut.start(), seen(0.0, poses[0], poses[0]))
-    k = min(round(time / PERIOD), len(state) - 1)
+    k = min(round(time / PERIOD), len(state.poses) - 1)
 
-    _, command = dut.step(state, seen(time, state[k], state[k]))
+    _, command = dut.step(state, seen(time, state.poses[k], state.poses[k]))
 
     assert (np.linalg.norm(command.V) < 1e-9) == resting
+
+
+def test_replay_waits_until_all_points_are_seen():
+    poses = path()
+    dut = replay(poses)
+    hidden = Observation(0.0, np.full((5, 3), np.nan), np.zeros(5), poses[0], poses[0])
+
+    waiting, command = dut.step(dut.start(), hidden)
+    begun, _ = dut.step(waiting, seen(0.125, poses[0], poses[0]))
+
+    assert waiting is None
+    assert not command.V.any()
+    assert begun.begin == 0.125
