@@ -1,7 +1,5 @@
 """The configurations of a reference that are closest to many states of its points (POIL eq. 1)."""
 
-from functools import lru_cache
-
 import numpy as np
 
 from poil_drake.control.point_trajectory import PointTrajectory
@@ -51,36 +49,21 @@ def closest_configurations(
     return _between_samples(points, reference.positions, index, weights)
 
 
-@lru_cache(maxsize=8)
-def _reference_features(reference: PointTrajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the mean of all positions (3,), and x*_i and |x*_i|^2 about it as (4N, T)."""
-    centre = reference.positions.mean(axis=(0, 1))
-    offsets = reference.positions - centre
-    squares = np.einsum("tni,tni->tn", offsets, offsets)
-    features = np.concatenate([offsets.reshape(len(offsets), -1), squares], axis=1)
-    return centre, np.ascontiguousarray(features.T)
-
-
 def _relative_costs(
     points: np.ndarray, reference: PointTrajectory, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns squared distances (B, T) [m^2] less a constant of each state, and their error (B,).
-
-    sum_i w_i |x_i - x*_i|^2 = sum_i w_i |x_i|^2 - 2 w_i x_i . x*_i + w_i |x*_i|^2 is one matrix
-    product but for the first term, which is the same for all samples.
-    """
-    centre, features = _reference_features(reference)
-    B, N, _ = points.shape
-    x = points - centre
-    weighted = x * weights[:, :, None]
-    factors = np.concatenate([-2.0 * weighted.reshape(B, -1), weights], axis=1)
-    costs = np.empty((B, features.shape[1]))
-    stride = max(_SINGLE_THREAD_PRODUCTS // features.size, 1)
+    """Returns `SampleFeatures.relative_costs` of B states: (B, T) [m^2], and tolerances (B,)."""
+    features = reference.features
+    B = len(points)
+    weighted = points * weights[:, :, None]
+    factors = np.concatenate([-weighted.reshape(B, -1), weights], axis=1)
+    costs = np.empty((B, reference.times.size))
+    stride = max(_SINGLE_THREAD_PRODUCTS // features.stacked.size, 1)
     for begin in range(0, B, stride):
-        np.matmul(factors[begin : begin + stride], features, out=costs[begin : begin + stride])
-    scale = np.einsum("bni,bni->b", weighted, x) + weights @ features[3 * N :].max(axis=1)
-    # The sum of 4N + 2 terms, whose sizes add up to at most twice the scale, rounds by less.
-    return costs, (4 * N + 2) * 2.0 * np.finfo(float).eps * scale
+        rows = slice(begin, begin + stride)
+        np.matmul(factors[rows], features.stacked, out=costs[rows])
+    sizes = np.einsum("bni,bni->b", weighted, points) + weights @ features.sizes
+    return costs, features.tolerance_factor * sizes
 
 
 def _last_minima(
@@ -95,7 +78,7 @@ def _last_minima(
     Samples that the costs cannot tell apart are compared by the very sums of `squared_distances`,
     and among equals the last is taken, so that the choice is the one made for a single state.
     """
-    limits = costs.min(axis=1) + 2.0 * tolerances
+    limits = costs.min(axis=1) + tolerances
     states, samples = np.nonzero(costs <= limits[:, None])
     differences = (positions[samples] - points[states]).reshape(len(samples), -1)
     squares = np.einsum(

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
+from poil_drake.control.point_trajectory import PointTrajectory
+
 
 def closest_configuration(
     points: np.ndarray,
-    positions: np.ndarray,
-    times: np.ndarray,
+    reference: PointTrajectory,
     weights: np.ndarray | None = None,
     *,
     interpolate: bool,
@@ -19,29 +20,38 @@ def closest_configuration(
     """Returns the place of a reference closest to the points: a sample and a fraction to the next.
 
     Args:
-        points: (N, 3) [m].
-        positions: (T, N, 3) the reference's [m].
-        times: (T,) of the samples [s].
-        weights: (N,), None for all one.
+        points: (N, 3) [m], finite.
+        reference: The reference of the same N points.
+        weights: (N,) not negative, None for all one. Points of weight zero count for nothing.
         interpolate: Whether to look between the samples too; the fraction is 0 otherwise.
-        window: See `nearest_sample_in_window`.
-        escape_ratio: See `nearest_sample_in_window`.
-        previous_tau: See `nearest_sample_in_window`.
+        window: How far to look (backward, forward) of the last tick's place [s]; None looks
+            everywhere.
+        escape_ratio: With a window, the closest of all samples still wins where its squared
+            distance is below this part of the one within the window.
+        previous_tau: Time of the last tick's place [s]. None or NaN: no window.
     """
-    index = nearest_sample_in_window(
-        squared_distances(points, positions, weights),
-        times,
-        previous_tau=previous_tau,
-        window=window,
-        escape_ratio=escape_ratio,
-    )
-    return between_samples(points, positions, index, weights) if interpolate else (index, 0.0)
+    costs, tolerance = reference.features.relative_costs(points, weights)
+    positions = reference.positions
+    index = _last_minimum(costs, tolerance, points, positions, weights)
+    if window is not None and previous_tau is not None and not math.isnan(previous_tau):
+        begin, end = window_samples(reference.times, previous_tau, window)
+        nearby = begin + _last_minimum(
+            costs[begin:end], tolerance, points, positions[begin:end], weights
+        )
+        anywhere_square, nearby_square = squared_distances(
+            points, positions[[index, nearby]], weights
+        ).tolist()
+        if not anywhere_square < escape_ratio * nearby_square:
+            index = nearby
+    return between_samples(points, reference, index, weights) if interpolate else (index, 0.0)
 
 
 def squared_distances(
     points: np.ndarray, positions: np.ndarray, weights: np.ndarray | None = None
 ) -> np.ndarray:
     """Returns sum_i w_i |x_i - x*_i(tau)|^2 (T,) [m^2] at every sample.
+
+    Equal samples get equal sums.
 
     Args:
         points: (N, 3) [m].
@@ -55,55 +65,26 @@ def squared_distances(
     return np.einsum("tk,k->t", np.square(differences, out=differences), np.repeat(weights, 3))
 
 
-def nearest_sample(
-    points: np.ndarray, positions: np.ndarray, weights: np.ndarray | None = None
-) -> int:
-    """Returns the index of the reference's sample closest to the points (POIL eq. 1).
-
-    Among equals it is the last, so that a reference that stands still is passed.
+def window_samples(
+    times: np.ndarray, previous_tau: float, window: tuple[float, float]
+) -> tuple[int, int]:
+    """Returns the first sample of a window around the last tick's time, and the one after its last.
 
     Args:
-        points: (N, 3) [m].
-        positions: (T, N, 3) the reference's [m].
-        weights: (N,), None for all one.
-    """
-    return _last_minimum(squared_distances(points, positions, weights))
-
-
-def nearest_sample_in_window(
-    squares: np.ndarray,
-    times: np.ndarray,
-    *,
-    previous_tau: float | None,
-    window: tuple[float, float] | None,
-    escape_ratio: float,
-) -> int:
-    """Returns the index of the closest sample near the one of the last tick.
-
-    Args:
-        squares: (T,) squared distances to every sample [m^2].
         times: (T,) of the samples [s].
-        previous_tau: Time of the last tick's closest configuration [s]. None or NaN: no window.
-        window: How far to look (backward, forward) of it [s]; None looks everywhere.
-        escape_ratio: The closest of all samples wins where its squared distance is below this part
-            of the one within the window.
+        previous_tau: Time of the last tick's closest configuration [s].
+        window: How far to look (backward, forward) of it [s].
     """
-    anywhere = _last_minimum(squares)
-    if window is None or previous_tau is None or math.isnan(previous_tau):
-        return anywhere
     backward, forward = window
-    begin = int(np.searchsorted(times, previous_tau - backward))
-    end = int(np.searchsorted(times, previous_tau + forward, side="right"))
+    begin = int(times.searchsorted(previous_tau - backward))
+    end = int(times.searchsorted(previous_tau + forward, side="right"))
     # A window narrower than a sample still holds the samples on both sides of the last tick.
-    last = int(np.searchsorted(times, previous_tau, side="right")) - 1
-    begin = min(begin, max(last, 0))
-    end = max(end, min(max(last, 0) + 2, len(times)))
-    nearby = begin + _last_minimum(squares[begin:end])
-    return anywhere if squares[anywhere] < escape_ratio * squares[nearby] else nearby
+    last = max(int(times.searchsorted(previous_tau, side="right")) - 1, 0)
+    return min(begin, last), max(end, min(last + 2, times.size))
 
 
 def between_samples(
-    points: np.ndarray, positions: np.ndarray, index: int, weights: np.ndarray | None = None
+    points: np.ndarray, reference: PointTrajectory, index: int, weights: np.ndarray | None = None
 ) -> tuple[int, float]:
     """Returns the place closest to the points on the two segments that meet at a sample.
 
@@ -112,7 +93,7 @@ def between_samples(
 
     Args:
         points: (N, 3) [m].
-        positions: (T, N, 3) the reference's [m].
+        reference: The reference of the same N points.
         index: The closest sample.
         weights: (N,), None for all one.
 
@@ -120,26 +101,55 @@ def between_samples(
         segment: The sample that the place comes after.
         fraction: Part of the way to the next one, in [0, 1); 0 at the last sample.
     """
+    offset = (points - reference.positions[index]).ravel()
+    first, end = max(index - 1, 0), index + 1
+    features = reference.features
+    steps = features.steps[first:end]
+    if weights is None:
+        lengths = features.squared_steps[first:end]
+    else:
+        offset *= (repeated := np.repeat(weights, 3))
+        lengths = (steps * steps).dot(repeated)
+    alongs = steps.dot(offset).tolist()
     best, segment, fraction = 0.0, index, 0.0
-    offset = points - positions[index]
-    if weights is not None:
-        offset = offset * weights[:, None]
-    for neighbour in (index + 1, index - 1):
-        if not 0 <= neighbour < len(positions):
+    for k, direction in ((index, 1.0), (index - 1, -1.0)):  # Segment k begins at sample k.
+        if not 0 <= k - first < len(alongs):
             continue
-        step = positions[neighbour] - positions[index]
-        along = float(np.vdot(offset, step))
+        along = direction * alongs[k - first]
         if along <= 0.0:
             continue
-        weighted_step = step if weights is None else step * weights[:, None]
-        length = float(np.vdot(weighted_step, step))
+        length = float(lengths[k - first])
         s = min(along / length, 1.0)
         gain = s * (2.0 * along - s * length)
         if gain > best:
             best = gain
-            segment, fraction = (index, s) if neighbour > index else (neighbour, 1.0 - s)
+            segment, fraction = k, s if k == index else 1.0 - s
     return (segment + 1, 0.0) if fraction >= 1.0 else (segment, fraction)
 
 
-def _last_minimum(squares: np.ndarray) -> int:
-    return len(squares) - 1 - int(squares[::-1].argmin())
+def _last_minimum(
+    costs: np.ndarray,
+    tolerance: float,
+    points: np.ndarray,
+    positions: np.ndarray,
+    weights: np.ndarray | None,
+) -> int:
+    """Returns the closest sample; among equals the last, so that one passes a standstill.
+
+    Samples that the costs cannot tell apart are compared by their `squared_distances`.
+
+    Args:
+        costs: (T,) see `SampleFeatures.relative_costs`.
+        tolerance: How far apart equal ones may seem.
+        points: (N, 3) [m].
+        positions: (T, N, 3) the reference's [m].
+        weights: (N,), None for all one.
+    """
+    limit = costs[costs.argmin()] + tolerance
+    candidates = (costs <= limit).nonzero()[0]
+    if candidates.size == 1:
+        return int(candidates[0])
+    if candidates.size == 0:  # The costs overflow.
+        candidates = np.arange(len(costs))
+    squares = squared_distances(points, positions[candidates], weights)
+    return int(candidates[::-1][squares[::-1].argmin()])

@@ -46,6 +46,8 @@ def shorten_path(
 ) -> np.ndarray:
     """Returns the corners (K, D) of a shorter path: random pairs of points on it are joined.
 
+    A path of length zero stays as it is.
+
     Args:
         corners: (K, D) of a free path.
         edges: The check.
@@ -55,6 +57,8 @@ def shorten_path(
     for _ in range(attempts):
         lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(lengths)])
+        if not along[-1] > 0.0:
+            return corners
         low, high = np.sort(rng.uniform(0.0, along[-1], 2))
         before, after = (np.searchsorted(along, value, side="right") - 1 for value in (low, high))
         after = min(after, len(lengths) - 1)

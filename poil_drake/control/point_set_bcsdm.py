@@ -2,16 +2,16 @@
 
 import enum
 import math
-from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from poil_drake.control.bcsdm_config import BcsdmConfig
 from poil_drake.control.closest_configuration import closest_configuration
 from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.control.twist_fit import RobustTwist, fit_twist_ransac, fit_twist_to_inliers
+from poil_drake.control.robust_fit import fit_robust_twist
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_consensus import rigid_inliers
 
 
 class BcsdmStatus(enum.Enum):
@@ -27,9 +27,8 @@ class BcsdmStatus(enum.Enum):
     """The points are at the end of the reference, within the tolerance."""
 
 
-@dataclass(frozen=True, eq=False)
-class BcsdmOutput:
-    """The field at one configuration.
+class BcsdmOutput(NamedTuple):
+    """The field at one configuration; its arrays are read-only.
 
     Attributes:
         omega: (3,) angular velocity of the object [rad/s, world]; zero when lost.
@@ -50,17 +49,13 @@ class BcsdmOutput:
     v: np.ndarray
     centroid: np.ndarray
     tau: float
-    index: int
+    index: int  # type: ignore[assignment]  # It hides the tuple's own, which nobody needs.
     potential: float
     mean_error: float
     goal_error: float
     point_velocities: np.ndarray
     inliers: np.ndarray
     status: BcsdmStatus
-
-    def __post_init__(self) -> None:
-        for array in (self.omega, self.v, self.centroid, self.point_velocities, self.inliers):
-            array.flags.writeable = False
 
     @property
     def twist(self) -> np.ndarray:
@@ -97,93 +92,84 @@ def point_set_bcsdm(
             remedy="Pass the positions of the reference's points, in its order.",
         )
     weights = np.ones(len(points)) if confidence is None else confidence
-    # NaN fails the comparison, so a confidence that is NaN leaves its point out as well.
+    numbers, flat = weights.tolist(), points.ravel()
+    # A sum is finite only if all its terms are. NaN fails every comparison.
+    if numbers and min(numbers) > 0.0 and math.isfinite(sum(numbers) + flat.dot(flat)):
+        return _field(points, weights, reference, config, previous_tau)
     observed = (weights > 0.0) & (weights < np.inf) & np.isfinite(points.sum(axis=1))
-    which: slice | np.ndarray = slice(None)
-    x, w, positions = points, weights, reference.positions
-    if not observed.all():
-        which = np.flatnonzero(observed)
-        x, w, positions = points[which], weights[which], positions.take(which, axis=1)
-    if len(x) < 3:
+    # Points of weight zero count for nothing, wherever they are.
+    points = np.where(observed[:, None], points, 0.0)
+    weights = np.where(observed, weights, 0.0)
+    return _field(points, weights, reference, config, previous_tau)
+
+
+def _field(
+    points: np.ndarray,
+    weights: np.ndarray,
+    reference: PointTrajectory,
+    config: BcsdmConfig,
+    previous_tau: float | None,
+) -> BcsdmOutput:
+    """Returns the field of finite points, of which those of weight zero count for nothing."""
+    numbers = weights.tolist()
+    count = len(numbers) - numbers.count(0.0)
+    if count < 3:
         return _lost(len(points))
+    alike = numbers.count(numbers[0]) == len(numbers)
     segment, fraction = closest_configuration(
-        x,
-        positions,
-        reference.times,
-        w,
+        points,
+        reference,
+        None if alike else weights,
         interpolate=config.interpolate,
         window=config.progress_window,
         escape_ratio=config.window_escape_ratio,
         previous_tau=previous_tau,
     )
-    errors = _interpolate(positions, segment, fraction) - x
-    velocities = _interpolate(reference.velocities, segment, fraction)[which] + config.eta * errors
-    fit, suspicious = _fit(x, velocities, w, config)
-    if suspicious:
-        inliers = rigid_inliers(x, x + errors, w, config=config.rigidity)
-        if not inliers.all():
-            # Outliers count for nothing, the closest configuration included.
-            kept = np.zeros(len(points))
-            kept[which] = w * inliers
-            return point_set_bcsdm(points, reference, config, kept, previous_tau)
+    state = reference.states[segment]
+    if fraction > 0.0:
+        state = state + fraction * reference.state_steps[segment]
+    errors = state[:2] - points  # From the closest configuration, and from the end.
+    velocities = state[2] + config.eta * errors[0]
+    fit = fit_robust_twist(points, velocities, state[0], weights, alike, config)
+    if config.outlier_test == "rigidity" and np.count_nonzero(fit.inliers) < count:
+        # Outliers count for nothing, the closest configuration included.
+        return _field(points, weights * fit.inliers, reference, config, previous_tau)
     if fit.spread < config.min_spread:
         return _lost(len(points))
-    tau = float(_interpolate(reference.times, segment, fraction))
-    total = float(w.sum())
-    squares = np.einsum("ni,ni->n", errors, errors)
-    goal_errors = positions[-1] - x
-    goal_squares = np.einsum("ni,ni->n", goal_errors, goal_errors)
-    goal_error = float(w @ np.sqrt(goal_squares)) / total
+    total = sum(numbers)
+    tau = _time(reference.times, segment, fraction)
+    squares = np.vecdot(errors, errors)
+    distance, goal_distance = np.sqrt(squares).dot(weights).tolist()
+    mean_error, goal_error = distance / total, goal_distance / total
     at_goal = goal_error < config.goal_tolerance and tau >= reference.times[-1] - config.goal_window
+    if count < len(points):
+        velocities[weights == 0.0] = np.nan
+    velocities.setflags(write=False)
     return BcsdmOutput(
         omega=fit.omega,
         v=fit.v,
         centroid=fit.centroid,
         tau=tau,
         index=segment + round(fraction),
-        potential=0.5 * float(w @ squares),
-        mean_error=float(w @ np.sqrt(squares)) / total,
+        potential=0.5 * float(weights.dot(squares[0])),
+        mean_error=mean_error,
         goal_error=goal_error,
-        point_velocities=_for_all(velocities, observed, np.nan),
-        inliers=_for_all(fit.inliers, observed, False),
+        point_velocities=velocities,
+        inliers=fit.inliers,
         status=BcsdmStatus.GOAL if at_goal else BcsdmStatus.OK,
     )
 
 
-def _fit(
-    points: np.ndarray, velocities: np.ndarray, weights: np.ndarray, config: BcsdmConfig
-) -> tuple[RobustTwist, bool]:
-    """Returns the twist, and whether its residuals are large enough to look for outliers."""
-    if config.outlier_test == "velocity":
-        ransac, spread = config.ransac, config.min_rotation_spread
-        fit = fit_twist_ransac(
-            points, velocities, weights, config=ransac, min_rotation_spread=spread
-        )
-        return fit, False
-    everyone = np.ones(len(points), dtype=bool)
-    fit, squares = fit_twist_to_inliers(
-        points, velocities, weights, everyone, config.min_rotation_spread
-    )
-    limit = (config.eta * config.rigidity.inlier_distance) ** 2
-    return fit, config.outlier_test == "rigidity" and bool(squares.max() > limit)
-
-
-def _interpolate(values: np.ndarray, segment: int, fraction: float) -> np.ndarray:
+def _time(times: np.ndarray, segment: int, fraction: float) -> float:
     if fraction == 0.0:
-        return values[segment]
-    return values[segment] + fraction * (values[segment + 1] - values[segment])
+        return float(times[segment])
+    start, end = times[segment : segment + 2].tolist()
+    return start + fraction * (end - start)
 
 
-def _for_all(values: np.ndarray, observed: np.ndarray, fill: float | bool) -> np.ndarray:
-    if len(values) == len(observed):
-        return values
-    full = np.full((len(observed), *values.shape[1:]), fill, dtype=values.dtype)
-    full[observed] = values
-    return full
-
-
+@lru_cache(maxsize=32)
 def _lost(count: int) -> BcsdmOutput:
-    return BcsdmOutput(
+    output = BcsdmOutput(
         omega=np.zeros(3),
         v=np.zeros(3),
         centroid=np.full(3, np.nan),
@@ -196,3 +182,8 @@ def _lost(count: int) -> BcsdmOutput:
         inliers=np.zeros(count, dtype=bool),
         status=BcsdmStatus.LOST,
     )
+    for array in (output.omega, output.v, output.centroid):
+        array.setflags(write=False)
+    output.point_velocities.setflags(write=False)
+    output.inliers.setflags(write=False)
+    return output

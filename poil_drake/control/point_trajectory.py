@@ -1,9 +1,12 @@
 """The reference that the controller follows."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from poil_drake.control.sample_features import SampleFeatures
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 
@@ -46,6 +49,26 @@ class PointTrajectory(SharedOnCopy):
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "velocities", velocities)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What can be worked out again does not travel to other processes.
+        return {name: getattr(self, name) for name in ("times", "positions", "velocities")}
+
+    @cached_property
+    def features(self) -> SampleFeatures:
+        """What squared distances from all samples are made of."""
+        return SampleFeatures.of(self.positions)
+
+    @cached_property
+    def states(self) -> np.ndarray:
+        """(T, 3, N, 3) each sample's positions, those of the end, and velocities.
+
+        Side by side they are interpolated, and compared with the points, in one step each.
+        """
+        ends = np.broadcast_to(self.positions[-1], self.positions.shape)
+        states = np.stack([self.positions, ends, self.velocities], axis=1)
+        states.flags.writeable = False
+        return states
+
     def positions_at(self, time: float) -> np.ndarray:
         """Returns the points (N, 3) [m, world] at a time [s], linear between samples.
 
@@ -55,3 +78,10 @@ class PointTrajectory(SharedOnCopy):
         start, end = self.times[after - 1 : after + 1].tolist()
         s = min(max((time - start) / (end - start), 0.0), 1.0)
         return (1.0 - s) * self.positions[after - 1] + s * self.positions[after]
+
+    @cached_property
+    def state_steps(self) -> np.ndarray:
+        """(T - 1, 3, N, 3) from each of `states` to the next."""
+        steps = np.diff(self.states, axis=0)
+        steps.flags.writeable = False
+        return steps

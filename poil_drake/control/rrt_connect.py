@@ -90,28 +90,11 @@ def rrt_connect(
     Raises:
         MissingDependencyError: OMPL is not installed.
     """
-    try:
-        from ompl import base, geometric, util
-    except ImportError as error:
-        raise MissingDependencyError(
-            "OMPL, which plans the way around obstacles, is not installed.",
-            remedy="Install it with: pip install 'ompl>=2.0'",
-        ) from error
-
-    class BatchMotionValidator(base.MotionValidator):
-        """Checks an edge's configurations all at once, which is what makes Python fast enough."""
-
-        def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
-            return edge_is_free(space.read(first), space.read(last))
-
+    base, geometric, util = _import_ompl()
     util.noOutputHandler()
     # Every generator made from here on draws its seed from this one; 0 is not a valid seed.
     util.RNG.setSeed(seed + 1)
-    information = base.SpaceInformation(space.make(base))
-    information.setStateValidityChecker(lambda state: bool(is_free(space.read(state)[None])[0]))
-    validator = BatchMotionValidator(information)
-    information.setMotionValidator(validator)
-    information.setup()
+    information = _make_information(base, space, is_free, edge_is_free)
 
     def state_of(values: np.ndarray) -> State:
         state = information.allocState()
@@ -129,3 +112,36 @@ def rrt_connect(
     if not problem.hasExactSolution():
         return None
     return np.array([space.read(state) for state in problem.getSolutionPath().getStates()])
+
+
+def _import_ompl() -> tuple[Any, Any, Any]:
+    """Returns the modules `base`, `geometric` and `util`."""
+    try:
+        from ompl import base, geometric, util
+    except ImportError as error:
+        raise MissingDependencyError(
+            "OMPL, which plans the way around obstacles, is not installed.",
+            remedy="Install it with: pip install 'ompl>=2.0'",
+        ) from error
+    return base, geometric, util
+
+
+def _make_information(
+    base: Any,
+    space: SearchSpace,
+    is_free: IsFree,
+    edge_is_free: Callable[[np.ndarray, np.ndarray], bool],
+) -> Any:
+    """Returns OMPL's `SpaceInformation`: the space, and what is free in it."""
+
+    class BatchMotionValidator(base.MotionValidator):
+        """Checks an edge's configurations all at once, which is what makes Python fast enough."""
+
+        def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
+            return edge_is_free(space.read(first), space.read(last))
+
+    information = base.SpaceInformation(space.make(base))
+    information.setStateValidityChecker(lambda state: bool(is_free(space.read(state)[None])[0]))
+    information.setMotionValidator(BatchMotionValidator(information))
+    information.setup()
+    return information

@@ -73,13 +73,16 @@ class EntryPlan(SharedOnCopy):
     """A reference that is safe to follow from where the object is.
 
     Attributes:
-        reference: What the field is to follow with `SafeEntryPlanner.field`.
+        reference: What is to be followed. An object of its own for each plan, so that who remembers
+            a time on the reference notices when it is of another plan.
+        field: By which field: the planner's, or the one that it was given if the kind is OFF.
         kind: How the demonstration is entered.
         guide: (K, 4, 4) poses X_WB that the object is going to pass until it is on the reference;
-            K = 0 where the reference begins at the object.
+            K = 0 where the reference begins at the object, and once it is on the reference.
     """
 
     reference: PointTrajectory
+    field: BcsdmConfig
     kind: EntryKind
     guide: np.ndarray
 
@@ -99,7 +102,8 @@ class SafeEntryPlanner:
 
     Attributes:
         model: Object, scene and reference.
-        field: The field that is to follow the plans: the one given, with a progress window.
+        field: The field that is to follow the plans: the one given, with a progress window unless
+            safe entry is switched off.
     """
 
     def __init__(
@@ -134,17 +138,17 @@ class SafeEntryPlanner:
             object_points=object_points,
             config=self._config.clearance,
         )
-        self.field = bcsdm or BcsdmConfig()
+        self._unguarded = self.field = bcsdm or BcsdmConfig()
         if self._config.enabled:
             self.field = replace(
-                self.field,
+                self._unguarded,
                 progress_window=self._config.progress_window,
                 window_escape_ratio=0.0,
             )
 
     def unguarded(self) -> EntryPlan:
-        """Returns the demonstration as it is, to be followed from anywhere."""
-        return EntryPlan(self.model.reference, EntryKind.OFF, _NOWHERE)
+        """Returns the demonstration as it is, to be followed from anywhere by the field given."""
+        return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NOWHERE)
 
     def plan(
         self,
@@ -173,7 +177,8 @@ class SafeEntryPlanner:
         if not avoid_field:
             ahead = roll_out_entry(model, start, model.reference, self.field, config.rollout)
             if ahead.clear:
-                return EntryPlan(model.reference, EntryKind.FIELD, ahead.poses)
+                reference = replace(model.reference)
+                return EntryPlan(reference, self.field, EntryKind.FIELD, ahead.poses)
         places = entry_candidates(model, start, config.transit.candidates)
         kind = EntryKind.STRAIGHT
         transit = straight_transit(model, start, places)
@@ -192,7 +197,7 @@ class SafeEntryPlanner:
         reference = extended_reference(
             model.reference, transit.poses, transit.sample, config.timing
         )
-        return EntryPlan(reference, kind, _NOWHERE)
+        return EntryPlan(reference, self.field, kind, _NOWHERE)
 
     def check(
         self,
@@ -203,8 +208,11 @@ class SafeEntryPlanner:
     ) -> EntryPlan | None:
         """Returns the plan to go on with, None where it is not safe any more.
 
-        On the way planned that is the plan itself. Beside it the field is rolled out from here: if
-        it leads back without a collision, the plan is still good, with that way as its guide.
+        Within `on_way` of the way planned, or within what noise leaves uncertain, that is the plan
+        itself, its guide without what lies behind; nothing is rolled out. The way planned is where
+        the reference is at tau, and what is left of the guide. Up to `tube_radius` beside it the
+        field is rolled out from here: if it leads back without a collision, the plan is still
+        good, with that way as its guide. Farther away it is not.
 
         Args:
             plan: What is followed.
@@ -219,11 +227,19 @@ class SafeEntryPlanner:
             return plan
         model, config = self.model, self._config
         start = model.start(points, confidence)
-        ahead = np.concatenate([model.pose(plan.reference.positions_at(tau))[None], plan.guide])
-        deviation = float(model.displacement(start.X_WB[None], ahead).min())
-        if deviation <= max(config.on_way, start.slack):
-            return plan
-        if deviation > config.tube_radius:
+        here = model.pose(plan.reference.positions_at(tau))[None]
+        way = np.concatenate([here, plan.guide])
+        deviations = model.displacement(start.X_WB[None], way)[0]
+        (passed,) = np.nonzero(deviations <= max(config.on_way, start.slack))
+        if passed.size:
+            # The first of them, as a guide may come near itself.
+            return _guided(plan, plan.guide[passed[0] - 1 :] if passed[0] > 0 else _NOWHERE)
+        if deviations.min() > config.tube_radius:
             return None
-        back = roll_out_entry(model, start, plan.reference, self.field, config.rollout, tau=tau)
+        back = roll_out_entry(model, start, plan.reference, plan.field, config.rollout, tau=tau)
         return replace(plan, guide=back.poses) if back.clear else None
+
+
+def _guided(plan: EntryPlan, guide: np.ndarray) -> EntryPlan:
+    """Returns the plan with what is left of its guide; the same plan if that is all of it."""
+    return plan if len(guide) == len(plan.guide) else replace(plan, guide=guide)

@@ -1,8 +1,10 @@
-"""The turn that best matches the velocities of points, from nine of their sums."""
+"""The turn that best matches the velocities of points, from a few of their sums."""
 
 import math
 
 import numpy as np
+
+from poil_drake.geometry.centred_sums import CentredSums
 
 _WELL_CONDITIONED = 1e-4
 """Least det A / tr(W)^3 for the closed form, whose rounding errors grow with its inverse.
@@ -11,7 +13,39 @@ It is the squared ratio of the points' distances from the line that fits them be
 distances along it, or thereabouts: 1 % is enough.
 """
 
+_MINUS_IDENTITY = (-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0)
+
 Vector = tuple[float, float, float]
+
+
+def twist_turn(sums: CentredSums, min_rotation_spread: float = 0.0) -> tuple[Vector, float]:
+    """Returns omega [rad/s] of the twist that best matches velocities, and the points' spread [m].
+
+    Args:
+        sums: Of the points [m] and their velocities [m/s], and of what else there is.
+        min_rotation_spread: See `fit_twist_to_inliers`.
+    """
+    # The sums of r x v are the skew part of the sum of r v^T.
+    (xx, xy, xz, _, s01, s02, *_), (_, yy, yz, s10, _, s12, *_), (_, _, zz, s20, s21, *_) = (
+        sums.sums
+    )
+    moment = (s12 - s21, s20 - s02, s01 - s10)
+    # The square root of the mean, which is what the weights' sum makes of a sum.
+    root = math.sqrt(sums.total)
+    omega, spread = solve_turn((xx, xy, xz, yy, yz, zz), moment, root * min_rotation_spread)
+    return omega, spread / root
+
+
+def twist_squares(sums: CentredSums, omega: Vector) -> np.ndarray:
+    """Returns the squared residuals (N,) [m^2/s^2] of the twist with the mean velocity.
+
+    Args:
+        sums: Of the points [m] and their velocities [m/s], and of what else there is.
+        omega: [rad/s].
+    """
+    x, y, z = omega
+    # r [-omega] = (omega x r)^T for a row r; less the velocity.
+    return sums.combine((0.0, z, -y, -z, 0.0, x, y, -x, 0.0, *_MINUS_IDENTITY))
 
 
 def solve_turn(
@@ -21,7 +55,7 @@ def solve_turn(
 ) -> tuple[Vector, float]:
     """Returns the omega with A omega = m, and the points' spread.
 
-    A = tr(W) I - W for W = sum_i s_i r_i r_i^T and m = sum_i s_i r_i x v_i, with shares s_i and
+    A = tr(W) I - W for W = sum_i w_i r_i r_i^T and m = sum_i w_i r_i x v_i, with weights w_i and
     positions r_i about the centroid. A shares W's axes, with the sum of the other two eigenvalues
     on each. An axis from which the points are less than `min_rotation_spread` away is treated as in
     `fit_twist_to_inliers`; one on which all of them lie gets no turn.

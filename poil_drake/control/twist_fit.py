@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from poil_drake.control.triangle_twists import triangle_twist_squares
+from poil_drake.control.turn_solve import twist_squares, twist_turn
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_transform import skew
-from poil_drake.geometry.triples import TripleConfig, choose_triples, cross, triangle_corners
-
-# The alternating symbol: [-omega] = _NEGATIVE_SKEW @ omega, for many omega (3, K) as well.
-_NEGATIVE_SKEW = np.ascontiguousarray(np.moveaxis(skew(-np.eye(3)), 0, -1))
+from poil_drake.geometry.centred_sums import CentredSums, centred_sums
+from poil_drake.geometry.triples import TripleConfig, choose_triples
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +46,27 @@ class RobustTwist(NamedTuple):
     inliers: np.ndarray
     spread: float
 
+    @classmethod
+    def of(
+        cls,
+        sums: CentredSums,
+        omega: tuple[float, float, float],
+        inliers: np.ndarray,
+        spread: float,
+    ) -> "RobustTwist":
+        """Returns the twist with the mean velocity; its arrays are read-only from now on.
+
+        Args:
+            sums: Of the points, their velocities, and what else there is.
+            omega: [rad/s].
+            inliers: (N,) bool.
+            spread: [m].
+        """
+        turn = np.array(omega)
+        turn.setflags(write=False)
+        inliers.setflags(write=False)
+        return cls(turn, sums.mean[3:6], sums.mean[:3], inliers, spread)
+
 
 def fit_twist(
     points: np.ndarray, velocities: np.ndarray, weights: np.ndarray | None = None
@@ -67,7 +88,7 @@ def fit_twist(
         v: (3,) velocity of the weighted centroid [m/s].
     """
     w = np.ones(len(points)) if weights is None else weights
-    fit, _ = fit_twist_to_inliers(points, velocities, w, np.ones(len(points), dtype=bool))
+    fit, _ = fit_twist_to_inliers(points, velocities, w)
     return fit.omega, fit.v
 
 
@@ -75,7 +96,7 @@ def fit_twist_to_inliers(
     points: np.ndarray,
     velocities: np.ndarray,
     weights: np.ndarray,
-    inliers: np.ndarray,
+    inliers: np.ndarray | None = None,
     min_rotation_spread: float = 0.0,
 ) -> tuple[RobustTwist, np.ndarray]:
     """Returns the twist of some points and the squared residuals of all.
@@ -89,35 +110,29 @@ def fit_twist_to_inliers(
         points: (N, 3) positions [m].
         velocities: (N, 3) their velocities [m/s].
         weights: (N,) positive.
-        inliers: (N,) bool, which points to fit to.
+        inliers: (N,) bool, which points to fit to; None for all.
         min_rotation_spread: s0 [m]; 0 for plain least squares.
 
     Returns:
         fit: See `RobustTwist`.
         squares: (N,) squared residuals [m^2/s^2].
     """
-    shares = weights * inliers
-    shares /= shares.sum()
-    centroid, v = shares @ points, shares @ velocities
-    arms = points - centroid
-    weighted_arms = (arms * shares[:, None]).T
-    # The sums of r x v are the skew part of the sum of r v^T. Single numbers are faster as floats.
-    _, s01, s02, s10, _, s12, s20, s21, _ = (weighted_arms @ velocities).ravel().tolist()
-    moment = np.array([s12 - s21, s20 - s02, s01 - s10])
-    eigenvalues, axes = np.linalg.eigh(weighted_arms @ arms)
-    low, middle, high = eigenvalues.tolist()
-    # A = tr(W) I - W shares W's axes, with the sum of the other two eigenvalues on each. About the
-    # points' own line it is zero up to rounding: no rotation about it.
-    rounding = 1e-12 * (middle + high)
-    floor, sums = min_rotation_spread**2, (middle + high, low + high, low + middle)
-    gains = [max(g, floor) if g > rounding else math.inf for g in sums]
-    omega = axes @ ((moment @ axes) / np.array(gains))
-    x, y, z = omega.tolist()
-    # r [-omega] = (omega x r)^T for a row r.
-    spin = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-    residuals = (v - velocities) + arms @ spin
-    fit = RobustTwist(omega, v, centroid, inliers, math.sqrt(max(low + middle, 0.0)))
-    return fit, np.einsum("ni,ni->n", residuals, residuals)
+    if inliers is None:
+        inliers, counted = everyone(len(points)), weights
+    else:
+        counted = weights * inliers
+    sums = centred_sums((points, velocities), counted)
+    omega, spread = twist_turn(sums, min_rotation_spread)
+    fit = RobustTwist.of(sums, omega, inliers, spread)
+    return fit, twist_squares(sums, omega)
+
+
+@lru_cache(maxsize=32)
+def everyone(count: int) -> np.ndarray:
+    """Returns the mask (N,) bool of all points, read-only."""
+    mask = np.ones(count, dtype=bool)
+    mask.flags.writeable = False
+    return mask
 
 
 def fit_twist_ransac(
@@ -148,15 +163,16 @@ def fit_twist_ransac(
         min_rotation_spread: See `fit_twist_to_inliers`.
     """
     w = np.ones(len(points)) if weights is None else weights
-    inliers = np.ones(len(points), dtype=bool)
-    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers, min_rotation_spread)
+    fit, squares = fit_twist_to_inliers(
+        points, velocities, w, min_rotation_spread=min_rotation_spread
+    )
     limit = config.inlier_threshold**2
     if len(points) < 4 or squares.max() <= limit:
         return fit
     triples = choose_triples(points, config.triples, seed)
     if len(triples) == 0:
         return fit
-    squares = _triangle_twist_squares(points, velocities, triples)
+    squares = triangle_twist_squares(points, velocities, triples)
     best = int((w @ np.minimum(squares, limit)).argmin())
     inliers = squares[:, best] <= limit
     inliers[triples[best]] = True
@@ -212,38 +228,3 @@ def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float
         math.sqrt(vx * vx + vy * vy + vz * vz) / max_linear_speed,
     )
     return V / max(1.0, excess)
-
-
-def _triangle_twist_squares(
-    points: np.ndarray, velocities: np.ndarray, triples: np.ndarray
-) -> np.ndarray:
-    """Returns the squared residuals (N, K) [m^2/s^2] that the twists of K triangles leave."""
-    omegas, vs, centroids = _fit_triangles(
-        triangle_corners(points, triples), triangle_corners(velocities, triples)
-    )
-    # omega x x = x^T [-omega] for a row x^T: one matrix product for all points and triangles.
-    spins = _NEGATIVE_SKEW @ omegas
-    residuals = (points @ spins.reshape(3, -1)).reshape(len(points), 3, -1)
-    residuals += vs - cross(omegas, centroids)
-    residuals -= velocities[:, :, None]
-    return np.einsum("nik,nik->nk", residuals, residuals)
-
-
-def _fit_triangles(
-    corners: np.ndarray, velocities: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns omega, v and the centroid (3, K) each of triangles (3, 3, K), x, y, z first.
-
-    About their centroid three points r_i are in a plane. With a normal n, m = sum_i r_i x v_i and
-    W = sum_i r_i r_i^T the solution of A omega = m is W m / d in the plane, where d is the product
-    of the eigenvalues of W there, and n (n . m) / (|n|^2 tr W) along n. For n = r_1 x r_2 (a third
-    of the sides' product) Cauchy and Binet give d = 3 |n|^2.
-    """
-    centroids, vs = corners.sum(axis=1) / 3.0, velocities.sum(axis=1) / 3.0
-    arms = corners - centroids[:, None]
-    moments = cross(arms, velocities).sum(axis=1)
-    normals = cross(arms[:, 0], arms[:, 1])
-    traces = np.einsum("isk,isk->k", arms, arms)
-    across = np.einsum("isk,sk->ik", arms, np.einsum("isk,ik->sk", arms, moments)) / 3.0
-    along = normals * (np.einsum("ik,ik->k", normals, moments) / traces)
-    return (across + along) / np.einsum("ik,ik->k", normals, normals), vs, centroids

@@ -1,5 +1,8 @@
 """The rotation nearest to a 3 x 3 matrix, quick enough for every control tick."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 _WELL_CONDITIONED = 1e-3
@@ -9,11 +12,14 @@ It is 0.25 and more of points about as far spread in two directions, and zero of
 """
 
 _NEWTON_STEPS = 12
-"""Two to six are enough where the rotation is well determined."""
+"""Some five are enough where the rotation is well determined."""
+
+_CONVERGED = 1e-8
+"""A step's size, in parts of lambda, after which the error, which falls quadratically, is none."""
 
 
-def best_rotation(covariance: np.ndarray) -> np.ndarray:
-    """Returns the rotation R (3, 3) with the largest tr(R^T B), for B = `covariance` (3, 3).
+def best_rotation(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    """Returns the rotation R, row by row, with the largest tr(R^T B), for the three rows of B.
 
     With B = sum_i w_i y_i x_i^T it minimises sum_i w_i |y_i - R x_i|^2, as `kabsch` does. Where it
     is well determined, it comes from Markley's FOAM (1993), which needs no decomposition:
@@ -25,18 +31,21 @@ def best_rotation(covariance: np.ndarray) -> np.ndarray:
     the sum of B's singular values, the least of them negative where det B is. Newton's steps from
     above reach it; the derivative is 8 zeta. A dozen floats take less time than LAPACK's call.
     """
-    (a, b, c), (d, e, f), (g, h, i) = covariance.tolist()
-    # Cofactors.
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    # cof B, in capitals, with J for i.
     A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
     D, E, F = c * h - b * i, a * i - c * g, b * g - a * h
-    G, H, I = b * f - c * e, c * d - a * f, a * e - b * d
+    G, H, J = b * f - c * e, c * d - a * f, a * e - b * d
     determinant = a * A + b * B + c * C
     # B B^T.
     p, q, r = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
     s, t, u = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
     square = p + q + r
-    cofactors = A * A + B * B + C * C + D * D + E * E + F * F + G * G + H * H + I * I
-    root = (3.0 * square) ** 0.5
+    cofactors = A * A + B * B + C * C + D * D + E * E + F * F + G * G + H * H + J * J
+    # lambda^2 = |B|^2 + 2 sqrt(|cof B|^2 + 2 lambda det B) is at most 3 |B|^2: a start from above.
+    doubled = 2.0 * max(determinant, 0.0)
+    root = math.sqrt(square + 2.0 * math.sqrt(cofactors + doubled * math.sqrt(3.0 * square)))
+    root = math.sqrt(square + 2.0 * math.sqrt(cofactors + doubled * root))
     for _ in range(_NEWTON_STEPS):
         excess = root * root - square
         zeta = 0.5 * excess * root - determinant
@@ -44,35 +53,31 @@ def best_rotation(covariance: np.ndarray) -> np.ndarray:
             break
         step = (excess * excess - 8.0 * root * determinant - 4.0 * cofactors) / (8.0 * zeta)
         root -= step
-        if step <= 1e-15 * root:
+        if abs(step) <= _CONVERGED * root:
             kappa = 0.5 * (root * root - square)
             zeta, total = kappa * root - determinant, kappa + square
             p, q, r = total - p, total - q, total - r
+            scale = 1.0 / zeta
             return (
-                np.array(
-                    (
-                        (p * a - s * d - t * g + root * A),
-                        (p * b - s * e - t * h + root * B),
-                        (p * c - s * f - t * i + root * C),
-                        (q * d - s * a - u * g + root * D),
-                        (q * e - s * b - u * h + root * E),
-                        (q * f - s * c - u * i + root * F),
-                        (r * g - t * a - u * d + root * G),
-                        (r * h - t * b - u * e + root * H),
-                        (r * i - t * c - u * f + root * I),
-                    )
-                ).reshape(3, 3)
-                / zeta
+                (p * a - s * d - t * g + root * A) * scale,
+                (p * b - s * e - t * h + root * B) * scale,
+                (p * c - s * f - t * i + root * C) * scale,
+                (q * d - s * a - u * g + root * D) * scale,
+                (q * e - s * b - u * h + root * E) * scale,
+                (q * f - s * c - u * i + root * F) * scale,
+                (r * g - t * a - u * d + root * G) * scale,
+                (r * h - t * b - u * e + root * H) * scale,
+                (r * i - t * c - u * f + root * J) * scale,
             )
-    return best_rotation_by_svd(covariance)
+    return best_rotation_by_svd(rows)
 
 
-def best_rotation_by_svd(covariance: np.ndarray) -> np.ndarray:
+def best_rotation_by_svd(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
     """Returns what `best_rotation` does, by the method of Kabsch (1976)."""
-    U, _, Vt = np.linalg.svd(covariance)
+    U, _, Vt = np.linalg.svd(np.array(rows))
     R = U @ Vt
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:  # A reflection.
         U[:, 2] *= -1.0
         R = U @ Vt
-    return R
+    return tuple(R.ravel().tolist())

@@ -4,7 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from poil_drake.geometry.best_rotation import best_rotation
+from poil_drake.geometry.centred_sums import CentredSums, centred_sums
 from poil_drake.geometry.triples import TripleConfig, choose_triples, cross, triangle_corners
+
+_MINUS_IDENTITY = (-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,41 +47,47 @@ def rigid_inliers(
         seed: Of drawn sets. The result depends on nothing else.
     """
     w = np.ones(len(source)) if weights is None else weights
-    everyone = np.ones(len(source), dtype=bool)
-    limit = config.inlier_distance**2
-    if len(source) < 4 or _best_motion_squares(source, target, w).max() <= limit:
-        return everyone
-    triples = choose_triples(source, config.triples, seed)
-    if len(triples) == 0:
-        return everyone
-    squares = _triangle_motion_squares(source, target, triples)
-    best = int((w @ np.minimum(squares, limit)).argmin())
-    inliers = squares[:, best] <= limit
-    inliers[triples[best]] = True
-    grown = _best_motion_squares(source, target, w * inliers) <= limit
-    return grown if np.count_nonzero(grown) > np.count_nonzero(inliers) else inliers
+    if len(source) > 3:
+        sums = centred_sums((source, target), w)
+        if motion_squares(sums).max() > config.inlier_distance**2:
+            return consensus_inliers(source, target, w, config=config, seed=seed)
+    return np.ones(len(source), dtype=bool)
 
 
-def _best_motion_squares(source: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def motion_squares(sums: CentredSums) -> np.ndarray:
     """Returns the squared distances (N,) [m^2] that the best rigid motion leaves.
 
-    `kabsch` without its checks and without making a transform, as it runs at every control tick.
+    It is what `kabsch` finds, without its checks, as it runs at every control tick.
 
     Args:
-        source: (N, 3) points [m].
-        target: (N, 3) where they went [m].
-        weights: (N,) of the points in the choice of the motion, not negative, not all zero.
+        sums: Of the points [m] and, last, of where they went [m].
     """
-    shares = weights / weights.sum()
-    arms, target_arms = source - shares @ source, target - shares @ target
-    U, _, Vt = np.linalg.svd((target_arms.T * shares) @ arms)
-    R = U @ Vt
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:  # A reflection.
-        U[:, 2] *= -1.0
-        R = U @ Vt
-    errors = target_arms - arms @ R.T
-    return np.einsum("ni,ni->n", errors, errors)
+    # The sums of r y^T are those of y r^T transposed, and so is the rotation: r^T R^T less y^T.
+    first, second, third = sums.sums
+    R_transposed = best_rotation((first[-3:], second[-3:], third[-3:]))
+    between = (0.0,) * (3 * len(sums.mean) - 18)
+    return sums.combine(R_transposed + between + _MINUS_IDENTITY)
+
+
+def consensus_inliers(
+    source: np.ndarray,
+    target: np.ndarray,
+    weights: np.ndarray,
+    *,
+    config: RigidConsensusConfig,
+    seed: int = 0,
+) -> np.ndarray:
+    """Returns what `rigid_inliers` does where the best motion of all points leaves some too far."""
+    limit = config.inlier_distance**2
+    triples = choose_triples(source, config.triples, seed)
+    if len(triples) == 0:
+        return np.ones(len(source), dtype=bool)
+    squares = _triangle_motion_squares(source, target, triples)
+    best = int(weights.dot(np.minimum(squares, limit)).argmin())
+    inliers = squares[:, best] <= limit
+    inliers[triples[best]] = True
+    grown = motion_squares(centred_sums((source, target), weights * inliers)) <= limit
+    return grown if np.count_nonzero(grown) > np.count_nonzero(inliers) else inliers
 
 
 def _triangle_motion_squares(
@@ -89,14 +99,18 @@ def _triangle_motion_squares(
     target are as far apart after it as their coordinates in the two frames are. It is as good a
     proposal as Kabsch's, and several times as fast as that many decompositions.
     """
-    corners = [triangle_corners(points, triples) for points in (source, target)]
-    both = np.concatenate(corners, axis=2)
-    frames = _triangle_frames(both)
-    origins = np.einsum("ik,ijk->jk", both.sum(axis=1) / 3.0, frames)
-    K = len(triples)
+    N, K = len(source), len(triples)
+    # The triangles of both sides, one after the other.
+    corners = triangle_corners(
+        np.concatenate((source, target)), np.concatenate((triples, triples + N))
+    )
+    frames = _triangle_frames(corners)
+    origins = np.einsum("ik,ijk->jk", corners.sum(axis=1) / 3.0, frames)
     # One matrix product for all triangles of a side.
-    coordinates = source @ frames[..., :K].reshape(3, -1) - target @ frames[..., K:].reshape(3, -1)
-    errors = coordinates.reshape(len(source), 3, K) - (origins[:, :K] - origins[:, K:])
+    errors = source.dot(frames[..., :K].reshape(3, -1))
+    errors -= target.dot(frames[..., K:].reshape(3, -1))
+    errors -= (origins[:, :K] - origins[:, K:]).ravel()
+    errors = errors.reshape(N, 3, K)
     return np.einsum("njk,njk->nk", errors, errors)
 
 

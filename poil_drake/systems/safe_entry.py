@@ -3,7 +3,8 @@
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from poil_drake.control.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
+from poil_drake.control.entry_monitor import safe_entry_step
+from poil_drake.control.entry_state import EntryMonitorConfig, EntryState
 from poil_drake.control.safe_entry import SafeEntryPlanner
 from poil_drake.systems.absent import ABSENT
 
@@ -22,17 +23,21 @@ class SafeEntry(LeafSystem):
         - status
 
     Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,). The
-    mathematics is in `safe_entry_step`, which runs once every period, as an unrestricted update:
-    before the controller's discrete updates of the same instant. Planning happens there and then,
-    in some tens of milliseconds; a loop that must not wait that long runs this at a period, and in
-    a thread, of its own.
+    mathematics is in `safe_entry_step`, which runs once every period, in an unrestricted update.
+    So does the controller's memory, and all updates of one instant read the state from before it:
+    commands computed from that instant on follow the new plan, while the controller remembers a
+    closest configuration on it from its next update on, and until then looks for it in the whole
+    plan. Planning happens within the update and the loop waits for it: tens of milliseconds where
+    there is a way, some seconds where there is none.
 
     Every output is a function of the state alone:
 
     - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, whose field
-      must be the planner's. The object changes with each plan. `ABSENT` where the object should
+      should be the planner's. The object changes with each plan. `ABSENT` where the object should
       stand still: before the first three points, while it is off its way, while there is no way.
-    - `status` (1,): an `EntryStatus`; WAITING before the first three points.
+    - `status` (1,): an `EntryStatus`; WAITING before the first three points. While it is FAILED
+      and the fallback is the paper's field, the reference is the demonstration, for a controller
+      whose field is the one that the planner was given.
 
     Points that are lost, stale or NaN later on leave both outputs as they are.
     """

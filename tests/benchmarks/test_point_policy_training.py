@@ -15,7 +15,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 SMALL = PointPolicyConfig(width=32, layers=1, steps=1500, learning_rate=4e-3)
-PUBLISHED = {"translation_noise": 0.0, "rotation_noise": 0.0, "halt_probability": 0.0}
+CALM = dataclasses.replace(SMALL, translation_noise=0.0, rotation_noise=0.0, halt_probability=0.0)
 TINY = PointPolicyConfig(width=8, heads=2, layers=1, steps=5, batch=8)
 
 
@@ -47,8 +47,8 @@ def trained() -> TrainedPointPolicy:
 
 
 @pytest.fixture(scope="module")
-def as_published() -> TrainedPointPolicy:
-    return train_point_policy([arc()], dataclasses.replace(SMALL, **PUBLISHED))
+def without_noise() -> TrainedPointPolicy:
+    return train_point_policy([arc()], CALM)
 
 
 def test_the_loss_falls(trained: TrainedPointPolicy) -> None:
@@ -69,14 +69,14 @@ def test_a_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> No
 
 @pytest.mark.parametrize("offset", [[0.05, 0.0, 0.0], [0.0, -0.05, 0.0], [0.0, 0.0, 0.05]], ids=str)
 def test_from_a_start_aside_the_demonstrated_end_is_reached(
-    as_published: TrainedPointPolicy, offset: list[float]
+    without_noise: TrainedPointPolicy, offset: list[float]
 ) -> None:
     demonstration = arc()
 
-    path = run(PointPolicy(as_published), demonstration[0] + np.array(offset), steps=80)
+    path = run(PointPolicy(without_noise), demonstration[0] + np.array(offset), steps=80)
 
-    # One that had learnt displacements would keep the offset of 5 cm. The limit is a fifth of it,
-    # the study's own for success.
+    # One that had learnt displacements would keep 3 cm or more of the offset of 5 cm. The limit is
+    # that of the study for success.
     assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
 
 

@@ -5,12 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from entry_scenes import Scene
 
-from poil_drake.control.entry_monitor import (
-    EntryMonitorConfig,
-    EntryState,
-    EntryStatus,
-    safe_entry_step,
-)
+from poil_drake.control.entry_monitor import safe_entry_step
+from poil_drake.control.entry_state import EntryMonitorConfig, EntryState, EntryStatus
 from poil_drake.control.point_set_bcsdm import BcsdmStatus
 from poil_drake.control.safe_entry import SafeEntryPlanner
 from poil_drake.control.twist_fit import scale_twist

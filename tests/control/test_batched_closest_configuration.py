@@ -27,11 +27,13 @@ def test_the_choice_is_the_single_states_however_far_the_origin_is(seed, distanc
     points[:20] = positions[:20]
     weights = rng.uniform(0.1, 1.0, size=(40, COUNT))
 
-    segments, fractions = dut(points, make_reference(positions), weights, interpolate=True)
+    reference = make_reference(positions)
+
+    segments, fractions = dut(points, reference, weights, interpolate=True)
 
     for b in range(40):
         segment, fraction = closest_configuration(
-            points[b], positions, TIMES, weights[b], interpolate=True
+            points[b], reference, weights[b], interpolate=True
         )
         assert segments[b] + fractions[b] == pytest.approx(segment + fraction, abs=1e-9)
 

@@ -5,11 +5,23 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
 from poil_drake.control import closest_configuration as dut
+from poil_drake.control.point_trajectory import PointTrajectory
 
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 # Moves along x by 1 each sample.
 POSITIONS = POINTS + np.arange(6.0)[:, None, None] * [1.0, 0, 0]
-TIMES = 0.5 * np.arange(6)
+
+
+def make_reference(positions=POSITIONS):
+    return PointTrajectory(0.5 * np.arange(len(positions)), positions, np.zeros_like(positions))
+
+
+def nearest_sample(points, positions, weights=None, **keywords):
+    index, fraction = dut.closest_configuration(
+        points, make_reference(positions), weights, interpolate=False, **keywords
+    )
+    assert fraction == 0.0
+    return index
 
 
 def test_squared_distance_adds_up_over_the_points():
@@ -27,15 +39,15 @@ def test_squared_distance_is_weighted():
 
 
 def test_nearest_sample_is_the_closest():
-    assert dut.nearest_sample(POINTS + np.array([2.4, 0.3, 0]), POSITIONS) == 2
-    assert dut.nearest_sample(POINTS + np.array([2.6, 0.3, 0]), POSITIONS, np.ones(3)) == 3
+    assert nearest_sample(POINTS + np.array([2.4, 0.3, 0]), POSITIONS) == 2
+    assert nearest_sample(POINTS + np.array([2.6, 0.3, 0]), POSITIONS, np.ones(3)) == 3
 
 
 def test_among_equals_the_last_sample_is_taken():
     standing = np.repeat(POSITIONS[:2], 3, axis=0)
 
-    assert dut.nearest_sample(POINTS, standing) == 2
-    assert dut.nearest_sample(POINTS + 1.0, standing) == 5
+    assert nearest_sample(POINTS, standing) == 2
+    assert nearest_sample(POINTS + 1.0, standing) == 5
 
 
 @pytest.mark.parametrize("count", range(2, 12))
@@ -53,8 +65,8 @@ def test_equal_samples_are_equally_far_whatever_the_weights(count):
 def test_closest_configuration_is_between_samples_or_at_one():
     points = POINTS + np.array([2.75, 0.3, 0])
 
-    between = dut.closest_configuration(points, POSITIONS, TIMES, interpolate=True)
-    at_sample = dut.closest_configuration(points, POSITIONS, TIMES, interpolate=False)
+    between = dut.closest_configuration(points, make_reference(), interpolate=True)
+    at_sample = dut.closest_configuration(points, make_reference(), interpolate=False)
 
     assert between == (2, pytest.approx(0.75))
     assert at_sample == (3, 0.0)
@@ -66,9 +78,9 @@ def test_closest_configuration_is_between_samples_or_at_one():
 )
 def test_place_between_samples_of_an_even_motion(x, expected):
     points = POINTS + np.array([x, 0.3, 0.1])
-    index = dut.nearest_sample(points, POSITIONS)
+    index = nearest_sample(points, POSITIONS)
 
-    segment, fraction = dut.between_samples(points, POSITIONS, index)
+    segment, fraction = dut.between_samples(points, make_reference(), index)
 
     assert segment == expected[0]
     assert fraction == pytest.approx(expected[1])
@@ -89,7 +101,7 @@ def test_place_between_samples_is_the_best_of_both_segments(seed):
 
     found = [minimize_scalar(squares, bounds=b, method="bounded").fun for b in ((0, 1), (1, 2))]
 
-    segment, fraction = dut.between_samples(points, positions, 1, weights)
+    segment, fraction = dut.between_samples(points, make_reference(positions), 1, weights)
 
     # The bounded search stops a little short of the bounds.
     assert squares(segment + fraction) == pytest.approx(min(found), rel=1e-4)
@@ -98,11 +110,13 @@ def test_place_between_samples_is_the_best_of_both_segments(seed):
 def test_repeated_samples_do_no_harm():
     positions = np.repeat(POSITIONS[:1], 3, axis=0)
 
-    assert dut.between_samples(POINTS + 0.1, positions, 1) == (1, 0.0)
+    assert dut.between_samples(POINTS + 0.1, make_reference(positions), 1) == (1, 0.0)
 
 
 def nearest_in_window(squares, **keywords):
-    return dut.nearest_sample_in_window(np.array(squares), TIMES, **keywords)
+    """The closest of samples with these squared distances from the points."""
+    shifts = np.sqrt(np.array(squares) / 3.0)[:, None, None] * [0.0, 0.0, 1.0]
+    return nearest_sample(POINTS, POINTS + shifts, **keywords)
 
 
 def test_without_window_or_past_the_whole_reference_is_searched():

@@ -5,18 +5,17 @@ from entry_scenes import Scene, at, box, rod_scene, wall_scene
 from numpy.testing import assert_array_equal
 
 from poil_drake.control.bcsdm_config import BcsdmConfig
-from poil_drake.control.entry_monitor import (
-    EntryMonitorConfig,
-    EntryState,
-    EntryStatus,
-    safe_entry_step,
-)
+from poil_drake.control.entry_monitor import safe_entry_step
+from poil_drake.control.entry_state import EntryMonitorConfig, EntryState, EntryStatus
 from poil_drake.control.entry_transit import TransitConfig
 from poil_drake.control.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
 from poil_drake.control.safe_entry import EntryKind, SafeEntryConfig
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
 
 START = at(0.0, -0.25, 0.06, 0.7)
+OUTSIDE = at(0.1, 0.1, 0.3)
+UNSEEN = np.full((8, 3), np.nan)
 QUICK = SafeEntryConfig(transit=TransitConfig(iterations=40))
 
 
@@ -54,7 +53,7 @@ def test_first_step_plans_and_gives_the_field_on_the_plan(scene, planner):
 
 
 def test_it_waits_for_points(scene, planner):
-    state = safe_entry_step(EntryState(), np.full((8, 3), np.nan), 0.0, planner)
+    state = safe_entry_step(EntryState(), UNSEEN, 0.0, planner)
 
     assert state.status is EntryStatus.WAITING
     assert state.output is None
@@ -64,11 +63,48 @@ def test_it_waits_for_points(scene, planner):
 def test_the_plan_is_kept_while_points_are_lost(scene, planner):
     followed = safe_entry_step(EntryState(), points_at(scene, START), 0.0, planner)
 
-    lost = safe_entry_step(followed, np.full((8, 3), np.nan), STEP, planner)
+    lost = safe_entry_step(followed, UNSEEN, STEP, planner)
 
     assert lost.plan is followed.plan
     assert lost.output.status is BcsdmStatus.LOST
     assert lost.tau == followed.tau
+
+
+def test_points_lost_while_it_holds_do_not_release_the_object(scene, planner):
+    points = points_at(scene, START)
+    followed = safe_entry_step(EntryState(), points, 0.0, planner)
+    held = safe_entry_step(followed, points + np.array([0.0, 0.0, 0.08]), 0.01, planner)
+
+    lost = safe_entry_step(held, UNSEEN, 0.02, planner)
+
+    assert held.status is lost.status is EntryStatus.HOLDING
+    assert held.reference is lost.reference is None
+    assert lost.plan is followed.plan
+
+
+def test_time_without_points_does_not_count_as_blocked(scene, planner):
+    points = points_at(scene, START)
+    state = safe_entry_step(EntryState(), points, 0.0, planner)
+
+    for time in np.arange(0.5, 5.0, 0.5):
+        state = safe_entry_step(state, UNSEEN, time, planner)
+    back = safe_entry_step(state, points, 5.0, planner)
+    blocked = safe_entry_step(back, points, 6.75, planner)
+
+    assert back.replans == 1
+    # Seen without progress from 0 to 0.5 s, and for 1.75 s from 5 s on.
+    assert blocked.recoveries == 1
+
+
+def test_points_on_a_line_are_no_start(scene, planner):
+    points = points_at(scene, START)
+    points[2:] = np.nan
+    points[2] = points[:2].mean(axis=0)
+
+    state = safe_entry_step(EntryState(), points, 0.0, planner)
+
+    assert state.status is EntryStatus.WAITING
+    assert state.plan is None
 
 
 def test_state_stays_as_it_was(scene, planner):
@@ -106,6 +142,50 @@ def test_after_the_patience_there_is_another_plan(scene, planner):
     assert state.replans == 2
     assert state.status is EntryStatus.FOLLOWING
     assert np.abs(state.reference.positions[0] - moved).max() < 1e-6
+
+
+def test_a_track_that_is_bad_again_and_again_does_not_make_plans_for_ever(scene, planner):
+    # Where the object stands still, only a growing patience tells bad frames from a push.
+    config = EntryMonitorConfig(stall_time=np.inf)
+    good = points_at(scene, START)
+    bad = good + np.array([0.0, 0.0, 0.08])
+    state = EntryState()
+
+    for k in range(int(10.0 / STEP)):
+        state = safe_entry_step(state, bad if k % 16 >= 8 else good, k * STEP, planner, config)
+
+    # A quarter of a second is beyond the first patience of 0.1 s, and within the second of 0.3 s.
+    assert state.returns == 1
+    assert state.replans == 2
+
+
+def test_patience_grows_up_to_its_limit():
+    config = EntryMonitorConfig(patience=0.1, patience_step=0.2, max_patience=0.4)
+
+    patience = [config.patience_after(returns) for returns in range(4)]
+
+    assert patience == pytest.approx([0.1, 0.3, 0.4, 0.4])
+
+
+@pytest.mark.parametrize("wrong", [{"patience": 3.0}, {"patience_step": -0.1}])
+def test_patience_that_shrinks_is_refused(wrong: dict):
+    with pytest.raises(InvalidValueError, match="patience"):
+        EntryMonitorConfig(**wrong)
+
+
+def test_standing_still_does_not_count_as_blocked(scene, planner):
+    config = EntryMonitorConfig(patience=2.0, max_patience=2.0, stall_time=1.0)
+    points = points_at(scene, START)
+    raised = points + np.array([0.0, 0.0, 0.08])
+    state = safe_entry_step(EntryState(), points, 0.0, planner, config)
+
+    for time in np.arange(0.1, 1.8, 0.1):
+        state = safe_entry_step(state, raised, time, planner, config)
+        assert state.status is EntryStatus.HOLDING
+    state = safe_entry_step(state, points, 1.9, planner, config)
+
+    assert state.status is EntryStatus.FOLLOWING
+    assert state.recoveries == 0
 
 
 @pytest.mark.parametrize("push", [[0.1, -0.05, 0.0], [-0.1, 0.0, 0.05], [0.0, -0.1, 0.02]])
@@ -146,7 +226,7 @@ def test_an_obstacle_that_nobody_knows_leads_to_a_bounded_number_of_plans(scene,
     assert state.output is not None
 
 
-def test_without_a_way_it_holds_tries_again_and_gives_up(closed):
+def test_without_a_way_it_holds_and_tries_again(closed):
     dut, config = closed.planner(QUICK), EntryMonitorConfig(max_attempts=3, retry_period=0.5)
     statuses, state = [], EntryState()
 
@@ -160,16 +240,100 @@ def test_without_a_way_it_holds_tries_again_and_gives_up(closed):
     assert state.attempts == 3
 
 
-def test_it_may_fall_back_to_the_papers_field(closed):
-    dut = closed.planner(QUICK)
-    config = EntryMonitorConfig(max_attempts=1, fallback="field")
-
-    state = safe_entry_step(EntryState(), points_at(closed, START), 0.0, dut, config)
-
+@pytest.fixture(scope="module")
+def failed(closed):
+    """A state in which planning has failed, at time 0."""
+    config = EntryMonitorConfig(max_attempts=1)
+    state = safe_entry_step(
+        EntryState(), points_at(closed, START), 0.0, closed.planner(QUICK), config
+    )
     assert state.status is EntryStatus.FAILED
-    assert state.plan.kind is EntryKind.OFF
+    return state
+
+
+def test_after_it_has_failed_it_tries_less_often(scene, closed, planner, failed):
+    config, points = EntryMonitorConfig(max_attempts=1, failed_period=3.0), points_at(scene, START)
+
+    # The cage is gone.
+    early = safe_entry_step(failed, points, 2.9, planner, config)
+    later = safe_entry_step(failed, points, 3.0, planner, config)
+    in_vain = safe_entry_step(failed, points, 3.0, closed.planner(QUICK), config)
+
+    assert early is failed
+    assert later.status is EntryStatus.FOLLOWING
+    assert later.attempts == 0
+    assert in_vain.status is EntryStatus.FAILED
+    assert in_vain.attempts == 2
+
+
+def test_after_it_has_failed_it_tries_anew_where_the_object_is_put(closed, failed):
+    dut, config = closed.planner(QUICK), EntryMonitorConfig(max_attempts=1, retry_period=0.5)
+    moved, shaken = points_at(closed, OUTSIDE), points_at(closed, START) + 0.003
+    shaken[0] = np.nan
+
+    at_once = safe_entry_step(failed, moved, 0.4, dut, config)
+    soon = safe_entry_step(failed, moved, 0.5, dut, config)
+    not_moved = safe_entry_step(failed, shaken, 0.5, dut, config)
+    unseen = safe_entry_step(failed, UNSEEN, 0.5, dut, config)
+
+    assert at_once is failed
+    assert soon.status is EntryStatus.FOLLOWING
+    assert not_moved is failed
+    assert unseen is failed
+
+
+@pytest.fixture(scope="module")
+def falling_back(closed):
+    """A state in which the paper's field is followed since time 0."""
+    config = EntryMonitorConfig(max_attempts=1, fallback="field")
+    return safe_entry_step(
+        EntryState(), points_at(closed, START), 0.0, closed.planner(QUICK), config
+    )
+
+
+def test_it_may_fall_back_to_the_papers_field(closed, falling_back):
+    assert falling_back.status is EntryStatus.FAILED
+    assert falling_back.plan.kind is EntryKind.OFF
     papers = point_set_bcsdm(points_at(closed, START), closed.reference, BcsdmConfig())
+    assert_array_equal(falling_back.output.twist, papers.twist)
+
+
+def test_falling_back_the_whole_reference_is_searched_at_every_step(closed, falling_back):
+    config = EntryMonitorConfig(max_attempts=1, fallback="field")
+    times, positions = closed.reference.times, closed.reference.positions
+    away = positions[-5] if falling_back.tau < 0.5 * times[-1] else positions[5]
+
+    state = safe_entry_step(falling_back, away, STEP, closed.planner(QUICK), config)
+
+    papers = point_set_bcsdm(away, closed.reference, BcsdmConfig())
+    assert abs(papers.tau - falling_back.tau) > 1.0
+    assert state.tau == papers.tau
     assert_array_equal(state.output.twist, papers.twist)
+
+
+def test_falling_back_it_plans_again_only_where_it_is_blocked(scene, planner, falling_back):
+    config = EntryMonitorConfig(max_attempts=1, fallback="field", failed_period=3.0)
+    points = points_at(scene, START)
+
+    early = safe_entry_step(falling_back, points, 2.5, planner, config)
+    blocked = safe_entry_step(falling_back, points, 3.0, planner, config)
+    moving = safe_entry_step(falling_back, points_at(scene, OUTSIDE), 3.0, planner, config)
+
+    assert early.plan.kind is moving.plan.kind is EntryKind.OFF
+    assert blocked.plan.kind is EntryKind.SEARCHED
+    assert blocked.status is EntryStatus.FOLLOWING
+
+
+def test_falling_back_goes_on_where_there_is_no_other_plan(closed, falling_back):
+    config = EntryMonitorConfig(max_attempts=1, fallback="field", failed_period=3.0)
+
+    state = safe_entry_step(
+        falling_back, points_at(closed, START), 3.0, closed.planner(QUICK), config
+    )
+
+    assert state.attempts == 2
+    assert state.plan is falling_back.plan
+    assert_array_equal(state.output.twist, falling_back.output.twist)
 
 
 def test_switched_off_every_step_is_the_papers(scene):

@@ -44,6 +44,17 @@ def test_shorter_path_stays_clear():
     assert shortest - 1e-3 < length(path) < 1.05 * shortest
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_path_of_length_zero_stays_where_it_is(count: int):
+    edges, corners = EdgeChecker(anywhere, 0.01), np.tile([0.2, 0.7], (count, 1))
+
+    path = shorten_path(corners, edges, 5, np.random.default_rng(0))
+    rounded = round_corners(path, edges, width=0.4, resolution=0.01)
+
+    assert_allclose(path, corners)
+    assert_allclose(rounded, np.broadcast_to([0.2, 0.7], rounded.shape))
+
+
 def test_rounded_path_has_no_sharp_corner_and_the_same_ends():
     path = round_corners(CORNERS, EdgeChecker(anywhere, 0.01), width=0.4, resolution=0.01)
 

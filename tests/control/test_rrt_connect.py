@@ -49,5 +49,13 @@ def test_same_seed_gives_the_same_bits():
     assert first.shape != other.shape or not np.array_equal(first, other)
 
 
+def test_other_searches_before_do_not_matter():
+    first = search(beside_the_wall, seed=3)
+    for seed in range(5):
+        search(closed, seed, iterations=50)
+
+    assert_array_equal(search(beside_the_wall, seed=3), first)
+
+
 def test_search_that_finds_no_way_ends():
     assert search(closed, iterations=100) is None

@@ -1,3 +1,9 @@
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from entry_runs import drive, shortfall
@@ -61,7 +67,18 @@ def test_a_clear_way_is_the_fields_own(scenes, planners):
     plan = planners["wall"].plan(transform_points(X_WO, scene.points))
 
     assert plan.kind is EntryKind.FIELD
-    assert plan.reference is scene.reference
+    assert_array_equal(plan.reference.positions, scene.reference.positions)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_each_plan_has_a_reference_of_its_own(scenes, enabled: bool):
+    dut = scenes["wall"].planner(SafeEntryConfig(enabled=enabled))
+    points = transform_points(at(0.05, 0.2, 0.3, 0.3), scenes["wall"].points)
+
+    first, second = dut.plan(points), dut.plan(points)
+
+    assert first.reference is not second.reference
+    assert dut.model.reference not in (first.reference, second.reference)
 
 
 def test_a_blocked_way_is_searched_for(scenes, planners):
@@ -115,6 +132,41 @@ def test_same_seed_gives_the_same_reference(scenes, planners):
     )
 
 
+def searched_bits(planner, scene) -> str:
+    plan = planner.plan(transform_points(BEHIND_THE_WALL, scene.points), seed=2)
+    assert plan.kind is EntryKind.SEARCHED
+    parts = (plan.reference.times, plan.reference.positions, plan.reference.velocities)
+    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+
+
+def test_a_searched_plan_does_not_depend_on_what_ran_before(scenes, planners):
+    first = searched_bits(planners["wall"], scenes["wall"])
+    for name, seed in (("rod", 0), ("shelf", 1), ("wall", 7), ("wall", 8)):
+        X_WO = scenes[name].random_pose(
+            np.random.default_rng(seed), clearance=0.02, full_rotation=True
+        )
+        planners[name].plan(transform_points(X_WO, scenes[name].points), seed=seed)
+    planners["wall"].plan(transform_points(BEHIND_THE_WALL, scenes["wall"].points), seed=3)
+
+    afterwards = searched_bits(planners["wall"], scenes["wall"])
+    another = searched_bits(scenes["wall"].planner(), scenes["wall"])
+    script = (
+        "from entry_scenes import wall_scene; import test_safe_entry_planner as test; "
+        "scene = wall_scene(); print(test.searched_bits(scene.planner(), scene))"
+    )
+    fresh = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert afterwards == first
+    assert another == first
+    assert fresh.stdout.strip() == first
+
+
 def closed_in(scene: Scene) -> Scene:
     """The scene with the start locked into a box."""
     cage = box([0.2, 0.2, 0.2], BEHIND_THE_WALL[:3, 3] + [0, 0, 0.06])
@@ -148,8 +200,8 @@ def test_switched_off_it_is_the_field_of_the_paper(scenes):
     plan = dut.plan(points)
 
     assert plan.kind is EntryKind.OFF
-    assert plan.reference is scene.reference
-    assert dut.field is bcsdm
+    assert_array_equal(plan.reference.positions, scene.reference.positions)
+    assert dut.field is plan.field is bcsdm
     ours = point_set_bcsdm(points, plan.reference, dut.field, previous_tau=1.0)
     papers = point_set_bcsdm(points, scene.reference, bcsdm)
     assert_array_equal(ours.twist, papers.twist)
@@ -169,6 +221,41 @@ def test_on_the_way_the_plan_is_kept_and_beside_it_checked(scenes, planners):
     assert len(led_back.guide) > 1
     assert led_back.reference is plan.reference
     assert lost is None
+
+
+def test_of_a_way_by_the_field_only_what_lies_ahead_counts(scenes, planners):
+    scene, dut = scenes["wall"], planners["wall"]
+    begin, begun = at(0.05, 0.2, 0.4, 0.3), transform_points(at(0.05, 0.2, 0.4, 0.3), scene.points)
+    plan = dut.plan(begun)
+    assert plan.kind is EntryKind.FIELD
+    half = len(plan.guide) // 2
+    X_WO = plan.guide[half] @ np.linalg.inv(plan.guide[0]) @ begin
+    there = transform_points(X_WO, scene.points)
+    tau = point_set_bcsdm(there, plan.reference, plan.field).tau
+
+    at_the_start = dut.check(plan, begun, tau)
+    advanced = dut.check(plan, there, tau)
+
+    assert at_the_start is plan
+    # Within 1 cm, that is two steps of 1 cm at the most, counts as there.
+    assert half - 2 <= len(plan.guide) - len(advanced.guide) <= half
+    assert_array_equal(advanced.guide[-1], plan.guide[-1])
+    assert advanced.reference is plan.reference
+    assert dut.check(advanced, there, tau) is advanced
+    # Carried back along the way, by more than the tube.
+    assert dut.check(advanced, begun, tau) is None
+
+
+def test_on_the_reference_nothing_is_left_of_the_guide(scenes, planners):
+    scene, dut = scenes["wall"], planners["wall"]
+    plan = dut.plan(transform_points(at(0.05, 0.2, 0.4, 0.3), scene.points))
+    sample = len(scene.reference.times) // 2
+
+    checked = dut.check(
+        plan, scene.reference.positions[sample], float(scene.reference.times[sample])
+    )
+
+    assert len(checked.guide) == 0
 
 
 def test_a_way_back_through_the_rod_is_no_way_back(scenes, planners):

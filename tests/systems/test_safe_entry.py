@@ -3,9 +3,13 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.control.entry_monitor import EntryState, EntryStatus, safe_entry_step
+from poil_drake.control.bcsdm_config import BcsdmConfig
+from poil_drake.control.entry_monitor import safe_entry_step
+from poil_drake.control.entry_state import EntryMonitorConfig, EntryState, EntryStatus
+from poil_drake.control.entry_transit import TransitConfig
+from poil_drake.control.point_set_bcsdm import point_set_bcsdm
 from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.control.safe_entry import SafeEntryPlanner
+from poil_drake.control.safe_entry import SafeEntryConfig, SafeEntryPlanner
 from poil_drake.geometry.scene_distance import SceneDistance
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
@@ -19,9 +23,8 @@ BEHIND = BODY + np.array([0.5, -0.2, 0.2])
 ASIDE = BEHIND - np.array([0.0, 0.1, 0.0])
 
 
-@pytest.fixture(scope="module")
-def planner() -> SafeEntryPlanner:
-    """The body moves along x to its goal; a wall stands between it and y < 0."""
+def make_planner(cage: np.ndarray, iterations: int = 400) -> SafeEntryPlanner:
+    """The body moves along x to its goal; a wall stands between it and y < 0, and a cage."""
     count = 33
     times = np.arange(count) / 32
     positions = BODY + GOAL + np.linspace(-0.1, 0.0, count)[:, None, None] * [1.0, 0.0, 0.0]
@@ -31,23 +34,45 @@ def planner() -> SafeEntryPlanner:
     wall = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
     return SafeEntryPlanner(
         reference=PointTrajectory(times, positions, velocities),
-        scene=SceneDistance(wall),
+        scene=SceneDistance(np.concatenate([wall, cage])),
         object_cloud=BODY,
         object_points=BODY,
+        config=SafeEntryConfig(transit=TransitConfig(iterations=iterations)),
     )
+
+
+@pytest.fixture(scope="module")
+def planner() -> SafeEntryPlanner:
+    return make_planner(np.empty((0, 3)))
+
+
+@pytest.fixture(scope="module")
+def caged_planner() -> SafeEntryPlanner:
+    """With the body behind the wall shut in by a cube of 20 cm."""
+    grid = np.linspace(-0.1, 0.1, 21)
+    cube = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
+    faces = cube[np.abs(cube).max(axis=1) > 0.0999]
+    return make_planner(faces + BEHIND.mean(axis=0), iterations=20)
 
 
 class Bench:
     """The dut, the controller after it, and fixed inputs."""
 
-    def __init__(self, planner: SafeEntryPlanner, points: np.ndarray):
+    def __init__(
+        self,
+        planner: SafeEntryPlanner,
+        points: np.ndarray,
+        *,
+        config: EntryMonitorConfig | None = None,
+        bcsdm: BcsdmConfig | None = None,
+    ):
         builder = DiagramBuilder()
-        self.dut = builder.AddSystem(SafeEntry(planner=planner, period=PERIOD))
+        self.dut = builder.AddSystem(SafeEntry(planner=planner, period=PERIOD, config=config))
         self.controller = builder.AddSystem(
             PointSetBcsdm(
                 reference=planner.model.reference,
                 period=PERIOD,
-                config=PointSetBcsdmConfig(bcsdm=planner.field),
+                config=PointSetBcsdmConfig(bcsdm=bcsdm or planner.field),
             )
         )
         builder.Connect(
@@ -128,6 +153,53 @@ def test_while_it_holds_the_controller_stands_still(planner):
 
     np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
     assert bench.command("status")[0] == ControllerStatus.INVALID_INPUT
+
+
+@pytest.mark.parametrize(
+    ("points", "status"), [(BEHIND, EntryStatus.FOLLOWING), (ASIDE, EntryStatus.HOLDING)]
+)
+def test_points_that_are_lost_leave_the_outputs_as_they_are(planner, points, status):
+    bench = Bench(planner, BEHIND)
+    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench.fix("points", points)
+    bench.simulator.AdvanceTo(0.1)
+    before = bench.read("reference")
+
+    bench.fix("points", np.full(BODY.shape, np.nan))
+    bench.simulator.AdvanceTo(0.4)
+
+    assert bench.read("reference") is before
+    assert bench.read("status")[0] == status
+    np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
+
+
+def test_a_controller_with_the_given_field_falls_back_to_the_papers(caged_planner):
+    config = EntryMonitorConfig(max_attempts=1, fallback="field")
+    bench = Bench(caged_planner, BEHIND, config=config, bcsdm=BcsdmConfig())
+
+    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench.fix("points", BODY + GOAL - np.array([0.05, 0.0, 0.0]))
+    bench.simulator.AdvanceTo(1.5 * PERIOD)
+
+    assert bench.read("status")[0] == EntryStatus.FAILED
+    reference = caged_planner.model.reference
+    np.testing.assert_array_equal(bench.read("reference").positions, reference.positions)
+    papers = point_set_bcsdm(reference.positions[16], reference, BcsdmConfig())
+    assert bench.command("tau")[0] == pytest.approx(papers.tau) == pytest.approx(0.5)
+
+
+def test_after_another_plan_the_controller_starts_afresh_on_it(planner):
+    reference = planner.model.reference
+    near_the_end, near_the_start = reference.positions[30], reference.positions[2]
+    bench = Bench(planner, near_the_end)
+    bench.simulator.AdvanceTo(10.5 * PERIOD)
+
+    bench.fix("points", near_the_start)
+    bench.simulator.AdvanceTo(0.5)
+
+    # Both plans are the field on the demonstration, which the window would keep at its end.
+    assert bench.read("status")[0] == EntryStatus.FOLLOWING
+    assert bench.command("tau")[0] == pytest.approx(reference.times[2], abs=1e-6)
 
 
 def test_no_input_reaches_an_output_at_once(planner):
