@@ -182,7 +182,8 @@ def test_standing_still_does_not_count_as_blocked(scene, planner):
     for time in np.arange(0.1, 1.8, 0.1):
         state = safe_entry_step(state, raised, time, planner, config)
         assert state.status is EntryStatus.HOLDING
-    state = safe_entry_step(state, points, 1.9, planner, config)
+    for time in (1.9, 2.0):
+        state = safe_entry_step(state, points, time, planner, config)
 
     assert state.status is EntryStatus.FOLLOWING
     assert state.recoveries == 0
