@@ -78,6 +78,15 @@ def test_between_samples_the_closest_place_is_used():
     np.testing.assert_allclose(output.v, [SPEED, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize(("time", "index"), [(1.1, 4), (1.15, 5), (1.25, 5)])
+def test_index_is_the_sample_nearest_to_the_closest_place(time, index):
+    reference = straight_reference()
+
+    output = dut(BODY + np.array([SPEED * time, 0.0, 0.0]), reference, CONFIG)
+
+    assert output.index == index
+
+
 def test_paper_takes_the_closest_sample():
     reference = straight_reference()
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
@@ -155,6 +164,19 @@ def test_unobserved_points_are_left_out():
     assert output.inliers.tolist() == [True, False, True, False, False, True]
     assert np.isnan(output.point_velocities).any(axis=1).tolist() == [0, 1, 0, 1, 1, 0]
     assert output.mean_error == pytest.approx(0.02)
+    assert output.goal_error == pytest.approx(expected.goal_error)
+
+
+def test_a_place_that_is_not_a_number_is_left_out_without_any_confidence():
+    reference = straight_reference()
+    points = reference.positions[4] + np.array([0.0, 0.02, 0.0])
+    expected = dut(points, reference, CONFIG)
+    points[1] = np.nan
+
+    output = dut(points, reference, CONFIG)
+
+    np.testing.assert_allclose(output.twist, expected.twist, atol=1e-12)
+    assert output.inliers.tolist() == [i != 1 for i in range(6)]
 
 
 def test_confidence_weighs_the_points():
@@ -165,20 +187,23 @@ def test_confidence_weighs_the_points():
     output = dut(points, resting_reference(body), CONFIG, np.array([1.0, 1.0, 0.25, 0.25]))
 
     assert output.v[2] == pytest.approx(-3.0 * 0.001 * (2.0 - 0.5) / 2.5)
+    np.testing.assert_allclose(output.centroid, [0.03 * (2.0 - 0.5) / 2.5, 0, 0.0006], atol=1e-12)
     assert output.potential == pytest.approx(0.5 * 2.5 * 0.001**2)
 
 
+@pytest.mark.parametrize("outlier_test", ["rigidity", "velocity", "none"])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])
-def test_a_confidence_that_makes_no_sense_leaves_its_point_out(wrong):
+def test_a_confidence_that_makes_no_sense_leaves_its_point_out(wrong, outlier_test):
+    config = BcsdmConfig(eta=3.0, outlier_test=outlier_test)
     confidence = np.ones(6)
     confidence[2] = wrong
     without = np.ones(6)
     without[2] = 0.0
     points = BODY + np.array([0.0, 0.0, 0.01])
 
-    output = dut(points, resting_reference(BODY), CONFIG, confidence)
+    output = dut(points, resting_reference(BODY), config, confidence)
 
-    expected = dut(points, resting_reference(BODY), CONFIG, without)
+    expected = dut(points, resting_reference(BODY), config, without)
     np.testing.assert_array_equal(output.twist, expected.twist)
     assert output.potential == expected.potential
 
@@ -198,6 +223,25 @@ def test_too_few_points_or_all_on_a_line_are_lost(seen):
     assert output.index == -1
 
 
+@pytest.mark.parametrize("seen", [[0, 2], []])
+def test_two_points_are_lost_even_if_points_on_a_line_are_not(seen):
+    confidence = np.zeros(6)
+    confidence[seen] = 1.0
+
+    output = dut(BODY, resting_reference(BODY), BcsdmConfig(min_spread=0.0), confidence)
+
+    assert output.status is BcsdmStatus.LOST
+
+
+@pytest.mark.parametrize("seen", [6, 2])
+def test_arrays_of_the_output_are_read_only(seen):
+    confidence = np.array([1.0] * seen + [0.0] * (6 - seen))
+
+    output = dut(BODY, resting_reference(BODY), CONFIG, confidence)
+
+    assert not any(a.flags.writeable for a in output if isinstance(a, np.ndarray))
+
+
 def test_point_off_its_place_counts_for_nothing():
     reference = straight_reference()
     points = reference.positions[4] + np.array([0.0, 0.002, 0.0])
@@ -208,6 +252,7 @@ def test_point_off_its_place_counts_for_nothing():
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
     np.testing.assert_array_equal(output.twist, expected.twist)
+    np.testing.assert_array_equal(output.centroid, expected.centroid)
     assert output.tau == expected.tau
     assert output.potential == expected.potential
 
@@ -256,6 +301,19 @@ def test_goal_is_reached_within_the_tolerance_of_the_end():
     assert dut(near, reference, CONFIG).status is BcsdmStatus.GOAL
     assert dut(far, reference, CONFIG).status is BcsdmStatus.OK
     assert dut(far, reference, CONFIG).goal_error == pytest.approx(0.0031)
+
+
+def test_close_to_the_reference_shortly_before_its_end_is_not_yet_the_goal():
+    reference = straight_reference()
+
+    # 2 mm and 2 cm along the last segment, which takes 0.25 s of the window's 0.5 s.
+    there, not_yet = (
+        dut(reference.positions[-1] - np.array([x, 0, 0]), reference, CONFIG) for x in (0.002, 0.02)
+    )
+
+    assert there.status is BcsdmStatus.GOAL
+    assert not_yet.status is BcsdmStatus.OK
+    assert not_yet.mean_error == pytest.approx(0.0, abs=1e-12)
 
 
 def test_passing_by_the_end_early_is_not_the_goal():

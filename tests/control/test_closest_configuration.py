@@ -145,3 +145,55 @@ def test_window_narrower_than_a_sample_can_still_move_on():
 
     assert nearest_in_window(squares, previous_tau=1.1, window=(0.0, 0.0), escape_ratio=0.0) == 3
     assert nearest_in_window(squares, previous_tau=2.5, window=(0.0, 0.0), escape_ratio=0.0) == 5
+
+
+def test_window_reaches_as_far_forward_and_backward_as_it_says():
+    falling = [4.0, 3.0, 2.0, 1.0, 0.5, 0.1]
+
+    forward = nearest_in_window(falling, previous_tau=0.5, window=(0.0, 1.0), escape_ratio=0.0)
+    backward = nearest_in_window(
+        falling[::-1], previous_tau=2.0, window=(1.0, 0.0), escape_ratio=0.0
+    )
+
+    assert forward == 3
+    assert backward == 2
+
+
+@pytest.mark.parametrize(
+    ("previous_tau", "expected"), [(1.1, (2, 4)), (1.0, (2, 4)), (2.5, (5, 6))]
+)
+def test_narrowest_window_holds_the_samples_beside_the_last_tick(previous_tau, expected):
+    times = 0.5 * np.arange(6)
+
+    assert dut.window_samples(times, previous_tau, (0.0, 0.0)) == expected
+
+
+def test_among_equals_in_the_window_the_last_is_taken():
+    # Two samples alike in the window, and two before it of which the first is closer.
+    squares = [4.0, 1.0, 5.0, 2.0, 2.0, 4.0]
+
+    assert nearest_in_window(squares, previous_tau=1.5, window=(0.5, 1.0), escape_ratio=0.0) == 4
+
+
+def test_escape_from_the_window_is_by_weighted_distances():
+    # All in place but the first point, which is 1 off; elsewhere only the second is, 0.9.
+    positions = np.stack([POINTS] * 4)
+    positions[:2, 0, 2] += 1.0
+    positions[2:, 1, 2] += 0.9
+    keywords = {"previous_tau": 0.0, "window": (0.0, 0.5), "escape_ratio": 0.25}
+
+    alike = nearest_sample(POINTS, positions, **keywords)
+    weighted = nearest_sample(POINTS, positions, np.array([1.0, 0.1, 1.0]), **keywords)
+
+    assert alike == 1
+    assert weighted == 3
+
+
+def test_of_two_segments_the_one_that_leads_closer_is_taken_where_its_end_is_closest():
+    # Before the sample y falls by 4, after it x grows by 1: up to 3.56 or 4 of squared distance.
+    corner = np.array([[0.0, 4.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 9.0]])
+    points = POINTS + np.array([2.0, 1.6, 0.0])
+
+    place = dut.between_samples(points, make_reference(POINTS + corner[:, None]), 1)
+
+    assert place == (2, 0.0)

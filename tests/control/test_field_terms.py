@@ -6,6 +6,8 @@ import pytest
 from poil_drake.control.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.point_set_bcsdm import point_set_bcsdm as dut
 from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.twist_fit import RansacConfig
+from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
 
@@ -61,14 +63,45 @@ def test_confidence_weighs_the_points_that_are_left_after_an_outlier():
     assert output.v[2] == pytest.approx(-3.0 * 0.001 * (2.0 - 0.5) / 2.5)
 
 
+@pytest.mark.parametrize("off", [0.015, 0.03])
 @pytest.mark.parametrize("eta", [0.1, 1.0, 10.0])
-def test_outliers_are_found_by_distance_whatever_the_gain(eta):
+def test_outliers_are_found_by_distance_whatever_the_gain(eta, off):
     reference = straight_reference()
     points = reference.positions[4].copy()
-    points[2] += [0.0, 0.0, 0.03]
-    points[4] += [0.0, 0.0, 0.003]
+    points[2] += [0.0, 0.0, off]
+    points[4] += [0.0, 0.0, 0.002]
 
     output = dut(points, reference, BcsdmConfig(eta=eta))
+
+    assert output.inliers.tolist() == [True, True, False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=0.02)),
+        BcsdmConfig(eta=3.0, outlier_test="velocity", ransac=RansacConfig(inlier_threshold=0.06)),
+    ],
+)
+def test_how_far_off_an_outlier_is_can_be_set(config):
+    points = BODY.copy()
+    points[2] += [0.0, 0.0, 0.05]
+    points[4] += [0.0, 0.0, 0.01]
+
+    output = dut(points, resting_reference(BODY), config)
+
+    assert output.inliers.tolist() == [True, True, False, True, True, True]
+
+
+def test_outliers_are_sought_among_the_places_now_and_not_at_the_end():
+    # Five points are where the first sample has them, and not as the last has them.
+    positions = np.stack([BODY, BODY, BODY])
+    positions[2, 4:] += [[0.05, 0.0, 0.0], [0.0, 0.04, 0.0]]
+    reference = PointTrajectory(np.arange(3.0), positions, np.zeros_like(positions))
+    points = BODY.copy()
+    points[2] += [0.0, 0.0, 0.02]
+
+    output = dut(points, reference, BcsdmConfig())
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
 

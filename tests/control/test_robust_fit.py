@@ -33,6 +33,24 @@ def test_a_point_is_an_outlier_only_where_neither_twist_nor_motion_puts_it(angul
     assert by_neither.inliers.tolist() == [i != 2 for i in range(8)]
 
 
+@pytest.mark.parametrize("unobserved", [0, 1])
+@pytest.mark.parametrize("angular_speed", [0.1, 2.0])
+def test_no_point_is_an_outlier_where_one_motion_leaves_none_off(angular_speed, unobserved):
+    # Drawn so that the motion leaves 4.3 mm at most, but the best triple leaves some point above 5.
+    rng = np.random.default_rng(0)
+    targets = rng.normal(scale=0.03, size=(10, 3))
+    points = targets + rng.normal(scale=0.002, size=(10, 3))
+    velocities = np.cross([0.0, 0.0, angular_speed], points)
+    velocities[2] += 3.0 * OFF
+    elsewhere = (np.full((unobserved, 3), x) for x in (0.0, 7.0, -3.0))
+    given = [np.vstack(both) for both in zip((points, velocities, targets), elsewhere, strict=True)]
+    weights = np.array([1.0] * 10 + [0.0] * unobserved)
+
+    fit = dut(*given, weights, unobserved == 0, CONFIG)
+
+    assert fit.inliers.tolist() == [True] * 10 + [False] * unobserved
+
+
 @pytest.mark.parametrize("outlier_test", ["rigidity", "velocity", "none"])
 def test_points_without_weight_are_no_inliers_and_count_for_nothing(outlier_test):
     points, velocities, targets = body_and_motion(0.1)

@@ -77,14 +77,32 @@ def test_points_on_a_line_get_no_turn_about_it_whatever_their_size(length):
     assert spread == 0.0
 
 
-def test_turn_about_an_axis_that_the_points_are_near_is_slowed():
-    # 1 m along x, and 0.1 m off it: well conditioned, but closer than the 0.2 m asked for.
-    moments = (1.0, 0.0, 0.0, 0.01, 0.0, 0.0)
+@given(seeds, st.sampled_from([1e-3, 1.0, 1e6]))
+@property_test
+def test_points_on_any_line_get_no_turn_about_it(seed, length):
+    rng = np.random.default_rng(seed)
+    line = rng.normal(size=3)
+    arms = length * np.outer([-1.0, 0.2, 0.8], line)
+    omega = rng.normal(size=3)
+    moment = np.cross(arms, np.cross(omega, arms)).sum(axis=0)
 
-    omega, spread = dut.solve_turn(moments, (0.01, 1.0, 1.01), min_rotation_spread=0.2)
+    found, spread = dut.solve_turn(second_moments(arms), tuple(moment.tolist()))
+
+    across = omega - line * (omega @ line) / (line @ line)
+    np.testing.assert_allclose(found, across, atol=1e-9)
+    assert spread == pytest.approx(0.0, abs=1e-6 * length)
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0])
+def test_turn_about_an_axis_that_the_points_are_near_is_slowed(size):
+    # 1 m along x, and 0.1 m off it: well conditioned, but closer than the 0.2 m asked for.
+    moments = (size**2, 0.0, 0.0, 0.01 * size**2, 0.0, 0.0)
+    moment = (0.01 * size**2, size**2, 1.01 * size**2)
+
+    omega, spread = dut.solve_turn(moments, moment, min_rotation_spread=0.2 * size)
 
     assert omega == pytest.approx((0.25, 1.0, 1.0))
-    assert spread == pytest.approx(0.1)
+    assert spread == pytest.approx(0.1 * size)
 
 
 def test_no_points_have_no_turn():

@@ -187,6 +187,60 @@ def test_points_that_the_best_triple_misses_are_won_back_by_the_fit_to_its_inlie
     np.testing.assert_allclose(np.concatenate([fit.omega, fit.v]), [*omega, *v], atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", [1, 3])
+def test_final_solve_is_by_weight_and_slows_turns_about_axes_that_points_are_near(seed):
+    # With the first seed the fit to the best triple's inliers wins one more; with the second none.
+    rng = np.random.default_rng(seed)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.006, size=(10, 3))
+    velocities[[1, 4]] += [[0.2, 0.0, 0.0], [0.0, -0.3, 0.0]]
+    weights = np.linspace(0.5, 1.0, 10)
+    true = ~np.isin(np.arange(10), [1, 4])
+
+    fit = dut.fit_twist_ransac(
+        points, velocities, weights, config=dut.RansacConfig(), min_rotation_spread=0.1
+    )
+
+    expected, _ = dut.fit_twist_to_inliers(
+        points[true], velocities[true], weights[true], min_rotation_spread=0.1
+    )
+    np.testing.assert_array_equal(fit.inliers, true)
+    np.testing.assert_allclose(fit.omega, expected.omega, atol=1e-12)
+    np.testing.assert_allclose(fit.v, expected.v, atol=1e-12)
+
+
+def test_one_of_four_points_can_be_an_outlier():
+    points = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
+    velocities = rigid_velocities(points, np.array([0.0, 0.0, 1.0]), np.ones(3), np.zeros(3))
+    velocities[2] += [0.0, -0.1, 0.0]
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [True, True, False, True]
+
+
+def test_inliers_are_those_within_the_threshold():
+    # One is far off, so that not all can be fitted; two are just within 15 mm/s and just outside.
+    points = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
+    velocities = np.zeros((10, 3))
+    velocities[[1, 4, 7], 2] = [0.3, 0.014, 0.02]
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [i not in (1, 7) for i in range(10)]
+
+
+def test_of_two_halves_the_one_that_agrees_more_closely_wins():
+    corners = 0.03 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    velocities = np.zeros((8, 3))
+    velocities[:4] = [[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.01]]
+    both = np.concatenate([corners, corners + 0.1])
+
+    fit = dut.fit_twist_ransac(both, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [False] * 4 + [True] * 4
+
+
 def test_shifted_twist_has_the_velocity_of_the_other_point():
     V = np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
 

@@ -36,6 +36,69 @@ def test_points_that_went_elsewhere_are_outliers(count):
     np.testing.assert_array_equal(inliers, ~np.isin(np.arange(count), [2, 5, 6]))
 
 
+def test_one_of_four_points_can_be_an_outlier():
+    source = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
+    target = source.copy()
+    target[2] += [0.0, 0.02, 0.0]
+
+    assert dut(source, target, config=CONFIG).tolist() == [True, True, False, True]
+
+
+def test_inliers_are_those_within_the_distance():
+    # One is far off, so that not all can be moved; two are just within 5 mm and just outside.
+    source = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
+    target = source.copy()
+    target[[1, 4, 7], 2] += [0.1, 0.0045, 0.007]
+
+    inliers = dut(source, target, config=CONFIG)
+
+    assert inliers.tolist() == [i not in (1, 7) for i in range(10)]
+
+
+def test_no_point_is_dropped_where_the_best_motion_of_all_leaves_none_off():
+    # Drawn so that the motion leaves 4.3 mm at most, but the best triple leaves some point above 5.
+    rng = np.random.default_rng(0)
+    target = rng.normal(scale=0.03, size=(10, 3))
+    source = target + rng.normal(scale=0.002, size=(10, 3))
+
+    assert dut(source, target, config=CONFIG).all()
+
+
+def test_best_motion_of_all_is_by_weight():
+    # 5.5 mm off: 4.6 where all six points share it, 5.4 where the others hardly do.
+    source = 0.03 * np.concatenate([np.eye(3), -np.eye(3)])
+    target = source.copy()
+    target[2, 2] += 0.0055
+
+    alike = dut(source, target, config=CONFIG)
+    weighted = dut(source, target, np.array([1.0, 1.0, 0.05, 1.0, 1.0, 1.0]), config=CONFIG)
+
+    assert alike.all()
+    assert weighted.tolist() == [i != 2 for i in range(6)]
+
+
+def test_motion_that_wins_others_is_by_weight():
+    # Drawn so that the best three points' motion leaves one out, and so does the fit without
+    # weights to its inliers.
+    rng = np.random.default_rng(31)
+    target = rng.normal(scale=0.03, size=(10, 3))
+    source = target + rng.normal(scale=0.002, size=(10, 3))
+    source[[1, 4]] += [[0.05, 0.0, 0.0], [0.0, -0.06, 0.0]]
+
+    inliers = dut(source, target, np.linspace(0.3, 1.0, 10), config=CONFIG)
+
+    assert inliers.tolist() == [i not in (1, 4) for i in range(10)]
+
+
+@pytest.mark.filterwarnings("error")
+def test_targets_that_fall_together_propose_nothing():
+    source = 0.03 * np.concatenate([np.eye(3), -np.eye(3)])
+    target = source.copy()
+    target[1] = target[0]
+
+    assert dut(source, target, config=CONFIG).tolist() == [i != 1 for i in range(6)]
+
+
 def test_three_points_or_a_line_cannot_tell_outliers():
     line = np.linspace(0.0, 1.0, 6)[:, None] * np.array([1.0, 0, 0])
     bent = line + np.random.default_rng(1).normal(size=(6, 3))
