@@ -1,5 +1,6 @@
 """Drives an object by itself, as if by a hand of limited strength, along a commanded twist."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from poil_drake.control.twist_fit import shift_twist
+from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
 
 
@@ -70,10 +73,10 @@ def servo_wrench(
         inertia: (3, 3) about the centre of mass [kg m^2, world].
         c: Gain and limits. A wrench beyond them keeps its direction.
     """
-    torque = c.gain * inertia @ (wanted[:3] - measured[:3])
-    force = c.gain * mass * (wanted[3:] - measured[3:])
-    torque *= min(1.0, c.max_torque / max(float(np.linalg.norm(torque)), 1e-12))
-    force *= min(1.0, c.max_force / max(float(np.linalg.norm(force)), 1e-12))
+    missing = c.gain * (wanted - measured)
+    torque, force = inertia @ missing[:3], mass * missing[3:]
+    torque *= min(1.0, c.max_torque / max(math.hypot(*torque), 1e-12))
+    force *= min(1.0, c.max_force / max(math.hypot(*force), 1e-12))
     return np.concatenate([torque, force])
 
 
@@ -158,10 +161,10 @@ class DirectActuation(LeafSystem):
         R = X_WB.rotation().matrix()
         p_BoCo = R @ self._center
         measured = velocity.Shift(p_BoCo).get_coeffs()
-        twist = np.nan_to_num(self._twist.Eval(context))
-        arm = X_WB.translation() + p_BoCo - np.nan_to_num(self._point.Eval(context))
-        wanted = twist.copy()
-        wanted[3:] += np.cross(twist[:3], arm)
+        twist, point = self._twist.Eval(context), self._point.Eval(context)
+        wanted = np.zeros(6)
+        if all_finite(twist) and all_finite(point):
+            wanted = shift_twist(twist, X_WB.translation() + p_BoCo - point)
         wanted += self._slipping(context, R, p_BoCo)
         inertia = R @ self._inertia @ R.T
         wrench = servo_wrench(wanted, measured, self._mass, inertia, self._config)

@@ -9,9 +9,9 @@ from poil_drake.benchmarks.control.arena import Arena
 from poil_drake.benchmarks.control.contact_monitor import CollisionThreshold
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration
 from poil_drake.benchmarks.control.direct_actuation import Slip
-from poil_drake.benchmarks.control.scripted import pose_difference
 from poil_drake.benchmarks.control.starts import Region, distance_to_near
 from poil_drake.benchmarks.control.task import SUCCESS_DISTANCE
+from poil_drake.geometry.rigid_transform import rotation_angle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +170,8 @@ def pair_strains(points: np.ndarray) -> np.ndarray:
 
 def _is_settled(poses: list[np.ndarray], config: TrialConfig) -> bool:
     """Returns whether an object hardly moves from the first pose (4, 4) to any of the others."""
-    moved = [pose_difference(poses[0], pose) for pose in poses[1:]]
+    X = np.array(poses)
+    turns = rotation_angle(X[1:, :3, :3] @ X[0, :3, :3].T)
+    shifts = np.linalg.norm(X[1:, :3, 3] - X[0, :3, 3], axis=1)
     turn, shift = config.settled_motion
-    return all(np.linalg.norm(one[:3]) < turn and np.linalg.norm(one[3:]) < shift for one in moved)
+    return bool(turns.max() < turn and shifts.max() < shift)
