@@ -28,6 +28,9 @@ class EntryClearanceConfig:
         deviations: Where the demonstration comes close, this many standard deviations of the
             object's pose are allowed for, as told by how well the points fit together. But for it,
             noise in a hole that is narrower than the noise looks like a collision.
+        deformation: How far, in the mean, the points get from one rigid shape because the object
+            deforms [m]. Without it, a bag that bends looks like a bag whose pose is uncertain, and
+            may come as close to the scene as that.
         rigidity: Which points do not count for the object's pose. 12 mm is beyond 3 mm of noise
             on each axis, and what a bag's handle bends by.
         cloud_spacing: The object's cloud is thinned to about one point for each such cell [m].
@@ -40,6 +43,7 @@ class EntryClearanceConfig:
     contact_floor: float = 0.003
     resolution: float = 0.01
     deviations: float = 2.0
+    deformation: float = 0.0
     rigidity: RigidConsensusConfig = field(
         default_factory=lambda: RigidConsensusConfig(inlier_distance=0.012)
     )

@@ -85,6 +85,15 @@ class EntryModel:
         # Resolution in pose vectors, whose distance is at least 1 / sqrt(2) of a point's motion.
         self._edge_step = self._config.resolution / np.sqrt(2.0)
 
+    def is_contact(self, remaining: float) -> bool:
+        """Returns whether the reference is past its first lasting contact at a time before its end.
+
+        Args:
+            remaining: Time to the end of the reference [s], or of one that ends like it.
+        """
+        times = self.reference.times
+        return self.contact < len(times) and remaining <= times[-1] - times[self.contact]
+
     def pose(self, points: np.ndarray, confidence: np.ndarray | None = None) -> np.ndarray:
         """Returns the pose X_WB (4, 4) of the object at points (N, 3) [m, world].
 
@@ -116,7 +125,9 @@ class EntryModel:
         seen = weights > 0.0
         residuals = points[seen] - transform_points(X_WB, self.points[seen])
         freedom = max(residuals.size - 6, 1)
-        variance = float(np.sum(residuals**2)) / freedom
+        # What is explained by deformation tells nothing of noise.
+        explained = np.count_nonzero(seen) * self._config.deformation**2
+        variance = max(float(np.sum(residuals**2)) - explained, 0.0) / freedom
         centroid = self.points[seen].mean(axis=0)
         inertia = point_inertia(moment_matrix(self.points[seen]))
         lever = float(np.linalg.norm(centroid)) + self.radius

@@ -24,6 +24,10 @@ class EntryRolloutConfig:
     Attributes:
         step_length: Farthest that a point of the object moves in a step [m].
         step_time: Longest step [s]; with eta = 3 / s it takes off a third of the error.
+        contact_tube: From the first contact on, the reference may only be the field's target while
+            no point of the object is farther from it than this [m]. Where the demonstration touches
+            the scene, clouds cannot tell whether a loop is around a rod or below it, and of a strap
+            that the rod has bent even less; only the way there can.
         joined: Once no point of the object is farther from the reference than this [m], the rest
             of the way is the reference.
         max_steps: A field that has not joined the reference by then, such as close to a saddle,
@@ -33,6 +37,7 @@ class EntryRolloutConfig:
 
     step_length: float = 0.01
     step_time: float = 0.1
+    contact_tube: float = 0.04
     joined: float = 0.002
     max_steps: int = 300
     batch: int = 12
@@ -59,7 +64,7 @@ def roll_out_entry(
     *,
     tau: float | None = None,
 ) -> EntryRollout:
-    """Follows the field from a pose until it has joined the reference, or collides.
+    """Follows the field from a pose until it has joined the reference, or collides, or cuts short.
 
     Args:
         model: Object and scene.
@@ -79,9 +84,12 @@ def roll_out_entry(
         if output.status is BcsdmStatus.LOST:
             break
         tau = output.tau
+        X_target = kabsch(model.points, reference.positions_at(tau))
+        apart = float(model.displacement(X[None], X_target[None])[0, 0])
+        if model.is_contact(reference.times[-1] - tau) and apart > config.contact_tube:
+            break
         joined = output.status is BcsdmStatus.GOAL or (
-            output.mean_error < config.joined
-            and _has_joined(model, X, reference.positions_at(tau), config)
+            output.mean_error < config.joined and apart < config.joined
         )
         if joined or len(poses) - checked >= config.batch:
             if not model.is_free(np.array(poses[checked:]), start).all():
@@ -91,13 +99,6 @@ def roll_out_entry(
             return EntryRollout(np.array(poses), True)
         X = _step(X, output.omega, output.v, output.centroid, model.radius, config)
     return EntryRollout(np.array(poses), False)
-
-
-def _has_joined(
-    model: EntryModel, X: np.ndarray, target: np.ndarray, config: EntryRolloutConfig
-) -> bool:
-    X_target = kabsch(model.points, target)
-    return bool(model.displacement(X[None], X_target[None])[0, 0] < config.joined)
 
 
 def _step(

@@ -27,10 +27,11 @@ from poil_drake.benchmarks.control.policy import Policy
 from poil_drake.benchmarks.control.se3_bcsdm import Se3BcsdmPolicy
 from poil_drake.benchmarks.control.surface_cloud import ModelCloud
 from poil_drake.benchmarks.control.tasks import MakeTask
+from poil_drake.control.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry_monitor import EntryMonitorConfig
 from poil_drake.control.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference import make_reference
-from poil_drake.control.safe_entry import SafeEntryPlanner
+from poil_drake.control.safe_entry import SafeEntryConfig, SafeEntryPlanner
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_fit import kabsch
@@ -154,6 +155,7 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
         object_cloud=body,
         object_points=TaskDemonstration(task).points[0],
         bcsdm=FieldConfig(task, noise),
+        config=SafeEntryConfig(clearance=EntryClearanceConfig(deformation=TaskDeformation(task))),
     )
 
 

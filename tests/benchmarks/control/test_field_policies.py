@@ -17,6 +17,7 @@ from poil_drake.benchmarks.control.policies import (
 from poil_drake.benchmarks.control.policy import Observation
 from poil_drake.control.entry_monitor import EntryMonitorConfig
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
+from poil_drake.control.safe_entry import EntryKind
 from poil_drake.errors import InvalidValueError
 
 TASK = "mug_insertion"
@@ -87,6 +88,22 @@ def test_demonstration_is_free_until_the_handle_is_on_the_rod():
 
     # The handle passes the rod's tip in the last third of the way.
     assert 0.6 * len(model.poses) < model.contact < len(model.poses)
+
+
+def test_contact_is_not_entered_from_the_side():
+    # From there the strap would come to lie below the rod, which no cloud can tell from above.
+    beside = TaskReference("hanging_bag").positions[-1] + np.array([-0.1, 0.0, -0.01])
+
+    assert EntryPlanner("hanging_bag", 0.0).plan(beside).kind is not EntryKind.FIELD
+
+
+def test_object_in_the_midst_of_contact_goes_on_from_there():
+    planner = EntryPlanner("hanging_bag", 0.0)
+    places = TaskReference("hanging_bag").positions[planner.model.contact + 2]
+
+    plan = planner.plan(places + np.array([0.0, 0.0, -0.005]))
+
+    assert plan.kind is EntryKind.FIELD
 
 
 def test_noise_and_deformation_widen_what_counts_as_an_outlier():
