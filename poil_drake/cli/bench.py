@@ -77,6 +77,7 @@ def bench_control(
     hard: Annotated[
         bool, typer.Option(help="Also any orientation, a late tracker, a slip.")
     ] = True,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of starts, slips and noise.")] = 0,
     jobs: Jobs = 1,
     ray: Ray = None,
     json: Json = Path("out/bench_control.json"),
@@ -98,6 +99,7 @@ def bench_control(
         policies=_names(policies) or default.policies,
         trials=trials,
         hard=hard,
+        seed=seed,
     )
     folder = json.parent if pictures is None else pictures
     require_writable(json)

@@ -22,9 +22,9 @@ _HARD_HEIGHTS = (0.12, 0.35)  # Of the object's frame above the table [m].
 _ATTEMPTS = 1000
 
 
-def trial_generator(task: str, region: str, trial: int) -> np.random.Generator:
+def trial_generator(task: str, region: str, trial: int, *, seed: int = 0) -> np.random.Generator:
     """Returns the generator that all randomness of a trial is drawn from."""
-    return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial])
+    return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial, seed])
 
 
 def sample_start(

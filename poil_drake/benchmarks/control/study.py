@@ -44,12 +44,14 @@ class ControlStudyConfig:
         trials: Of each policy in each region of each task.
         hard: Whether hard mode is tried, too: any orientation, a tracker of 8 Hz that is 0.1 s late
             and has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
+        seed: Of starts, slips and noise; policies are trained on the same demonstrations always.
     """
 
     tasks: tuple[str, ...] = TASKS
     policies: tuple[str, ...] = tuple(row.name for row in ROWS)
     trials: int = 100
     hard: bool = True
+    seed: int = 0
 
     def __post_init__(self) -> None:
         for kind, wanted, known in (
@@ -120,13 +122,13 @@ def _draw_tasks(tasks: Sequence[str], folder: Path) -> None:
 
 
 def run_control_trial(
-    trained: Trained, task: str, region: Region, policy: str, trial: int
+    trained: Trained, task: str, region: Region, policy: str, trial: int, seed: int = 0
 ) -> ControlTrial:
-    """Runs one trial; what it draws depends on task, region and number alone.
+    """Runs one trial; what it draws depends on task, region, number and seed alone.
 
     A trial in which something fails counts as no success, with the reason as its note.
     """
-    rng = trial_generator(task, region, trial)
+    rng = trial_generator(task, region, trial, seed=seed)
     hard = region == "hard"
     try:
         arena, shown = _arena(trained, task, policy, hard), TaskDemonstration(task)
@@ -146,7 +148,7 @@ def run_control_trial(
         )
     except Exception as error:
         note = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return _lost((task, region, policy, trial), note)
+        return _lost((task, region, policy, trial, seed), note)
 
 
 # Of this worker, as they are dear to make: the arena, and the weights that its policy has.
@@ -214,11 +216,11 @@ def _train(
     return trained
 
 
-def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int]]:
+def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int, int]]:
     regions: list[Region] = ["near", "far", "hard"] if config.hard else ["near", "far"]
     # By task and policy, so that a worker seldom needs another diagram.
     return [
-        (task, region, policy, trial)
+        (task, region, policy, trial, config.seed)
         for task in config.tasks
         for policy in config.policies
         for region in regions
@@ -228,7 +230,7 @@ def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int]]
 
 
 def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
-    task, region, policy, trial = arguments
+    task, region, policy, trial, _ = arguments
     unknown = ("error", "impulse", "depth", "time", "strain", "typical_strain")
     nothing = {name: float("nan") for name in unknown}
     return ControlTrial(

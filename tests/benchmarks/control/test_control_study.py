@@ -58,6 +58,19 @@ def test_trial_is_the_same_alone_and_after_others():
     np.testing.assert_array_equal(alone.path, again.path)
 
 
+def test_study_runs_the_trials_of_its_seed(tmp_path):
+    config = dut.ControlStudyConfig(
+        tasks=("pnp_cube",), policies=("field",), trials=1, hard=False, seed=3
+    )
+
+    near, _ = dut.run_control_study(config, json_path=tmp_path / "control.json")
+
+    wanted = dut.run_control_trial({}, "pnp_cube", "near", "field", 0, seed=3)
+    other = dut.run_control_trial({}, "pnp_cube", "near", "field", 0)
+    np.testing.assert_array_equal(near.path, wanted.path)
+    assert not np.array_equal(near.path[0], other.path[0])
+
+
 def test_hard_trials_are_noisy_and_slip(monkeypatch):
     easy = dut.run_control_trial({}, "pnp_cube", "near", "field", 0)
     hard = dut.run_control_trial({}, "pnp_cube", "hard", "field", 0)
