@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
+from poil_drake.geometry import rigid_consensus
+from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, ransac_inliers
 from poil_drake.geometry.rigid_consensus import rigid_inliers as dut
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
@@ -44,11 +45,82 @@ def test_one_of_four_points_can_be_an_outlier():
     assert dut(source, target, config=CONFIG).tolist() == [True, True, False, True]
 
 
+def test_point_that_keeps_its_distances_can_still_be_an_outlier():
+    # Two centimetres sideways, ten away from all others.
+    source = np.random.default_rng(0).uniform(-0.02, 0.02, (60, 3))
+    source[4] = [0.1, 0.0, 0.0]
+    target = source.copy()
+    target[4, 1] += 0.02
+    before, after = (np.linalg.norm(x - x[4], axis=1) for x in (source, target))
+    assert np.mean(np.abs(after - before) < CONFIG.inlier_distance) > 0.8
+
+    inliers = dut(source, target, config=CONFIG)
+
+    assert inliers.tolist() == [i != 4 for i in range(60)]
+
+
+def test_clear_outliers_are_found_without_random_samples(monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr(rigid_consensus, "ransac_inliers", refuse)
+    rng = np.random.default_rng(0)
+    source, target = moved(rng, 10)
+    target += rng.normal(scale=1e-3, size=(10, 3))
+    centre = target.mean(axis=0)
+    target[3] = centre  # Nearer to all others than it was,
+    target[6] += 2.0 * (target[6] - centre)  # and farther.
+
+    inliers = dut(source, target, config=CONFIG)
+
+    assert inliers.tolist() == [i not in (3, 6) for i in range(10)]
+
+
+def test_point_near_the_others_motion_is_an_inlier_though_its_distances_changed():
+    # Drawn so that the tip, 4.5 mm off, is 5 mm farther from half of the others.
+    plate = [[x, y, 0.0] for x in (-0.03, 0.03) for y in (-0.03, 0.0, 0.03)]
+    source = np.array([*plate, [0.0, 0.0, 0.2], [0.05, 0.0, -0.05]])
+    target = source.copy()
+    target[:6] += np.random.default_rng(43).normal(scale=0.0015, size=(6, 3))
+    target[6:] += [[0.0, 0.0, 0.0045], [0.1, 0.0, 0.0]]
+    before, after = (np.linalg.norm(x - x[6], axis=1) for x in (source, target))
+    assert np.count_nonzero(np.abs(after - before) > CONFIG.inlier_distance) == 4
+
+    assert dut(source, target, config=CONFIG).tolist() == 7 * [True] + [False]
+
+
+def test_outlier_that_keeps_its_distances_takes_no_other_point_with_it():
+    # Drawn so that the best motion of all but the 7th would leave others more than 5 mm off.
+    rng = np.random.default_rng(144)
+    source = rng.normal(scale=0.03, size=(10, 3))
+    target = source.copy()
+    target[[2, 7]] += rng.normal(size=(2, 3)) * [[0.007], [0.1]]
+
+    inliers = dut(source, target, config=CONFIG)
+
+    assert inliers.tolist() == [i not in (2, 7) for i in range(10)]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("heavier", [slice(0, 4), slice(4, 8)])
+def test_heavier_of_two_halves_that_went_apart_is_chosen(heavier):
+    source = np.random.default_rng(0).normal(scale=0.03, size=(8, 3))
+    target = source.copy()
+    target[4:] = 0.1 - source[4:, [1, 0, 2]]
+
+    weights = np.full(8, 0.5)
+    weights[heavier] = 1.0
+
+    inliers = dut(source, target, weights, config=CONFIG)
+
+    np.testing.assert_array_equal(inliers, weights == 1.0)
+
+
 def test_inliers_are_those_within_the_distance():
-    # One is far off, so that not all can be moved; two are just within 5 mm and just outside.
+    # One is far off, so that not all can be moved; two are within 5 mm and outside.
     source = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
     target = source.copy()
-    target[[1, 4, 7], 2] += [0.1, 0.0045, 0.007]
+    target[[1, 4, 7], 2] += [0.1, 0.0045, 0.009]
 
     inliers = dut(source, target, config=CONFIG)
 
@@ -85,7 +157,7 @@ def test_motion_that_wins_others_is_by_weight():
     source = target + rng.normal(scale=0.002, size=(10, 3))
     source[[1, 4]] += [[0.05, 0.0, 0.0], [0.0, -0.06, 0.0]]
 
-    inliers = dut(source, target, np.linspace(0.3, 1.0, 10), config=CONFIG)
+    inliers = ransac_inliers(source, target, np.linspace(0.3, 1.0, 10), config=CONFIG)
 
     assert inliers.tolist() == [i not in (1, 4) for i in range(10)]
 
