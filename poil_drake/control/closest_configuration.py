@@ -145,11 +145,12 @@ def _last_minimum(
         positions: (T, N, 3) the reference's [m].
         weights: (N,), None for all one.
     """
-    limit = costs[costs.argmin()] + tolerance
-    candidates = (costs <= limit).nonzero()[0]
-    if candidates.size == 1:
-        return int(candidates[0])
-    if candidates.size == 0:  # The costs overflow.
-        candidates = np.arange(len(costs))
+    index = int(costs.argmin())
+    close = costs <= costs.item(index) + tolerance
+    count = np.count_nonzero(close)
+    if count == 1:
+        return index
+    # Where the costs overflow, none is close.
+    candidates = close.nonzero()[0] if count else np.arange(len(costs))
     squares = squared_distances(points, positions[candidates], weights)
     return int(candidates[::-1][squares[::-1].argmin()])

@@ -161,10 +161,8 @@ def _field(
 
 
 def _time(times: np.ndarray, segment: int, fraction: float) -> float:
-    if fraction == 0.0:
-        return float(times[segment])
-    start, end = times[segment : segment + 2].tolist()
-    return start + fraction * (end - start)
+    start: float = times.item(segment)
+    return start if fraction == 0.0 else start + fraction * (times.item(segment + 1) - start)
 
 
 @lru_cache(maxsize=32)
