@@ -95,7 +95,8 @@ def _agreed_by_pairs(
     lengths = np.sqrt(np.einsum("ijsk,ijsk->sij", between, between))
     changed = np.abs(lengths[0] - lengths[1]) > distance
     agreed = 2 * np.count_nonzero(changed, axis=1) < N
-    if 2 * np.count_nonzero(agreed) <= N:
+    count = np.count_nonzero(agreed)
+    if count < 3 or 2 * count <= N:
         return None
     within = motion_squares(centred_sums((source, target), weights * agreed)) <= distance**2
     return within if within[agreed].all() else None
