@@ -1,7 +1,6 @@
 """How long a control tick takes: the field, its rival on poses, and the whole control path."""
 
 import gc
-import json
 import os
 import platform
 import time
@@ -17,7 +16,7 @@ from poil_drake.benchmarks.control.se3_bcsdm import PoseTrajectory, Se3BcsdmConf
 from poil_drake.benchmarks.latency_control_path import ControlPath
 from poil_drake.benchmarks.latency_states import States, moving_body
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import write_json
 
 _POINTS, _SAMPLES = 10, 500
 _WARM_UP = 50
@@ -89,8 +88,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
     durations = np.hstack([durations, second[:, len(alike) :]])
     rows = summarize([subject.name for subject in subjects], durations)
     figures = {"ticks": ticks, "machine": _machine(), "rows": [asdict(row) for row in rows]}
-    json_path.parent.mkdir(parents=True, exist_ok=True)
-    json_path.write_text(json.dumps(plain_json(figures), indent=2, allow_nan=False))
+    write_json(figures, json_path)
     print(_table(rows))
     return rows
 

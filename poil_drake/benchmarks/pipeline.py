@@ -1,6 +1,5 @@
 """The main job over many randomised trials: success, causes of failure, errors, speed."""
 
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,7 @@ from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 from poil_drake.errors import InvalidValueError
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import write_json
 
 
 def run_pipeline_benchmark(
@@ -82,9 +81,8 @@ def _demonstration(task: str) -> bytes:
 
 def _write(trials: Sequence[Trial], path: Path) -> None:
     """Writes what is known so far, so that an interrupted benchmark loses nothing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     figures = {"summary": summarize(trials), "trials": [asdict(trial) for trial in trials]}
-    path.write_text(json.dumps(plain_json(figures), indent=2, allow_nan=False))
+    write_json(figures, path)
 
 
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:

@@ -1,6 +1,5 @@
 """The theory of the field, drawn beside simulation: saddles, sampling, delay and noise."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from poil_drake.benchmarks.stability_pictures import (
     draw_noise,
     draw_sampling,
 )
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import write_json
 
 
 def run_stability_study(
@@ -47,6 +46,5 @@ def run_stability_study(
     for name, (measure, draw) in studies.items():
         figures[name] = measure(config)
         draw(figures[name], pictures / f"control_{name}.png")
-    json_path.parent.mkdir(parents=True, exist_ok=True)
-    json_path.write_text(json.dumps(plain_json(figures), indent=1))
+    write_json(figures, json_path)
     return figures

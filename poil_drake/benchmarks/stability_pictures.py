@@ -56,115 +56,129 @@ def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
     """Draws how far a twist may be held: runs, rotations and point sets."""
     with _figure(path, width=13.5, height=4.3) as (figure, colormaps):
         left, middle, right = figure.subplots(1, 3)
-        runs = figures["runs"]
-        shades = colormaps["viridis"](np.linspace(0.05, 0.85, len(runs)))
-        for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
-            left.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
-        left.set_ylim(1e-9, 5.0)
-        left.set_xlabel("periods")
-        left.set_ylabel("D / D at the start")
-        left.set_title("Runs of the compact set", loc="left")
-        left.legend(title="η dt", loc="lower right", ncols=2)
+        _draw_runs(left, figures["runs"], colormaps["viridis"])
+        _draw_rotations(middle, figures["sets"])
+        _draw_conditions(right, figures)
 
-        for (name, data), color in zip(figures["sets"].items(), _COLORS, strict=False):
-            moments = " : ".join(f"{m:g}" for m in data["moments"])
-            middle.plot(
-                np.degrees(data["angles"]),
-                data["limits"],
-                ".",
-                markersize=2,
-                alpha=0.5,
-                color=color,
-                label=f"{name}, W = {moments}",
-            )
-            for value, style in ((data["largest"], "-"), (data["proven"], "--")):
-                middle.axhline(value, color=color, linestyle=style, linewidth=1.2)
-        middle.plot([], [], "-", color=_GREY, label="largest for all (search)")
-        middle.plot([], [], "--", color=_GREY, label="proven for all")
-        middle.set_ylim(1.2, 6.0)
-        middle.set_xlabel("angle from the goal [deg]")
-        middle.set_ylabel("largest η dt that lowers D")
-        middle.set_title("Random rotations", loc="left")
-        middle.legend(loc="upper left", markerscale=4)
 
-        conditions, curves = figures["conditions"], figures["curves"]
-        right.semilogx(
-            conditions, curves["flat"], "o-", markersize=4, color=_COLORS[0], label="flat sets"
+def _draw_runs(axes: Any, runs: Mapping[str, Any], colormap: Any) -> None:
+    shades = colormap(np.linspace(0.05, 0.85, len(runs)))
+    for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
+        axes.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
+    axes.set_ylim(1e-9, 5.0)
+    axes.set_xlabel("periods")
+    axes.set_ylabel("D / D at the start")
+    axes.set_title("Runs of the compact set", loc="left")
+    axes.legend(title="η dt", loc="lower right", ncols=2)
+
+
+def _draw_rotations(axes: Any, sets: Mapping[str, Any]) -> None:
+    for (name, data), color in zip(sets.items(), _COLORS, strict=False):
+        moments = " : ".join(f"{m:g}" for m in data["moments"])
+        axes.plot(
+            np.degrees(data["angles"]),
+            data["limits"],
+            ".",
+            markersize=2,
+            alpha=0.5,
+            color=color,
+            label=f"{name}, W = {moments}",
         )
-        right.semilogx(
-            conditions, curves["round"], "s-", markersize=4, color=_COLORS[1], label="round rods"
-        )
-        right.semilogx(
-            conditions, curves["flat_proven"], "--", color=_COLORS[0], label="proven, flat sets"
-        )
-        right.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
-        right.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
-        right.set_ylim(1.2, 2.1)
-        right.set_xlabel("condition number of A")
-        right.set_ylabel("largest η dt for every rotation")
-        right.set_title("From compact to a line", loc="left")
-        right.legend(loc="upper right")
+        for value, style in ((data["largest"], "-"), (data["proven"], "--")):
+            axes.axhline(value, color=color, linestyle=style, linewidth=1.2)
+    axes.plot([], [], "-", color=_GREY, label="largest for all (search)")
+    axes.plot([], [], "--", color=_GREY, label="proven for all")
+    axes.set_ylim(1.2, 6.0)
+    axes.set_xlabel("angle from the goal [deg]")
+    axes.set_ylabel("largest η dt that lowers D")
+    axes.set_title("Random rotations", loc="left")
+    axes.legend(loc="upper left", markerscale=4)
+
+
+def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
+    conditions, curves = figures["conditions"], figures["curves"]
+    axes.semilogx(
+        conditions, curves["flat"], "o-", markersize=4, color=_COLORS[0], label="flat sets"
+    )
+    axes.semilogx(
+        conditions, curves["round"], "s-", markersize=4, color=_COLORS[1], label="round rods"
+    )
+    axes.semilogx(
+        conditions, curves["flat_proven"], "--", color=_COLORS[0], label="proven, flat sets"
+    )
+    axes.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
+    axes.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
+    axes.set_ylim(1.2, 2.1)
+    axes.set_xlabel("condition number of A")
+    axes.set_ylabel("largest η dt for every rotation")
+    axes.set_title("From compact to a line", loc="left")
+    axes.legend(loc="upper right")
 
 
 def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the map of delay and period, and a run with the paper's tracker."""
     with _figure(path, width=12.0, height=4.8) as (figure, _):
-        from matplotlib.colors import ListedColormap
-
         left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
-        delays, periods = np.asarray(figures["delays"]), np.asarray(figures["periods"])
-        left.grid(False)
-        left.pcolormesh(
-            delays,
-            periods,
-            np.asarray(figures["verdicts"]),
-            cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
-            vmin=0,
-            vmax=2,
-            shading="nearest",
-        )
-        ratios = np.asarray(figures["ratios"])
-        names = ("no overshoot: closed form", "stable: closed form")
-        for key, at_zero, name, color in zip(
-            ("limits_without_overshoot", "limits_stable"),
-            figures["continuous"],
-            names,
-            ("#2f8f5b", "#b03a1a"),
-            strict=True,
-        ):
-            limits = np.asarray(figures[key])
-            x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
-            left.plot(x, y, color=color, linewidth=1.6, label=name)
-        tracker = figures["tracker"]
-        left.plot(
-            tracker["eta_delay"], tracker["eta_period"], "k*", markersize=11, label="8 Hz, 0.1875 s"
-        )
-        for place, text in (
-            ((0.03, 0.1), "D falls"),
-            ((0.3, 0.72), "settles, but D rises at times"),
-        ):
-            left.text(*place, text, fontsize=9)
-        left.text(1.25, 1.3, "does not settle", fontsize=9)
-        left.set_xlim(0.0, 1.8)
-        left.set_ylim(0.0, 2.2)
-        left.set_xlabel("η × delay")
-        left.set_ylabel("η × period of the samples")
-        left.set_title("Simulated (areas) and closed form (lines)", loc="left")
-        left.legend(loc="upper right", facecolor="white", framealpha=0.85, frameon=True)
+        _draw_delay_map(left, figures)
+        _draw_delayed_run(right, figures["tracker"])
 
-        offsets = np.asarray(tracker["offsets"])
-        shown = 30
-        right.plot(
-            offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start"
-        )
-        size = tracker["decay_per_period"] ** np.arange(shown)
-        right.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
-        right.plot(-size, "--", color=_GREY, linewidth=1.0)
-        right.axhline(0.0, color=_GREY, linewidth=0.8)
-        right.set_xlabel("sample (1/8 s)")
-        right.set_ylabel("offset of the centroid")
-        right.set_title("η = 3 / s on points 0.1875 s old, without propagation", loc="left")
-        right.legend(loc="upper right")
+
+def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
+    from matplotlib.colors import ListedColormap
+
+    delays, periods = np.asarray(figures["delays"]), np.asarray(figures["periods"])
+    axes.grid(False)
+    axes.pcolormesh(
+        delays,
+        periods,
+        np.asarray(figures["verdicts"]),
+        cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
+        vmin=0,
+        vmax=2,
+        shading="nearest",
+    )
+    ratios = np.asarray(figures["ratios"])
+    names = ("no overshoot: closed form", "stable: closed form")
+    for key, at_zero, name, color in zip(
+        ("limits_without_overshoot", "limits_stable"),
+        figures["continuous"],
+        names,
+        ("#2f8f5b", "#b03a1a"),
+        strict=True,
+    ):
+        limits = np.asarray(figures[key])
+        x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
+        axes.plot(x, y, color=color, linewidth=1.6, label=name)
+    tracker = figures["tracker"]
+    axes.plot(
+        tracker["eta_delay"], tracker["eta_period"], "k*", markersize=11, label="8 Hz, 0.1875 s"
+    )
+    for place, text in (
+        ((0.03, 0.1), "D falls"),
+        ((0.3, 0.72), "settles, but D rises at times"),
+    ):
+        axes.text(*place, text, fontsize=9)
+    axes.text(1.25, 1.3, "does not settle", fontsize=9)
+    axes.set_xlim(0.0, 1.8)
+    axes.set_ylim(0.0, 2.2)
+    axes.set_xlabel("η × delay")
+    axes.set_ylabel("η × period of the samples")
+    axes.set_title("Simulated (areas) and closed form (lines)", loc="left")
+    axes.legend(loc="upper right", facecolor="white", framealpha=0.85, frameon=True)
+
+
+def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
+    offsets = np.asarray(tracker["offsets"])
+    shown = 30
+    axes.plot(offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start")
+    size = tracker["decay_per_period"] ** np.arange(shown)
+    axes.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
+    axes.plot(-size, "--", color=_GREY, linewidth=1.0)
+    axes.axhline(0.0, color=_GREY, linewidth=0.8)
+    axes.set_xlabel("sample (1/8 s)")
+    axes.set_ylabel("offset of the centroid")
+    axes.set_title("η = 3 / s on points 0.1875 s old, without propagation", loc="left")
+    axes.legend(loc="upper right")
 
 
 def draw_noise(figures: Mapping[str, Any], path: Path) -> None:

@@ -68,18 +68,15 @@ def batched_rollout(
         taus[rows], potentials[rows] = field.tau, field.potential
         lengths[rows] += 1
         history.append((X.copy(), potentials.copy(), taus.copy()))
-        moving[rows] = field.status != BcsdmStatus.GOAL
-        origins = field.centroid
-        places = origins
+        arms = np.zeros((len(rows), 3))
         if limited_points is not None:
-            places = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
-        limited = _scaled(
-            shift_twist(field.twist, places - origins), max_angular_speed, max_linear_speed
-        )
-        V = shift_twist(limited, origins - places)
-        X[rows] = np.where(
-            moving[rows, None, None], _moved(X[rows], V, origins, time_step), X[rows]
-        )
+            limited = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
+            arms = limited - field.centroid
+        V = shift_twist(field.twist, arms)
+        V = shift_twist(_scaled(V, max_angular_speed, max_linear_speed), -arms)
+        moving[rows] = goes_on = field.status != BcsdmStatus.GOAL
+        stepped = _moved(X[rows], V, field.centroid, time_step)
+        X[rows[goes_on]] = stepped[goes_on]
     motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
     return [
         Rollout(

@@ -1,7 +1,6 @@
 """What a run came to: one line for people, one JSON file for programs."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.recording.library_versions import library_versions
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import plain_json, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,11 +173,8 @@ class RunSummary:
 
     def write_json(self, path: str | Path) -> Path:
         """Writes everything as JSON and returns the file's path; its folder is made if needed."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
-        path.write_text(text + "\n", encoding="utf-8")
-        return path
+        write_json(self.to_dict(), Path(path))
+        return Path(path)
 
 
 def phase_spans(

@@ -1,10 +1,14 @@
 """Values as JSON can hold them."""
 
+import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from poil_drake.recording.whole_file import whole_file
 
 
 def plain_json(value: Any) -> Any:
@@ -24,3 +28,19 @@ def plain_json(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value
     return str(value)
+
+
+def write_json(value: Any, path: Path, *, indent: int | None = 2) -> None:
+    """Writes a value as `plain_json` makes it; the file appears whole, see `whole_file`.
+
+    Args:
+        value: What to write.
+        path: Where to.
+        indent: Spaces by level; None puts all on one line.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    text = json.dumps(plain_json(value), indent=indent, allow_nan=False)
+    with whole_file(path) as file:
+        file.write(f"{text}\n".encode())

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import plain_json, write_json
 
 
 @pytest.mark.parametrize(
@@ -28,3 +28,15 @@ def test_everything_becomes_what_json_has(value: object, expected: object) -> No
 
     # 3 == 3.0 == True in Python, but not in JSON.
     assert json.dumps(dut, allow_nan=False) == json.dumps(expected)
+
+
+def test_figures_are_written_as_lines_or_as_one(tmp_path: Path) -> None:
+    figures = {"errors": np.array([0.5, np.nan]), "name": "mug"}
+
+    write_json(figures, tmp_path / "lines.json")
+    write_json(figures, tmp_path / "line.json", indent=None)
+
+    lines, line = ((tmp_path / name).read_text() for name in ("lines.json", "line.json"))
+    assert json.loads(lines) == json.loads(line) == {"errors": [0.5, None], "name": "mug"}
+    assert lines.startswith('{\n  "errors"')
+    assert line.count("\n") == 1

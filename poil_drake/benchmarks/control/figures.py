@@ -1,8 +1,5 @@
 """Writes the figures of the control study as JSON."""
 
-import json
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +12,7 @@ from poil_drake.benchmarks.control.table import summarize
 from poil_drake.benchmarks.control.tasks import MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, TrialConfig
 from poil_drake.recording.library_versions import library_versions
-from poil_drake.recording.plain_json import plain_json
+from poil_drake.recording.plain_json import write_json
 
 if TYPE_CHECKING:
     from poil_drake.benchmarks.control.study import ControlStudyConfig
@@ -38,15 +35,7 @@ def write_figures(trials: Sequence[ControlTrial], config: "ControlStudyConfig", 
         "summary": [vars(cell) for cell in summarize(trials)],
         "trials": [_row(trial) for trial in trials],
     }
-    text = json.dumps(plain_json(figures), allow_nan=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, scratch = tempfile.mkstemp(prefix=f".{path.name}", dir=path.parent)
-    try:
-        with os.fdopen(handle, "w") as file:
-            file.write(text)
-        os.replace(scratch, path)
-    finally:
-        Path(scratch).unlink(missing_ok=True)
+    write_json(figures, path, indent=None)
 
 
 def _row(trial: ControlTrial) -> dict[str, object]:

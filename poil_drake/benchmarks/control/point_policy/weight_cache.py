@@ -2,9 +2,7 @@
 
 import hashlib
 import json
-import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +15,7 @@ from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolic
 from poil_drake.benchmarks.control.point_policy.training import train_point_policy
 from poil_drake.errors import InvalidValueError
 from poil_drake.models.user_cache import user_cache_directory
+from poil_drake.recording.whole_file import whole_file
 
 TRAINING_VERSION = 2
 """Goes up when the same data and settings give other weights."""
@@ -50,14 +49,8 @@ def load_or_train(
     except InvalidValueError as error:
         tqdm.write(f"note: {error.problem} Training it again.", file=sys.stderr)
     trained = train_point_policy(demonstrations, config)
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor, scratch = tempfile.mkstemp(prefix=".", suffix=".npz", dir=folder)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            trained.save(file)
-        os.replace(scratch, path)
-    finally:
-        Path(scratch).unlink(missing_ok=True)
+    with whole_file(path) as file:
+        trained.save(file)
     return trained
 
 
