@@ -6,9 +6,9 @@ from poil_drake.control.batched_field import batched_field
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.control.rollout import Rollout
-from poil_drake.control.twist_fit import shift_twist
+from poil_drake.control.twist_fit import scale_twist, shift_twist
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
+from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
 def batched_rollout(
@@ -73,9 +73,9 @@ def batched_rollout(
             limited = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
             arms = limited - field.centroid
         V = shift_twist(field.twist, arms)
-        V = shift_twist(_scaled(V, max_angular_speed, max_linear_speed), -arms)
+        V = shift_twist(scale_twist(V, max_angular_speed, max_linear_speed), -arms)
         moving[rows] = goes_on = field.status != BcsdmStatus.GOAL
-        stepped = _moved(X[rows], V, field.centroid, time_step)
+        stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
         X[rows[goes_on]] = stepped[goes_on]
     motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
     return [
@@ -88,22 +88,3 @@ def batched_rollout(
         )
         for b, length in enumerate(lengths.tolist())
     ]
-
-
-def _scaled(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
-    """Returns `scale_twist` of each of finite twists (B, 6)."""
-    excess = np.maximum(
-        np.linalg.norm(V[:, :3], axis=1) / max_angular_speed,
-        np.linalg.norm(V[:, 3:], axis=1) / max_linear_speed,
-    )
-    return V / np.maximum(1.0, excess)[:, None]
-
-
-def _moved(X: np.ndarray, V: np.ndarray, origins: np.ndarray, time_step: float) -> np.ndarray:
-    """Returns X (B, 4, 4) after a step of the spatial velocities V (B, 6) about origins (B, 3)."""
-    turns = rotation_exp(V[:, :3] * time_step)
-    moved = X.copy()
-    moved[:, :3, :3] = turns @ X[:, :3, :3]
-    arms = (X[:, :3, 3] - origins)[..., None]
-    moved[:, :3, 3] = (turns @ arms)[..., 0] + origins + V[:, 3:] * time_step
-    return moved

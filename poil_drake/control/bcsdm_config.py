@@ -34,9 +34,10 @@ class BcsdmConfig:
             about it is slowed instead of following their noise [m]. 0, the paper's, never does; 2
             mm keeps a tracker's noise of 1 mm over ten points below 10 deg.
         outlier_test: How points that are not where the tracker says are found and left out.
-            "rigidity": by RANSAC on the rigid motion between the points and the closest
-            configuration. "velocity": by RANSAC on the velocities, as in the paper, which takes
-            points far from the reference in rotation for outliers. "none": not at all.
+            "rigidity": those that neither the best twist nor a rigid motion to the closest
+            configuration explains, see `rigid_inliers`. "velocity": by RANSAC on the velocities,
+            as in the paper, which takes points far from the reference in rotation for outliers.
+            "none": not at all.
         rigidity: For "rigidity".
         ransac: For "velocity".
     """

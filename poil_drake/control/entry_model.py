@@ -82,8 +82,10 @@ class EntryModel:
         self.free = (self.clearances >= self.reach) & (self.heights >= self._config.margin)
         (free,) = np.nonzero(self.free)
         self.contact = int(free[-1]) + 1 if free.size else 0
-        # Resolution in pose vectors, whose distance is at least 1 / sqrt(2) of a point's motion.
-        self._edge_step = self._config.resolution / np.sqrt(2.0)
+        # A step ds along an edge shifts the origin by dp and turns the quaternion by dq, with
+        # dp^2 + dq^2 <= ds^2. Where the edge cuts across, the quaternion is as short as 1 / sqrt(2)
+        # of its length at the ends, so a point moves by dp + sqrt(2) dq <= sqrt(3) ds.
+        self._edge_step = self._config.resolution / np.sqrt(3.0)
 
     def is_contact(self, remaining: float) -> bool:
         """Returns whether the reference is past its first lasting contact at a time before its end.

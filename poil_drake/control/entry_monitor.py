@@ -9,7 +9,7 @@ import numpy as np
 from poil_drake.control.entry_state import EntryMonitorConfig, EntryState, EntryStatus
 from poil_drake.control.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
 from poil_drake.control.safe_entry import EntryKind, SafeEntryPlanner
-from poil_drake.errors import PlanningError, TrackingError
+from poil_drake.errors import PlanningError
 from poil_drake.geometry.frozen_array import frozen_array
 
 _DEFAULTS = EntryMonitorConfig()
@@ -147,11 +147,13 @@ def _checked(state: EntryState, now: _Now) -> EntryState:
 
 def _planned(state: EntryState, now: _Now, *, avoid_field: bool = False) -> EntryState:
     """Returns the state after an attempt to plan from where the points are."""
+    reference, field = now.planner.model.reference, now.planner.field
+    output = point_set_bcsdm(now.points, reference, field, now.confidence)
+    if output.status is BcsdmStatus.LOST:
+        return _without_points(state)
     seed = now.config.seed + state.replans + state.recoveries + state.attempts
     try:
         plan = now.planner.plan(now.points, now.confidence, seed=seed, avoid_field=avoid_field)
-    except TrackingError:
-        return _without_points(state)
     except PlanningError:
         if avoid_field:
             # What was followed is still the best that is known.

@@ -11,7 +11,7 @@ from poil_drake.control.entry_model import EntryModel
 from poil_drake.control.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
-from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
+from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +113,4 @@ def _step(
     arm = X[:3, 3] - centroid
     speed = float(np.linalg.norm(v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
     time = min(config.step_time, config.step_length / max(speed, 1e-9))
-    turn = rotation_exp(omega * time)
-    moved = X.copy()
-    moved[:3, :3] = turn @ X[:3, :3]
-    moved[:3, 3] = turn @ arm + centroid + v * time
-    return moved
+    return moved_by_twist(X, np.concatenate([omega, v]), centroid, time)

@@ -48,8 +48,9 @@ def extended_reference(
     """Returns the reference that goes along a transit and then on from sample `index`.
 
     The transit carries the reference's own shape at that sample, so that nothing jumps there, and
-    arrives with the speed that the reference has there. Its velocities are rigid motions and not
-    zero, so the field moves along it everywhere; the end is the demonstration's, at rest.
+    arrives with the speed that the reference has there, or the cruising speed if that is less. Its
+    velocities are rigid motions and not zero, so the field moves along it everywhere; the end is
+    the demonstration's, at rest.
 
     Args:
         reference: The demonstration.

@@ -60,6 +60,11 @@ def entry_candidates(model: EntryModel, start: EntryStart, count: int) -> np.nda
     They are evenly spread over the length of the stretches that keep the margin, the last sample
     before contact included. If none does, over the whole reference: what is demanded of the way
     there is then what the reference itself keeps.
+
+    Args:
+        model: Object, scene and reference.
+        start: Where the object is.
+        count: How many, besides the last allowed one and the nearest.
     """
     (allowed,) = np.nonzero(model.free)
     if allowed.size == 0:
@@ -86,6 +91,11 @@ def straight_transit(
 
     The nearest place of the whole reference comes last: after a push, an object that was about to
     arrive is led back by the shortest way, in the midst of contact.
+
+    Args:
+        model: Object, scene and reference.
+        start: Where the object is.
+        candidates: (C,) samples of the reference where the way may end, in the order tried.
     """
     edges = model.edges(start)
     nearest = int(np.argmin(model.displacement(start.X_WB[None], model.poses)[0]))

@@ -83,7 +83,7 @@ def point_set_bcsdm(
         previous_tau: The last tick's tau [s], for the progress window; None or NaN for none.
 
     Raises:
-        InvalidValueError: if the number of points is not the reference's.
+        InvalidValueError: if the number of points or confidences is not the reference's.
     """
     if points.shape != reference.positions.shape[1:]:
         raise InvalidValueError(
@@ -92,6 +92,11 @@ def point_set_bcsdm(
             remedy="Pass the positions of the reference's points, in its order.",
         )
     weights = np.ones(len(points)) if confidence is None else confidence
+    if len(weights) != len(points):
+        raise InvalidValueError(
+            f"There are {len(weights)} confidences of {len(points)} points.",
+            remedy="Pass one for each point.",
+        )
     numbers, flat = weights.tolist(), points.ravel()
     # A sum is finite only if all its terms are. NaN fails every comparison.
     if numbers and min(numbers) > 0.0 and math.isfinite(sum(numbers) + flat.dot(flat)):
@@ -130,7 +135,7 @@ def _field(
         state = state + fraction * reference.state_steps[segment]
     errors = state[:2] - points  # From the closest configuration, and from the end.
     velocities = state[2] + config.eta * errors[0]
-    fit = fit_robust_twist(points, velocities, state[0], weights, alike, config)
+    fit = fit_robust_twist(points, velocities, state[0], weights, config, alike=alike)
     if config.outlier_test == "rigidity" and np.count_nonzero(fit.inliers) < count:
         # Outliers count for nothing, the closest configuration included.
         return _field(points, weights * fit.inliers, reference, config, previous_tau)

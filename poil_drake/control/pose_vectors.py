@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.control.rrt_connect import State, make_bounds
-from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.geometry.rigid_transform import make_transform, quaternion
 
 
 def poses_of(vectors: np.ndarray) -> np.ndarray:
@@ -29,25 +29,10 @@ def poses_of(vectors: np.ndarray) -> np.ndarray:
 def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
     """Returns the vectors (B, 7) of poses (B, 4, 4), each quaternion on the side of the one before.
 
-    Its length is twice the radius [m], so that distances between vectors are about what a point
-    at that distance from the origin moves, and at least 1 / sqrt(2) of it.
+    Its length is twice the radius [m], so that small distances between vectors are about what a
+    point at that distance from the origin moves, and at least 1 / sqrt(2) of it.
     """
-    R = X[:, :3, :3]
-    r00, r11, r22 = R[:, 0, 0], R[:, 1, 1], R[:, 2, 2]
-    # Shepperd's method: four times the products of the quaternion's parts.
-    Q = np.empty((len(X), 4, 4))
-    Q[:, 0, 0] = 1.0 + r00 + r11 + r22
-    Q[:, 1, 1] = 1.0 + r00 - r11 - r22
-    Q[:, 2, 2] = 1.0 - r00 + r11 - r22
-    Q[:, 3, 3] = 1.0 - r00 - r11 + r22
-    Q[:, 0, 1] = Q[:, 1, 0] = R[:, 2, 1] - R[:, 1, 2]
-    Q[:, 0, 2] = Q[:, 2, 0] = R[:, 0, 2] - R[:, 2, 0]
-    Q[:, 0, 3] = Q[:, 3, 0] = R[:, 1, 0] - R[:, 0, 1]
-    Q[:, 1, 2] = Q[:, 2, 1] = R[:, 0, 1] + R[:, 1, 0]
-    Q[:, 1, 3] = Q[:, 3, 1] = R[:, 0, 2] + R[:, 2, 0]
-    Q[:, 2, 3] = Q[:, 3, 2] = R[:, 1, 2] + R[:, 2, 1]
-    largest = np.argmax(np.diagonal(Q, axis1=1, axis2=2), axis=1)
-    q = Q[np.arange(len(X)), largest]
+    q = quaternion(X[:, :3, :3])
     q *= 2.0 * radius / np.linalg.norm(q, axis=1)[:, None]
     return same_side(np.concatenate([X[:, :3, 3], q], axis=1))
 

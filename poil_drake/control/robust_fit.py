@@ -19,8 +19,9 @@ def fit_robust_twist(
     velocities: np.ndarray,
     targets: np.ndarray,
     weights: np.ndarray,
-    alike: bool,
     config: BcsdmConfig,
+    *,
+    alike: bool,
 ) -> RobustTwist:
     """Returns the twist that best matches the velocities of points (POIL eq. 3), and its inliers.
 
@@ -32,8 +33,8 @@ def fit_robust_twist(
         velocities: (N, 3) their velocities [m/s].
         targets: (N, 3) their places in the closest configuration [m].
         weights: (N,) zero for those that are not observed, else positive; at least three are.
-        alike: Whether all of the weights are equal.
         config: Parameters of the field.
+        alike: Whether all of the weights are equal, which is faster then.
     """
     observed = None if alike or (known := weights > 0.0).all() else known
     if config.outlier_test == "velocity":

@@ -9,7 +9,7 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.control.twist_fit import scale_twist, shift_twist
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
-from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
+from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def rollout(
         limited = scale_twist(
             shift_twist(output.twist, place - origin), max_angular_speed, max_linear_speed
         )
-        X = _moved(X, shift_twist(limited, origin - place), origin, time_step)
+        X = moved_by_twist(X, shift_twist(limited, origin - place), origin, time_step)
     return Rollout(
         times=time_step * np.arange(len(motions)),
         X_W=np.array(motions),
@@ -109,12 +109,3 @@ def rollout(
         taus=np.array(taus),
         converged=converged,
     )
-
-
-def _moved(X: np.ndarray, V: np.ndarray, origin: np.ndarray, time_step: float) -> np.ndarray:
-    """Returns X after a step of the spatial velocity V (6,) about an origin (3,)."""
-    turn = rotation_exp(V[:3] * time_step)
-    moved = X.copy()
-    moved[:3, :3] = turn @ X[:3, :3]
-    moved[:3, 3] = turn @ (X[:3, 3] - origin) + origin + V[3:] * time_step
-    return moved

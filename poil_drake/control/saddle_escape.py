@@ -28,8 +28,16 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     signs in that frame: the same rates.
 
     So the fastest way out of every saddle has rate 1, whatever the points are.
+
+    Raises:
+        InvalidValueError: if the points are on a line, about which no rotation is determined.
     """
     eigenvalues = np.linalg.eigvalsh(W)
+    if not eigenvalues[1] > 1e-12 * eigenvalues[2]:
+        raise InvalidValueError(
+            f"The points of W with eigenvalues {eigenvalues} are on a line.",
+            remedy="Pass the moments of points that are not.",
+        )
     rates = np.eye(3)
     for k in range(3):
         for i in range(3):

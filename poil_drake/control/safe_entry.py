@@ -34,7 +34,7 @@ class EntryKind(enum.Enum):
     """By the field itself, whose way was found to be clear."""
 
     STRAIGHT = enum.auto()
-    """By a straight motion to a place before the contact."""
+    """By a straight motion."""
 
     SEARCHED = enum.auto()
     """By a way that RRT-Connect found."""
@@ -97,8 +97,9 @@ class SafeEntryPlanner:
     Tried in this order; the first that is free is taken:
 
     1. the field itself, rolled out;
-    2. a straight motion to a place of the reference before its last contact, the nearest first;
-    3. a way found by RRT-Connect to one of these places.
+    2. a straight motion to a place of the reference before its last contact, the nearest first, or
+       else to the nearest of all;
+    3. a way found by RRT-Connect to one of the places before the last contact.
 
     Attributes:
         model: Object, scene and reference.

@@ -66,11 +66,12 @@ def solve_turn(
     Args:
         second_moments: W's xx, xy, xz, yy, yz, zz [m^2].
         moment: m [m^2/s].
-        min_rotation_spread: [m].
+        min_rotation_spread: [m], times the root of the weights' sum.
 
     Returns:
         omega: [rad/s].
-        spread: Root mean square distance of the points from the line that fits them best [m].
+        spread: Root mean square distance of the points from the line that fits them best [m], times
+            the root of the weights' sum.
     """
     xx, xy, xz, yy, yz, zz = second_moments
     trace = xx + yy + zz

@@ -203,14 +203,14 @@ def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
 
 
 def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
-    """Returns a spatial velocity scaled by one factor so that it respects both limits.
+    """Returns spatial velocities, each scaled by one factor so that it respects both limits.
 
     Its direction is kept, hence the path that it leads along: it is a scaling of time, under which
     D of POIL eq. 4 falls as before. Limits on single axes would bend the path. One that is not
     finite gives zero.
 
     Args:
-        V: (6,), (omega [rad/s], v [m/s]).
+        V: (..., 6), (omega [rad/s], v [m/s]).
         max_angular_speed: Largest |omega| [rad/s], positive.
         max_linear_speed: Largest |v| [m/s], positive.
     """
@@ -220,6 +220,11 @@ def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float
             remedy="Both must be positive.",
         )
     V = np.asarray(V, dtype=float)
+    if V.ndim > 1:
+        finite = np.where(np.isfinite(V).all(axis=-1, keepdims=True), V, 0.0)
+        speeds = np.linalg.norm(finite.reshape(*V.shape[:-1], 2, 3), axis=-1)
+        excesses = speeds / [max_angular_speed, max_linear_speed]
+        return finite / np.maximum(1.0, excesses.max(axis=-1, keepdims=True))
     wx, wy, wz, vx, vy, vz = numbers = V.tolist()
     if not all(map(math.isfinite, numbers)):
         return np.zeros(6)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from poil_drake.geometry.best_rotation import best_rotation
 from poil_drake.geometry.centred_sums import CentredSums, centred_sums
@@ -36,9 +37,9 @@ def rigid_inliers(
     """Returns which points (N,) bool go from source to target by one rigid motion.
 
     Where the best rigid motion of all points leaves none too far off, that is all of them.
-    Otherwise more than half of the points may have kept their distances from more than half of the
-    others. If the best motion of these leaves none of them too far off, it names the inliers. All
-    other cases are for `ransac_inliers`.
+    Otherwise points of more than half of the weight may have kept their distances from such a part
+    of all points. If the best motion of these leaves none of them too far off, it names the
+    inliers. All other cases are for `ransac_inliers`.
 
     Args:
         source: (N, 3) points [m].
@@ -88,15 +89,15 @@ def consensus_inliers(
 def _agreed_by_pairs(
     source: np.ndarray, target: np.ndarray, weights: np.ndarray, distance: float
 ) -> np.ndarray | None:
-    """Returns the inliers if pairs of points can tell them, in a third of RANSAC's time."""
-    N = len(source)
-    both = np.concatenate((source, target), axis=1)
-    between = (both[:, None] - both).reshape(N, N, 2, 3)
-    lengths = np.sqrt(np.einsum("ijsk,ijsk->sij", between, between))
-    changed = np.abs(lengths[0] - lengths[1]) > distance
-    agreed = 2 * np.count_nonzero(changed, axis=1) < N
-    count = np.count_nonzero(agreed)
-    if count < 3 or 2 * count <= N:
+    """Returns the inliers if pairs of points can tell them, None otherwise.
+
+    With noise the distance of two inliers seldom changes by as much as one of them may be off;
+    where it does, too few agree, or their motion does not confirm it.
+    """
+    changed = np.abs(cdist(source, source) - cdist(target, target)) > distance
+    half = 0.5 * weights.sum()
+    agreed = changed.dot(weights) < half
+    if np.count_nonzero(agreed) < 3 or weights.dot(agreed) <= half:
         return None
     within = motion_squares(centred_sums((source, target), weights * agreed)) <= distance**2
     return within if within[agreed].all() else None

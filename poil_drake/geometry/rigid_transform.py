@@ -91,14 +91,14 @@ def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
     )
 
 
-def rotation_log(rotation: np.ndarray) -> np.ndarray:
-    """Returns the rotation vectors (..., 3) [rad], no longer than pi, of matrices (..., 3, 3).
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Returns quaternions (..., 4) (w, x, y, z), of any length and sign, of matrices (..., 3, 3).
 
-    Goes through the unit quaternion with the largest divisor (Shepperd's method), which is accurate
-    for every angle, pi included. At exactly pi one of the two opposite vectors is returned.
+    The one with the largest divisor is taken (Shepperd's method), which is accurate for every
+    angle, pi included.
     """
     R = np.asarray(rotation, dtype=float)
-    # Four times the outer product q q^T of the quaternion q = (w, x, y, z).
+    # Four times the outer product q q^T.
     Q = np.empty((*R.shape[:-2], 4, 4))
     r00, r11, r22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     Q[..., 0, 0] = 1.0 + r00 + r11 + r22
@@ -112,7 +112,15 @@ def rotation_log(rotation: np.ndarray) -> np.ndarray:
     Q[..., 1, 3] = Q[..., 3, 1] = R[..., 0, 2] + R[..., 2, 0]
     Q[..., 2, 3] = Q[..., 3, 2] = R[..., 1, 2] + R[..., 2, 1]
     largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(Q, largest[..., None, None], axis=-2)[..., 0, :]
+    return np.take_along_axis(Q, largest[..., None, None], axis=-2)[..., 0, :]
+
+
+def rotation_log(rotation: np.ndarray) -> np.ndarray:
+    """Returns the rotation vectors (..., 3) [rad], no longer than pi, of matrices (..., 3, 3).
+
+    At exactly pi one of the two opposite vectors is returned.
+    """
+    q = quaternion(rotation)
     q = np.where(q[..., :1] < 0.0, -q, q)
     vector = q[..., 1:]
     length = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
@@ -127,3 +135,20 @@ def rotation_angle(rotation: np.ndarray) -> np.ndarray:
     sine = np.linalg.norm(vee(R), axis=-1)
     cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
     return np.arctan2(sine, cosine)
+
+
+def moved_by_twist(X: np.ndarray, V: np.ndarray, origin: np.ndarray, duration: float) -> np.ndarray:
+    """Returns poses X (..., 4, 4) after a step: a turn about a point of the body, which moves on.
+
+    Args:
+        X: (..., 4, 4).
+        V: (..., 6) (omega [rad/s], v [m/s]) at that point, in the frame that X is in.
+        origin: (..., 3) the point [m].
+        duration: Of the step [s].
+    """
+    turns = rotation_exp(V[..., :3] * duration)
+    moved = X.copy()
+    moved[..., :3, :3] = turns @ X[..., :3, :3]
+    arms = (X[..., :3, 3] - origin)[..., None]
+    moved[..., :3, 3] = (turns @ arms)[..., 0] + origin + V[..., 3:] * duration
+    return moved

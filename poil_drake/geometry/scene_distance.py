@@ -21,7 +21,7 @@ class SceneDistanceConfig:
             about a depth camera's noise.
         voxel_size: Edge of the grid that says where a look at the points is needed [m]. Half of it
             decides less, twice as much makes eight times fewer voxels to fill.
-        max_voxels: A grid of more takes a larger edge. A million fill in some 0.2 s.
+        max_voxels: A grid of more takes a larger edge, 27 at least. A million fill in some 0.2 s.
         border: How far the grid reaches beyond the points [m]: the farthest `reach` that is free
             of any look at the points outside the grid.
     """
@@ -33,11 +33,11 @@ class SceneDistanceConfig:
     border: float = 0.05
 
     def __post_init__(self) -> None:
-        if not (self.voxel_size > 0.0 and self.max_voxels > 0 and self.border > 0.0):
+        if not (self.voxel_size > 0.0 and self.max_voxels >= 27 and self.border > 0.0):
             raise InvalidValueError(
                 f"SceneDistanceConfig has voxel_size={self.voxel_size} m, "
                 f"max_voxels={self.max_voxels} and border={self.border} m.",
-                remedy="All must be positive.",
+                remedy="All must be positive, and max_voxels 27 at least.",
             )
 
 
@@ -99,7 +99,12 @@ class SceneDistance:
         return distance
 
     def distance_to_points(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the same without the ground."""
+        """Returns the distance (...) from each point (..., 3) to the scene's points alone [m].
+
+        Args:
+            points: (..., 3) query points [m, world].
+            reach: Farthest distance of interest [m].
+        """
         distance = np.full(points.shape[:-1], reach)
         if self._tree is not None:
             near = self.lower_bound(points) < reach

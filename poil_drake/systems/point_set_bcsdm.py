@@ -28,7 +28,8 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.statuses import ControllerStatus
 
-_OK, _LIMITED, _GOAL, _LOST, _INVALID_INPUT = ControllerStatus
+_OK, _LIMITED, _GOAL = ControllerStatus.OK, ControllerStatus.LIMITED, ControllerStatus.GOAL
+_LOST, _HOLDING = ControllerStatus.LOST, ControllerStatus.HOLDING
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +69,14 @@ class ControllerAnswer(NamedTuple):
     target: np.ndarray
 
 
+def confidence_in_workspace(
+    points: np.ndarray, confidence: np.ndarray, config: PointSetBcsdmConfig
+) -> np.ndarray:
+    """Returns the confidence (N,) of points (N, 3) [m, world], zero outside of the workspace."""
+    inside = (points >= config.workspace_lower) & (points <= config.workspace_upper)
+    return confidence if inside.all() else np.where(inside.all(axis=1), confidence, 0.0)
+
+
 def gripper_velocity(
     points: np.ndarray,
     confidence: np.ndarray,
@@ -89,16 +98,14 @@ def gripper_velocity(
         config: The field and the limits.
         previous_tau: The last tick's closest time [s], for the field's progress window.
     """
-    inside = (points >= config.workspace_lower) & (points <= config.workspace_upper)
-    if not inside.all():
-        confidence = np.where(inside.all(axis=1), confidence, 0.0)
+    confidence = confidence_in_workspace(points, confidence, config)
     output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
     if output.status is BcsdmStatus.LOST:
         unknown = np.full_like(points, np.nan)
         return ControllerAnswer(np.zeros(6), _LOST, output, unknown)
     target = reference.positions_at(output.tau)
     if not all_finite(X_WG):
-        return ControllerAnswer(np.zeros(6), _INVALID_INPUT, output, target)
+        return ControllerAnswer(np.zeros(6), ControllerStatus.INVALID_INPUT, output, target)
     limits = (config.max_angular_speed, config.max_linear_speed)
     wanted = output.twist
     V_WP = scale_twist(wanted, *limits)
@@ -157,10 +164,11 @@ class PointSetBcsdm(LeafSystem):
 
     With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
     confidence (so before the first track, and when it has gone stale), the velocity is zero, the
-    status LOST and the rest NaN. With a gripper pose that is not finite, or while `reference` is
-    `ABSENT`, the velocity is zero and the status INVALID_INPUT; the rest is of the constructor's
-    reference then. The only state is the last finite `tau` and its reference, as each has its own
-    time; and that only where the field has a progress window.
+    status LOST and the rest NaN. Otherwise, with a gripper pose that is not finite the velocity is
+    zero and the status INVALID_INPUT, and while `reference` is `ABSENT` the velocity is zero, the
+    status HOLDING, and the rest of the constructor's reference. The only state is the last finite
+    `tau` and its reference, as each has its own time; and that only where the field has a progress
+    window. It outlasts times without a reference.
     """
 
     def __init__(
@@ -238,12 +246,12 @@ class PointSetBcsdm(LeafSystem):
             previous_tau,
         )
         if followed is None and answer.status is not _LOST:
-            answer = answer._replace(V_WG=np.zeros(6), status=_INVALID_INPUT)
+            answer = answer._replace(V_WG=np.zeros(6), status=_HOLDING)
         cache.set_value(answer)
 
     def _remember_tau(self, context: Context, state: State) -> None:
+        followed = self._followed(context)
         tau = self._answer.Eval(context).output.tau
-        if np.isfinite(tau):
-            followed = self._followed(context)
-            memory = _Memory(tau, self._reference if followed is None else followed)
+        if followed is not None and np.isfinite(tau):
+            memory = _Memory(tau, followed)
             state.get_mutable_abstract_state(self._memory).set_value(memory)

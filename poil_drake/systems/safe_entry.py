@@ -7,6 +7,7 @@ from poil_drake.control.entry_monitor import safe_entry_step
 from poil_drake.control.entry_state import EntryMonitorConfig, EntryState
 from poil_drake.control.safe_entry import SafeEntryPlanner
 from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.point_set_bcsdm import PointSetBcsdmConfig, confidence_in_workspace
 
 
 class SafeEntry(LeafSystem):
@@ -22,13 +23,14 @@ class SafeEntry(LeafSystem):
         - reference
         - status
 
-    Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,). The
-    mathematics is in `safe_entry_step`, which runs once every period, in an unrestricted update.
-    So does the controller's memory, and all updates of one instant read the state from before it:
-    commands computed from that instant on follow the new plan, while the controller remembers a
-    closest configuration on it from its next update on, and until then looks for it in the whole
-    plan. Planning happens within the update and the loop waits for it: tens of milliseconds where
-    there is a way, some seconds where there is none.
+    Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,).
+    Points outside of the controller's workspace count for nothing. The mathematics is in
+    `safe_entry_step`, which runs once every period, in an unrestricted update. So does the
+    controller's memory, and all updates of one instant read the state from before it: commands
+    computed from that instant on follow the new plan, while the controller remembers a closest
+    configuration on it from its next update on, and until then looks for it in the whole plan.
+    Planning happens within the update and the loop waits for it: tens of milliseconds where there
+    is a way, some seconds where there is none.
 
     Every output is a function of the state alone:
 
@@ -48,6 +50,7 @@ class SafeEntry(LeafSystem):
         planner: SafeEntryPlanner,
         period: float,
         config: EntryMonitorConfig | None = None,
+        controller: PointSetBcsdmConfig | None = None,
     ):
         """Constructs the system.
 
@@ -55,10 +58,13 @@ class SafeEntry(LeafSystem):
             planner: Of the reference, the scene and the object's shape.
             period: The control period [s].
             config: When to plan again.
+            controller: Parameters of the controller that follows, for its workspace; None for the
+                defaults.
         """
         super().__init__()
         self._planner = planner
         self._config = config or EntryMonitorConfig()
+        self._controller = controller or PointSetBcsdmConfig()
         n = planner.model.reference.positions.shape[1]
         self._points = self.DeclareVectorInputPort("points", 3 * n)
         self._confidence = self.DeclareVectorInputPort("confidence", n)
@@ -81,12 +87,14 @@ class SafeEntry(LeafSystem):
         output.SetFromVector([float(self._entry(context).status)])
 
     def _update(self, context: Context, state: State) -> None:
+        points = self._points.Eval(context).reshape(-1, 3)
+        confidence = self._confidence.Eval(context)
         entry = safe_entry_step(
             self._entry(context),
-            self._points.Eval(context).reshape(-1, 3),
+            points,
             context.get_time(),
             self._planner,
             self._config,
-            self._confidence.Eval(context),
+            confidence_in_workspace(points, confidence, self._controller),
         )
         state.get_mutable_abstract_state(self._state).set_value(entry)

@@ -27,6 +27,7 @@ class ControllerStatus(IntEnum):
     GOAL = 2  # The end of the reference is reached within tolerance.
     LOST = 3  # Fewer than 3 non-collinear points with confidence: the twist is zero.
     INVALID_INPUT = 4  # The gripper pose is not finite: the twist is zero.
+    HOLDING = 5  # There is no reference to follow now: the twist is zero.
 
 
 class IkStatus(IntEnum):

@@ -348,3 +348,10 @@ def test_another_number_of_points_is_refused():
 def test_gain_must_be_positive():
     with pytest.raises(InvalidValueError, match="eta"):
         BcsdmConfig(eta=0.0)
+
+
+def test_there_is_a_confidence_for_each_point():
+    reference = random_reference(np.random.default_rng(0))
+
+    with pytest.raises(InvalidValueError, match="1 confidences of 6 points"):
+        dut(reference.positions[0], reference, CONFIG, np.ones(1))

@@ -96,7 +96,11 @@ def test_time_without_points_does_not_count_as_blocked(scene, planner):
     assert blocked.recoveries == 1
 
 
-def test_points_on_a_line_are_no_start(scene, planner):
+def test_points_on_a_line_are_no_start_and_cost_no_plan(scene, planner, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr(planner, "plan", refuse)
     points = points_at(scene, START)
     points[2:] = np.nan
     points[2] = points[:2].mean(axis=0)
@@ -105,6 +109,9 @@ def test_points_on_a_line_are_no_start(scene, planner):
 
     assert state.status is EntryStatus.WAITING
     assert state.plan is None
+    monkeypatch.undo()
+    later = safe_entry_step(state, points_at(scene, START), 1 / 256, planner)
+    assert later.plan is not None
 
 
 def test_state_stays_as_it_was(scene, planner):

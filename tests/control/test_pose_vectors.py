@@ -67,6 +67,25 @@ def test_points_of_the_body_move_by_less_than_the_square_root_of_two_times_the_d
         assert farthest <= 1.01 * np.sqrt(2.0) * np.linalg.norm(last - first)
 
 
+def test_points_of_the_body_move_by_less_than_the_square_root_of_three_times_a_step_of_an_edge():
+    rng = np.random.default_rng(6)
+    body = rng.normal(size=(300, 3))
+    body *= RADIUS / np.linalg.norm(body, axis=1)[:, None]
+    largest = 0.0
+    for k in range(50):
+        first, last = same_side(vectors_of(random_poses(2, seed=k), RADIUS))
+        if k == 0:  # A half turn, which cuts deepest, across the shift.
+            X = make_transform(np.stack([np.eye(3), np.diag([-1.0, -1, 1])]), np.zeros((2, 3)))
+            X[1, 2, 3] = 0.2
+            first, last = same_side(vectors_of(X, RADIUS))
+        steps = np.linspace(0.0, 1.0, 301)[:, None]
+        poses = poses_of((1.0 - steps) * first + steps * last)
+        moved = np.linalg.norm(np.diff(transform_points(poses, body), axis=0), axis=2).max()
+        largest = max(largest, moved / (np.linalg.norm(last - first) / 300))
+
+    assert np.sqrt(2.0) < largest <= 1.001 * np.sqrt(3.0)
+
+
 def test_neighbours_come_to_the_same_side():
     vectors = vectors_of(random_poses(20), RADIUS)
     vectors[::3, 3:] *= -1.0

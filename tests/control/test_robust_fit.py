@@ -24,9 +24,9 @@ def test_a_point_is_an_outlier_only_where_neither_twist_nor_motion_puts_it(angul
     off[2] += 3.0 * OFF
     gone[2] += OFF
 
-    by_twist = dut(points, velocities, gone, EVEN, True, CONFIG)
-    by_motion = dut(points, off, targets, EVEN, True, CONFIG)
-    by_neither = dut(points, off, gone, EVEN, True, CONFIG)
+    by_twist = dut(points, velocities, gone, EVEN, CONFIG, alike=True)
+    by_motion = dut(points, off, targets, EVEN, CONFIG, alike=True)
+    by_neither = dut(points, off, gone, EVEN, CONFIG, alike=True)
 
     assert by_twist.inliers.all()
     assert by_motion.inliers.all()
@@ -46,7 +46,7 @@ def test_no_point_is_an_outlier_where_one_motion_leaves_none_off(angular_speed, 
     given = [np.vstack(both) for both in zip((points, velocities, targets), elsewhere, strict=True)]
     weights = np.array([1.0] * 10 + [0.0] * unobserved)
 
-    fit = dut(*given, weights, unobserved == 0, CONFIG)
+    fit = dut(*given, weights, CONFIG, alike=unobserved == 0)
 
     assert fit.inliers.tolist() == [True] * 10 + [False] * unobserved
 
@@ -58,10 +58,12 @@ def test_points_without_weight_are_no_inliers_and_count_for_nothing(outlier_test
     weights = np.linspace(0.3, 1.0, 8)
     weights[5] = 0.0
     kept = weights > 0.0
-    expected = dut(points[kept], velocities[kept], targets[kept], weights[kept], False, config)
+    expected = dut(
+        points[kept], velocities[kept], targets[kept], weights[kept], config, alike=False
+    )
     points[5], velocities[5], targets[5] = 0.0, 7.0, -3.0
 
-    fit = dut(points, velocities, targets, weights, False, config)
+    fit = dut(points, velocities, targets, weights, config, alike=False)
 
     assert fit.inliers.tolist() == kept.tolist()
     np.testing.assert_allclose(fit.omega, expected.omega, atol=1e-12)
@@ -78,9 +80,8 @@ def test_outliers_among_the_observed_points_keep_their_places_in_the_mask():
     targets[4] += OFF
 
     for outlier_test in ("rigidity", "velocity"):
-        fit = dut(
-            points, velocities, targets, weights, False, BcsdmConfig(outlier_test=outlier_test)
-        )
+        config = BcsdmConfig(outlier_test=outlier_test)
+        fit = dut(points, velocities, targets, weights, config, alike=False)
 
         assert fit.inliers.tolist() == [i not in (1, 4) for i in range(8)]
 
@@ -88,6 +89,6 @@ def test_outliers_among_the_observed_points_keep_their_places_in_the_mask():
 def test_arrays_of_the_fit_are_read_only():
     points, velocities, targets = body_and_motion(0.1)
 
-    fit = dut(points, velocities, targets, EVEN, True, CONFIG)
+    fit = dut(points, velocities, targets, EVEN, CONFIG, alike=True)
 
     assert not any(a.flags.writeable for a in (fit.omega, fit.v, fit.centroid, fit.inliers))

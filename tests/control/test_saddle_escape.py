@@ -128,3 +128,8 @@ def test_path_about_a_saddles_own_axis_ends_at_the_goal_and_about_another_at_a_s
 def test_a_direction_that_leads_back_has_no_escape_time():
     with pytest.raises(InvalidValueError, match="rate"):
         dut.escape_time(-0.3, 0.1, 1.0)
+
+
+def test_points_on_a_line_have_no_rates():
+    with pytest.raises(InvalidValueError, match="on a line"):
+        dut.escape_rates(np.diag([0.0, 0.0, 1.0]))

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from poil_drake.control import twist_fit as dut
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry import triples
 from poil_drake.geometry.rigid_transform import rotation_exp, skew
 from poil_drake.geometry.triples import TripleConfig
 
@@ -124,10 +125,13 @@ def test_drawn_triples_depend_on_the_seed_alone():
     config = dut.RansacConfig(triples=TripleConfig(trials=5))
 
     first = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+    triples._triples.cache_clear()
     again = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+    others = [dut.fit_twist_ransac(points, velocities, config=config, seed=s) for s in range(3)]
 
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)
+    assert any(not np.array_equal(first.omega, other.omega) for other in others)
 
 
 def test_points_that_agree_are_fitted_by_plain_least_squares():
@@ -266,6 +270,16 @@ def test_one_factor_scales_the_whole_twist(V, factor):
 def test_twist_that_is_not_finite_gives_zero():
     assert not dut.scale_twist(np.array([0, 0, np.nan, 0, 0, 0]), 1.0, 1.0).any()
     assert not dut.scale_twist(np.array([0, 0, 0, np.inf, 0, 0]), 1.0, 1.0).any()
+
+
+def test_many_twists_are_scaled_each_by_its_own_factor():
+    V = np.random.default_rng(0).normal(size=(4, 5, 6))
+    V[1, 2, 4] = np.inf
+
+    scaled = dut.scale_twist(V, 0.5, 0.2)
+
+    for one, other in zip(V.reshape(-1, 6), scaled.reshape(-1, 6), strict=True):
+        np.testing.assert_allclose(other, dut.scale_twist(one, 0.5, 0.2), atol=1e-15)
 
 
 def test_limits_must_be_positive():

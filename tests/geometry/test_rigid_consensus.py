@@ -9,6 +9,7 @@ from poil_drake.geometry.rigid_consensus import rigid_inliers as dut
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
 CONFIG = RigidConsensusConfig(inlier_distance=0.005)
+both = pytest.mark.parametrize("find", [dut, ransac_inliers], ids=["pairs first", "RANSAC"])
 
 
 def moved(rng, count):
@@ -26,23 +27,25 @@ def test_rigid_motion_has_no_outliers_whatever_its_angle(seed):
     assert dut(source, target + rng.normal(scale=1e-3, size=(10, 3)), config=CONFIG).all()
 
 
+@both
 @pytest.mark.parametrize("count", [10, 24])
-def test_points_that_went_elsewhere_are_outliers(count):
+def test_points_that_went_elsewhere_are_outliers(count, find):
     rng = np.random.default_rng(0)
     source, target = moved(rng, count)
     target[[2, 5, 6]] += [[0.02, 0, 0], [0, -0.05, 0], [0, 0.1, 0.1]]
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = find(source, target, np.ones(count), config=CONFIG)
 
     np.testing.assert_array_equal(inliers, ~np.isin(np.arange(count), [2, 5, 6]))
 
 
-def test_one_of_four_points_can_be_an_outlier():
+@both
+def test_one_of_four_points_can_be_an_outlier(find):
     source = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
     target = source.copy()
     target[2] += [0.0, 0.02, 0.0]
 
-    assert dut(source, target, config=CONFIG).tolist() == [True, True, False, True]
+    assert find(source, target, np.ones(4), config=CONFIG).tolist() == [True, True, False, True]
 
 
 def test_point_that_keeps_its_distances_can_still_be_an_outlier():
@@ -99,6 +102,16 @@ def test_outlier_that_keeps_its_distances_takes_no_other_point_with_it():
     inliers = dut(source, target, config=CONFIG)
 
     assert inliers.tolist() == [i not in (2, 7) for i in range(10)]
+
+
+@both
+def test_a_few_points_of_much_confidence_outvote_many_of_little(find):
+    source = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
+    target = source.copy()
+    target[4:] += [0.0, 0.0, 0.05]
+    weights = np.array(4 * [1.0] + 6 * [0.05])
+
+    assert find(source, target, weights, config=CONFIG).tolist() == 4 * [True] + 6 * [False]
 
 
 @pytest.mark.filterwarnings("error")
@@ -162,13 +175,14 @@ def test_motion_that_wins_others_is_by_weight():
     assert inliers.tolist() == [i not in (1, 4) for i in range(10)]
 
 
+@both
 @pytest.mark.filterwarnings("error")
-def test_targets_that_fall_together_propose_nothing():
+def test_targets_that_fall_together_propose_nothing(find):
     source = 0.03 * np.concatenate([np.eye(3), -np.eye(3)])
     target = source.copy()
     target[1] = target[0]
 
-    assert dut(source, target, config=CONFIG).tolist() == [i != 1 for i in range(6)]
+    assert find(source, target, np.ones(6), config=CONFIG).tolist() == [i != 1 for i in range(6)]
 
 
 def test_three_points_or_a_line_cannot_tell_outliers():

@@ -123,3 +123,19 @@ def test_single_point_is_carried():
 def test_wrong_shapes_are_refused():
     with pytest.raises(InvalidValueError, match=r"\(2, 2\)"):
         dut.make_transform(np.eye(2), np.zeros(3))
+
+
+def test_a_body_turns_about_a_point_that_moves_on():
+    rng = np.random.default_rng(0)
+    X = dut.make_transform(dut.rotation_exp(rng.normal(size=(3, 3))), rng.normal(size=(3, 3)))
+    V, origin = rng.normal(size=(3, 6)), rng.normal(size=(3, 3))
+
+    moved = dut.moved_by_twist(X, V, origin, 0.5)
+
+    for before, after, twist, centre in zip(X, moved, V, origin, strict=True):
+        turn = Rotation.from_rotvec(0.5 * twist[:3]).as_matrix()
+        motion = after @ np.linalg.inv(before)
+        np.testing.assert_allclose(motion[:3, :3], turn, atol=1e-12)
+        expected = centre + 0.5 * twist[3:]
+        np.testing.assert_allclose(motion[:3, :3] @ centre + motion[:3, 3], expected, atol=1e-12)
+        np.testing.assert_allclose(dut.moved_by_twist(before, twist, centre, 0.5), after)

@@ -265,7 +265,27 @@ def test_it_stands_still_while_there_is_nothing_to_follow(reference: PointTrajec
     give(bench, ABSENT)
 
     np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
-    assert bench.status is ControllerStatus.INVALID_INPUT
+    assert bench.status is ControllerStatus.HOLDING
+    bench.fix("points", np.full(3 * N, np.nan))
+    assert bench.status is ControllerStatus.LOST
+
+
+def test_it_finds_its_place_again_after_it_stood_still(reference: PointTrajectory) -> None:
+    config = PointSetBcsdmConfig(
+        bcsdm=BcsdmConfig(interpolate=False, progress_window=(0.1, 0.1), window_escape_ratio=0.0)
+    )
+    bench = Bench(reference, reference.positions[4], config=config)
+    plan = shifted(reference, np.zeros(3))
+    give(bench, plan)
+    bench.simulator.AdvanceTo(PERIOD)
+
+    give(bench, ABSENT)
+    bench.simulator.AdvanceTo(2 * PERIOD)
+    give(bench, plan)
+
+    # Elsewhere on the plan by now, as where it comes near itself: the window holds it.
+    bench.fix("points", reference.positions[16].ravel())
+    assert bench.read("tau") == pytest.approx(4 * DT + 0.1)
 
 
 def test_the_memory_does_not_outlive_its_reference(reference: PointTrajectory) -> None:

@@ -152,7 +152,7 @@ def test_while_it_holds_the_controller_stands_still(planner):
     bench.simulator.AdvanceTo(0.1)
 
     np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
-    assert bench.command("status")[0] == ControllerStatus.INVALID_INPUT
+    assert bench.command("status")[0] == ControllerStatus.HOLDING
 
 
 @pytest.mark.parametrize(
@@ -208,3 +208,14 @@ def test_no_input_reaches_an_output_at_once(planner):
     dut = SafeEntry(planner=planner, period=PERIOD)
 
     assert not dut.HasAnyDirectFeedthrough()
+
+
+def test_points_outside_of_the_workspace_count_for_nothing(planner):
+    few = BEHIND.copy()
+    few[2:] += [0.0, 0.0, 5.0]
+    bench = Bench(planner, few)
+
+    bench.simulator.AdvanceTo(PERIOD)
+
+    assert bench.read("reference") is ABSENT
+    assert bench.read("status")[0] == EntryStatus.WAITING
