@@ -62,7 +62,8 @@ def test_point_that_keeps_its_distances_can_still_be_an_outlier():
     assert inliers.tolist() == [i != 4 for i in range(60)]
 
 
-def test_clear_outliers_are_found_without_random_samples(monkeypatch):
+@pytest.mark.parametrize("confidence", [1.0, 0.05])
+def test_clear_outliers_are_found_without_ransac(confidence, monkeypatch):
     def refuse(*_, **__):
         raise AssertionError
 
@@ -73,10 +74,16 @@ def test_clear_outliers_are_found_without_random_samples(monkeypatch):
     centre = target.mean(axis=0)
     target[3] = centre  # Nearer to all others than it was,
     target[6] += 2.0 * (target[6] - centre)  # and farther.
+    weights = np.ones(10)
+    outliers = [3, 6]
+    if confidence < 1.0:  # Some more, together, of which nobody is sure.
+        outliers = [0, 1, 3, 5, 6, 8]
+        target[[0, 1, 5, 8]] += 0.1
+        weights[outliers] = confidence
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = dut(source, target, weights, config=CONFIG)
 
-    assert inliers.tolist() == [i not in (3, 6) for i in range(10)]
+    assert inliers.tolist() == [i not in outliers for i in range(10)]
 
 
 def test_point_near_the_others_motion_is_an_inlier_though_its_distances_changed():
@@ -102,6 +109,23 @@ def test_outlier_that_keeps_its_distances_takes_no_other_point_with_it():
     inliers = dut(source, target, config=CONFIG)
 
     assert inliers.tolist() == [i not in (2, 7) for i in range(10)]
+
+
+def test_points_that_agree_with_all_groups_are_joined_by_one_of_them():
+    # On an axis about which three groups turn by different angles.
+    group = np.array([[0.08, 0.0, 0.0], [0.09, 0.01, 0.02], [0.08, -0.01, 0.04]])
+    axis = np.array([[0.0, 0.0, z] for z in (-0.03, 0.0, 0.05)])
+    thirds = rotation_exp(np.radians([0.0, 0.0, 120.0]) * np.arange(3.0)[:, None])
+    turns = rotation_exp(np.radians([0.0, 0.0, 25.0]) * np.array([0.4, 2.0, 3.6])[:, None])
+    source = np.concatenate([axis, *(group @ R.T for R in thirds)])
+    target = np.concatenate(
+        [axis, *(group @ (T @ R).T for T, R in zip(turns, thirds, strict=True))]
+    )
+
+    inliers = dut(source, target, config=CONFIG)
+
+    assert inliers[:3].all()
+    assert sorted(inliers[3:].reshape(3, 3).sum(axis=1).tolist()) == [0, 0, 3]
 
 
 @both
