@@ -21,8 +21,8 @@ class TransitConfig:
         candidates: How many places of the reference are tried. With 16 over half a metre, the one
             just before the contact and one every 3 cm.
         max_edge: Longest edge of the search trees [m, of a point at the object's radius].
-        goals: To how many of them a way is searched at random. More than one, as the object may be
-            locked in at some of them, a ring on a rod for example.
+        goals: To how many of them a way is searched at random, the last of them drawn. More than
+            one, as the object may be locked in at some of them, a ring on a rod for example.
         iterations: Rounds of tree growth for each. Counted, not timed, so that the outcome does
             not depend on the machine's speed.
         open_clearance: A place with this much clearance is open [m], easy to get to.
@@ -116,7 +116,8 @@ def searched_transit(
     """Returns a way found by RRT-Connect, shortened and rounded off; None if none was found.
 
     It is searched to one place after the other: the open ones first, the nearest before the others,
-    then those with the most clearance.
+    then those with the most clearance. The last one is drawn from all others, so that with enough
+    seeds every place is tried.
 
     Args:
         model: Object, scene and reference.
@@ -131,7 +132,10 @@ def searched_transit(
     edges = model.edges(start)
     first = vectors_of(start.X_WB[None], model.radius)[0]
     space = PoseSpace(*model.bounds(start, config.room), model.radius)
-    for goal in np.lexsort([apart, -room])[: config.goals]:
+    order = np.lexsort([apart, -room])
+    best, others = order[: config.goals - 1], order[config.goals - 1 :]
+    rng = np.random.default_rng(seed)
+    for goal in [*best, *rng.permutation(others)[:1]]:
         found = rrt_connect(
             space,
             first,
@@ -143,7 +147,6 @@ def searched_transit(
             seed=seed,
         )
         if found is not None:
-            rng = np.random.default_rng(seed)
             corners = _turned_evenly(same_side(found), edges)
             corners = shorten_path(corners, edges, config.shortcuts, rng)
             path = round_corners(

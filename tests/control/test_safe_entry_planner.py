@@ -10,6 +10,7 @@ from entry_runs import drive, shortfall
 from entry_scenes import Scene, at, box, rod_scene, shelf_scene, wall_scene
 from numpy.testing import assert_array_equal
 
+from poil_drake.control import entry_transit
 from poil_drake.control.bcsdm_config import BcsdmConfig
 from poil_drake.control.entry_transit import TransitConfig
 from poil_drake.control.point_set_bcsdm import point_set_bcsdm
@@ -290,3 +291,23 @@ def test_the_object_may_be_seen_anywhere(scenes):
     plan = scenes["wall"].planner(X_WO=X_seen).plan(points)
 
     assert plan.kind is EntryKind.SEARCHED
+
+
+def test_every_place_is_searched_for_in_the_end(scenes, planners, monkeypatch):
+    model = planners["wall"].model
+    start = model.start(transform_points(BEHIND_THE_WALL, scenes["wall"].points))
+    places = entry_transit.entry_candidates(model, start, 8)
+    searched = []
+
+    def note(space, first, last, **_):
+        searched.append(tuple(last[:3].round(6)))
+
+    monkeypatch.setattr(entry_transit, "rrt_connect", note)
+    config = TransitConfig(goals=3)
+
+    for seed in range(60):
+        entry_transit.searched_transit(model, start, places, config, seed)
+
+    assert len(searched) == 3 * 60
+    assert len(set(searched[0::3])) == len(set(searched[1::3])) == 1
+    assert set(searched) == {tuple(X[:3, 3].round(6)) for X in model.poses[places]}
