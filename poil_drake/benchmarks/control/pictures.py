@@ -86,6 +86,7 @@ def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
         axis.set_title(MakeTask(task).title)
         axis.set_xlabel("distance to the Near region [m]")
         axis.set_ylim(-3, 103)
+        axis.set_xticks([-0.5 * _BIN, 0.1, 0.2, 0.3, 0.4], ["Near", "0.1", "0.2", "0.3", "0.4"])
         axis.grid(alpha=0.3)
     axes[0][0].set_ylabel("success [%]")
     handles, labels = axes[0][0].get_legend_handles_labels()
@@ -97,7 +98,7 @@ def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
 
 
 def _draw_paths(trials: Sequence[ControlTrial], path: Path) -> Path:
-    """Draws a row for each task and a column for each policy: the paths seen from the side."""
+    """Draws a row for each task and a column for each policy: some paths, seen from above."""
     from matplotlib import pyplot
 
     tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
@@ -125,8 +126,13 @@ def _draw_paths(trials: Sequence[ControlTrial], path: Path) -> Path:
     for axis in axes[-1]:
         axis.set_xlabel("x [m]", fontsize=9)
     handles = [pyplot.Line2D([], [], color=color, label=label) for label, color in _PATHS.items()]
-    handles.append(pyplot.Line2D([], [], color="black", linestyle="--", label="demonstration"))
-    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=9)
+    for style, label in (
+        ({"linestyle": "--"}, "demonstration"),
+        ({"linestyle": "none", "marker": "*", "markersize": 8}, "its goal"),
+        ({"linestyle": ":"}, "Near region"),
+    ):
+        handles.append(pyplot.Line2D([], [], color="black", label=label, **style))
+    figure.legend(handles=handles, loc="lower center", ncols=6, frameon=False, fontsize=9)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(path, dpi=110)
     pyplot.close(figure)
