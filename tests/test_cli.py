@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from poil_drake import cli
+from poil_drake.benchmarks.control import study
 from poil_drake.errors import InvalidValueError
 
 
@@ -69,6 +70,13 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["transfer", "missing.mcap", "-o", "/dev/null/p.npz"], "/dev/null/p.npz"),
         (["bench", "pipeline", "--tracker", "magic"], "'magic'"),
         (["bench", "pipeline", "--json", "."], "The output '.' is a folder"),
+        (["bench", "control", "--tasks", "juggle"], "'juggle'"),
+        (["bench", "control", "--policies", "luck"], "'luck'"),
+        (["bench", "control", "--json", "."], "The output '.' is a folder"),
+        (["bench", "control", "--pictures", "/dev/null"], "/dev/null"),
+        (["bench", "stability", "--json", "."], "The output '.' is a folder"),
+        (["bench", "stability", "--pictures", "/dev/null"], "/dev/null"),
+        (["bench", "latency", "--json", "."], "The output '.' is a folder"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -106,6 +114,9 @@ def test_unknown_options_name_the_usage(
         (["run", "--seed", "-1"], "--seed"),
         (["run", "--seed", "1.5"], "--seed"),
         (["bench", "pipeline", "--trials", "0"], "--trials"),
+        (["bench", "control", "--trials", "0"], "--trials"),
+        (["bench", "control", "--seed", "-1"], "--seed"),
+        (["bench", "latency", "--ticks", "0"], "--ticks"),
         (["transfer"], "'demonstration'"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
@@ -160,3 +171,37 @@ def test_help_lists_the_verbs(
     text = capsys.readouterr().out
     for verb in ("run", "demo", "transfer", "execute", "bench", "doctor"):
         assert verb in text
+
+
+def test_options_of_the_control_study_arrive(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    seen: dict[str, object] = {}
+    monkeypatch.setattr(
+        study, "run_control_study", lambda config, **options: seen.update(options, config=config)
+    )
+    monkeypatch.chdir(tmp_path)
+    arguments = "--tasks pnp_cube,reshelving --policies field --trials 3 --no-hard --seed 5"
+    others = "--jobs 2 --ray local --json a/b.json --pictures c"
+
+    assert run(monkeypatch, ["bench", "control", *arguments.split(), *others.split()]) == 0
+
+    assert seen["config"] == study.ControlStudyConfig(
+        tasks=("pnp_cube", "reshelving"), policies=("field",), trials=3, hard=False, seed=5
+    )
+    del seen["config"]
+    assert seen == {
+        "json_path": Path("a/b.json"), "pictures": Path("c"), "jobs": 2, "ray_address": "local"
+    }  # fmt: skip
+
+
+def test_help_names_every_task_and_policy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+
+    assert run(monkeypatch, ["bench", "control", "--help"]) == 0
+
+    said = capsys.readouterr().out
+    default = study.ControlStudyConfig()
+    assert all(f"{name}" in said for name in (*default.tasks, *default.policies))

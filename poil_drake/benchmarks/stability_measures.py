@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poil_drake.control.bcsdm_config import BcsdmConfig
 from poil_drake.control.degenerate_points import point_set_condition
@@ -94,11 +95,8 @@ def measure_escape(config: StabilityStudyConfig) -> dict[str, Any]:
 def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
     """Returns what holding the twist does: single runs, single rotations, and whole point sets."""
     rng = np.random.default_rng(0)
-    quaternions = rng.normal(size=(config.rotations, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    angles = 2.0 * np.arccos(np.abs(quaternions[:, 0]))
-    axes = quaternions[:, 1:] * np.sign(quaternions[:, :1])
-    R = rotation_exp(axes / np.linalg.norm(axes, axis=1)[:, None] * angles[:, None])
+    R = Rotation.random(config.rotations, rng=rng).as_matrix()
+    angles = rotation_angle(R)
     sets = {}
     for name, moments in (("compact", COMPACT_MOMENTS), ("elongated", ELONGATED_MOMENTS)):
         W = np.diag(moments)

@@ -122,10 +122,11 @@ def _connect(address: str, cpus: int) -> None:
         _knock(address)
         with _signals_kept():
             ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False, **own)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise InvalidValueError(
-            f"No Ray cluster answers at '{address}': {error}",
-            remedy="Start one with `ray start --head`, or pass 'local'.",
+            f"The Ray cluster at '{address}' cannot be used: {error}",
+            remedy="Start one with `ray start --head`, of the same versions of Python and Ray, or "
+            "pass 'local'.",
         ) from error
 
 

@@ -102,7 +102,8 @@ def bench_control(
         seed=seed,
     )
     folder = json.parent if pictures is None else pictures
-    require_writable(json)
+    for path in (json, folder / "control_paths.png"):
+        require_writable(path)
     run_control_study(config, json_path=json, pictures=folder, jobs=jobs, ray_address=ray)
 
 
@@ -118,8 +119,10 @@ def bench_stability(
     from poil_drake.benchmarks.stability import run_stability_study
     from poil_drake.diagrams.output_files import require_writable
 
-    require_writable(json)
-    run_stability_study(pictures=json.parent if pictures is None else pictures, json_path=json)
+    folder = json.parent if pictures is None else pictures
+    for path in (json, folder / "control_escape.png"):
+        require_writable(path)
+    run_stability_study(pictures=folder, json_path=json)
 
 
 @bench_app.command("latency")

@@ -84,7 +84,7 @@ def test_an_address_where_nobody_listens_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
 
-    with pytest.raises(InvalidValueError, match=f"No Ray cluster answers at '127.0.0.1:{port}'"):
+    with pytest.raises(InvalidValueError, match=f"The Ray cluster at '127.0.0.1:{port}'"):
         list(run_trials(drawn, [(10.0, 0)], ray_address=f"127.0.0.1:{port}"))
 
 

@@ -198,7 +198,7 @@ class Arena:
         return self.plant.GetPositions(plant_context, self.body.model_instance())[7:]
 
     def clearance(self, context: Context, reach: float) -> dict[str, float]:
-        """Returns the distance of the object to each fixture [m]; `reach` where it is larger."""
+        """Returns the distance of the object to each fixture that is within `reach` [m]."""
         query = self.diagram.GetOutputPort("query_object").Eval(context)
         inspector = query.inspector()
         own = self.body.model_instance()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.systems.motion_history import empty_history, motion_at, record_motion
 
@@ -26,6 +27,13 @@ class TrackingConfig:
     latency: float = 0.1
     noise: float = 0.003
     control_period: float = 1 / 64
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.latency < self.period:
+            raise InvalidValueError(
+                f"TrackingConfig.latency is {self.latency} s, the period {self.period} s.",
+                remedy="Pass a latency that is not negative and shorter than the period.",
+            )
 
 
 class DelayedTracking(LeafSystem):

@@ -67,15 +67,20 @@ def TaskDeformation(name: str) -> float:
 
 @cache
 def TaskReference(name: str) -> PointTrajectory:
-    """Returns the reference that follows from a task's one demonstration.
+    """Returns the reference that follows from a task's one demonstration."""
+    return ReferenceAlong(name, TaskDemonstration(name).points)
 
-    Where the points keep their shape, one shape is fitted to them; where they do not, they are
-    taken as they moved.
+
+def ReferenceAlong(name: str, positions: np.ndarray) -> PointTrajectory:
+    """Returns the reference along the positions (T, M, 3) [m] of a task's one demonstration.
+
+    Where the object's points keep their shape, one shape is fitted to them; where they do not, they
+    are taken as they moved.
     """
-    shown = TaskDemonstration(name)
+    times = TaskDemonstration(name).times
     if TaskDeformation(name) < _RIGID:
-        return make_reference(shown.times, shown.points)
-    return reference_from_samples(shown.times, shown.points)
+        return make_reference(times, positions)
+    return reference_from_samples(times, positions)
 
 
 def Demonstrate(

@@ -1,13 +1,14 @@
 """Writes the figures of the control study as JSON."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from poil_drake.benchmarks.control.arena import ArenaConfig
+from poil_drake.benchmarks.control.policies import LEARNED
 from poil_drake.benchmarks.control.table import summarize
 from poil_drake.benchmarks.control.tasks import MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, TrialConfig
@@ -18,18 +19,27 @@ if TYPE_CHECKING:
     from poil_drake.benchmarks.control.study import ControlStudyConfig
 
 
-def write_figures(trials: Sequence[ControlTrial], config: "ControlStudyConfig", path: Path) -> None:
+def write_figures(
+    trials: Sequence[ControlTrial],
+    config: "ControlStudyConfig",
+    path: Path,
+    *,
+    hard: Mapping[str, Any] | None = None,
+) -> None:
     """Writes everything that is known of the trials; the file appears whole.
 
     Args:
         trials: Those that have ended.
         config: What was to be tried.
         path: Where to.
+        hard: What makes hard mode hard; None without it.
     """
     figures = {
         "config": asdict(config),
         "arena": asdict(ArenaConfig()),
         "trial": asdict(TrialConfig()),
+        "hard": hard,
+        "policies": {name: asdict(LEARNED[name]) for name in config.policies if name in LEARNED},
         "libraries": library_versions(),
         "paper": {task: MakeTask(task).paper for task in config.tasks},
         "summary": [vars(cell) for cell in summarize(trials)],

@@ -71,7 +71,7 @@ def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
                 continue
             middles, rates, intervals = zip(*success_by_distance(own), strict=True)
             bounds = np.array(intervals).T
-            errors = np.maximum(np.abs(bounds - np.array(rates)), 0.0) * 100
+            errors = np.abs(bounds - np.array(rates)) * 100
             axis.errorbar(
                 np.array(middles) + 0.004 * (k - 3),
                 100 * np.array(rates),

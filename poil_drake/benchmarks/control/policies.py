@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from poil_drake.benchmarks.control.arena import AddTaskPlant, ArenaConfig
 from poil_drake.benchmarks.control.demonstration import (
     RECORDING_PERIOD,
+    ReferenceAlong,
     TaskDeformation,
     TaskDemonstration,
     TaskReference,
@@ -30,7 +31,6 @@ from poil_drake.benchmarks.control.tasks import MakeTask
 from poil_drake.control.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry_monitor import EntryMonitorConfig
 from poil_drake.control.point_set_bcsdm import BcsdmConfig
-from poil_drake.control.reference import make_reference
 from poil_drake.control.safe_entry import SafeEntryConfig, SafeEntryPlanner
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
@@ -110,10 +110,10 @@ def MakePolicy(name: str, task: str, trained: Trained, *, noise: float = 0.0) ->
         "se3_bcsdm": lambda: _se3_bcsdm(task),
         **{one: lambda: PointPolicy(trained[task, name]) for one in LEARNED},
         "field": lambda: FieldPolicy(
-            TaskReference(task), config=FieldConfig(task, noise), period=CONTROL_PERIOD
+            TaskReference(task), config=field_config(task, noise), period=CONTROL_PERIOD
         ),
         "safe_entry": lambda: SafeEntryPolicy(
-            EntryPlanner(task, noise), config=MonitorConfig(task, noise), period=CONTROL_PERIOD
+            EntryPlanner(task, noise), config=monitor_config(task, noise), period=CONTROL_PERIOD
         ),
     }
     if name not in makers:
@@ -123,7 +123,7 @@ def MakePolicy(name: str, task: str, trained: Trained, *, noise: float = 0.0) ->
     return makers[name]()
 
 
-def FieldConfig(task: str, noise: float) -> BcsdmConfig:
+def field_config(task: str, noise: float) -> BcsdmConfig:
     """Returns the field of a task: true points must not be taken for outliers.
 
     The limit is the default's, more by what noise of this standard deviation does to nearly every
@@ -135,7 +135,7 @@ def FieldConfig(task: str, noise: float) -> BcsdmConfig:
     return BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=limit))
 
 
-def MonitorConfig(task: str, noise: float) -> EntryMonitorConfig:
+def monitor_config(task: str, noise: float) -> EntryMonitorConfig:
     """Returns when safe entry plans again: an object that has arrived must not seem blocked.
 
     The mean distance of noisy points from where they belong is 1.6 standard deviations, to which
@@ -154,7 +154,7 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
         scene=SceneDistance(scene, config=SceneDistanceConfig(ground_height=0.0)),
         object_cloud=body,
         object_points=TaskDemonstration(task).points[0],
-        bcsdm=FieldConfig(task, noise),
+        bcsdm=field_config(task, noise),
         config=SafeEntryConfig(clearance=EntryClearanceConfig(deformation=TaskDeformation(task))),
     )
 
@@ -184,11 +184,10 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _se3_bcsdm(task: str) -> Se3BcsdmPolicy:
-    """The object's pose along the same path, at the same speeds, as the points' reference."""
-    shown = TaskDemonstration(task)
+    """On the object's pose, along a reference made as that of the points is."""
     corners = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
-    poses = shown.X_WO[:, None]
-    reference = make_reference(shown.times, transform_points(poses, corners[None])[:, 0])
+    poses = TaskDemonstration(task).X_WO[:, None]
+    reference = ReferenceAlong(task, transform_points(poses, corners[None])[:, 0])
     X_WO = kabsch(np.broadcast_to(corners, reference.positions.shape), reference.positions)
     return Se3BcsdmPolicy(
         times=reference.times, X_WO=X_WO, eta=BcsdmConfig().eta, period=CONTROL_PERIOD

@@ -1,7 +1,8 @@
 """The control study: who reaches the goal from where, over many trials (POIL, table II)."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,12 @@ from poil_drake.benchmarks.control.pictures import draw_pictures
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
 from poil_drake.benchmarks.control.policies import LEARNED, OURS, ROWS, MakePolicy, Trained
-from poil_drake.benchmarks.control.starts import Region, sample_start, trial_generator
+from poil_drake.benchmarks.control.starts import (
+    Region,
+    distance_to_near,
+    sample_start,
+    trial_generator,
+)
 from poil_drake.benchmarks.control.table import print_tables
 from poil_drake.benchmarks.control.task_pictures import DrawTask
 from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
@@ -27,11 +33,37 @@ from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
 from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
-"""Who is tried in hard mode; the pose that the second one is granted is exact there, too."""
+"""Who is tried in hard mode; the pose that the second one is granted is exact there, too.
 
-_HARD_TRIAL = TrialConfig(settled_time=5.0, settled_motion=(0.4, 0.01))
-_HARD_SLIP_TIMES, _HARD_SLIP_DURATION = (1.0, 3.0), 0.25  # [s]
-_HARD_SLIP = (0.03, np.radians(20.0))  # [m], [rad]
+The learned ones are not: their demonstrations hold no other orientation than any yaw.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardMode:
+    """What makes a trial hard, besides a start in any orientation.
+
+    Attributes:
+        slip_start: Earliest and latest time at which the object begins to slip in the hand [s].
+        slip_duration: How long that takes [s].
+        slip_distance: How far it shifts [m].
+        slip_angle: How far it turns [rad].
+        tracking: How late and noisy the points are.
+        trial: When a trial ends: not as soon as the noise lets the object rest for a moment.
+    """
+
+    slip_start: tuple[float, float] = (1.0, 3.0)
+    slip_duration: float = 0.25
+    slip_distance: float = 0.03
+    slip_angle: float = np.radians(20.0)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    trial: TrialConfig = field(
+        default_factory=lambda: TrialConfig(settled_time=5.0, settled_motion=(0.4, 0.01))
+    )
+
+
+_HARD = HardMode()
+_WRITING_PERIOD = 60.0  # Between two times that what is known so far is written [s].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,14 +130,19 @@ def run_control_study(
     ends = run_trials(
         run_control_trial, arguments, shared=(trained,), jobs=jobs, ray_address=ray_address
     )
+    hard = asdict(_HARD) if config.hard else None
     bar = tqdm(ends, total=len(arguments), desc="trials", smoothing=0.05)
+    written = time.monotonic()
     try:
         for index, end in bar:
             if isinstance(end, LostTrial):
                 end = _lost(arguments[index], str(end))
             found[index] = end
+            if time.monotonic() - written > _WRITING_PERIOD:
+                write_figures(known(), config, json_path, hard=hard)
+                written = time.monotonic()
     finally:
-        write_figures(known(), config, json_path)
+        write_figures(known(), config, json_path, hard=hard)
     print_tables(known())
     if pictures is not None:
         draw_pictures(known(), pictures)
@@ -129,7 +166,7 @@ def run_control_trial(
     A trial in which something fails counts as no success, with the reason as its note.
     """
     rng = trial_generator(task, region, trial, seed=seed)
-    hard = region == "hard"
+    hard, start = region == "hard", None
     try:
         arena, shown = _arena(trained, task, policy, hard), TaskDemonstration(task)
         context = arena.diagram.CreateDefaultContext()
@@ -144,11 +181,11 @@ def run_control_trial(
             trial=trial,
             slip=_draw_slip(rng) if hard else None,
             noise_seed=noise_seed,
-            config=_HARD_TRIAL if hard else None,
+            config=_HARD.trial if hard else None,
         )
     except Exception as error:
         note = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return _lost((task, region, policy, trial, seed), note)
+        return _lost((task, region, policy, trial, seed), note, start)
 
 
 # Of this worker, as they are dear to make: the arena, and the weights that its policy has.
@@ -161,9 +198,13 @@ def _arena(trained: Trained, task: str, policy: str, hard: bool) -> Arena:
         made, shown = MakeTask(task), TaskDemonstration(task)
         arena = Arena(
             made,
-            MakePolicy(policy, task, trained, noise=TrackingConfig().noise if hard else 0.0),
+            MakePolicy(policy, task, trained, noise=_HARD.tracking.noise if hard else 0.0),
             intended_contact=shown.points[shown.touching] if shown.touching.any() else None,
-            tracker=DelayedTracking(num_points=len(made.link_points)) if hard else None,
+            tracker=(
+                DelayedTracking(num_points=len(made.link_points), config=_HARD.tracking)
+                if hard
+                else None
+            ),
         )
         _arenas[key] = arena, weights
     return _arenas[key][0]
@@ -172,12 +213,11 @@ def _arena(trained: Trained, task: str, policy: str, hard: bool) -> Arena:
 def _draw_slip(rng: np.random.Generator) -> Slip:
     """Returns a slip at a random time, into a random direction."""
     shift, turn = rng.normal(size=(2, 3))
-    distance, angle = _HARD_SLIP
     return Slip(
-        rng.uniform(*_HARD_SLIP_TIMES),
-        _HARD_SLIP_DURATION,
-        distance * shift / np.linalg.norm(shift),
-        angle * turn / np.linalg.norm(turn),
+        rng.uniform(*_HARD.slip_start),
+        _HARD.slip_duration,
+        _HARD.slip_distance * shift / np.linalg.norm(shift),
+        _HARD.slip_angle * turn / np.linalg.norm(turn),
     )
 
 
@@ -229,7 +269,8 @@ def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int, 
     ]
 
 
-def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
+def _lost(arguments: tuple[Any, ...], note: str, start: np.ndarray | None = None) -> ControlTrial:
+    """Returns the row of a trial that something ended, which is no success."""
     task, region, policy, trial, _ = arguments
     unknown = ("error", "impulse", "depth", "time", "strain", "typical_strain")
     nothing = {name: float("nan") for name in unknown}
@@ -240,8 +281,9 @@ def _lost(arguments: tuple[Any, ...], note: str) -> ControlTrial:
         trial=trial,
         success=False,
         collision_free=False,
-        distance=float("nan"),
+        distance=np.nan if start is None else distance_to_near(MakeTask(task), start[:3, 3]),
         path=np.zeros((0, 3)),
         note=note,
+        lost=True,
         **nothing,
     )

@@ -97,6 +97,13 @@ def print_tables(trials: Sequence[ControlTrial]) -> None:
             print(line)
         for line in table_lines(cells, tasks, ("hard",), clean=True)[1:]:
             print(line + "   collision-free")
+    lost = [trial for trial in trials if trial.lost]
+    if lost:
+        one = lost[0]
+        print(
+            f"\n{len(lost)} trials were ended by an error and count as failures, the first of them "
+            f"{one.task} {one.region} {one.policy} {one.trial}: {one.note}"
+        )
     _print_strains([cell for cell in cells.values() if not MakeTask(cell.task).rigid])
 
 

@@ -55,7 +55,8 @@ class ControlTrial:
         typical_strain: Largest over all times of the median over all pairs.
         distance: Of the start from the Near region in x and y [m].
         path: (K, 3) of the object's frame [m], one each `look_period`.
-        note: What the policy had to say in the end.
+        note: What the policy had to say in the end, or what ended the trial.
+        lost: Whether something went wrong that ended it: it counts as a failure.
     """
 
     task: str
@@ -73,6 +74,7 @@ class ControlTrial:
     distance: float
     path: np.ndarray
     note: str = ""
+    lost: bool = False
 
 
 def goal_error(

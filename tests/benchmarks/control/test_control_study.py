@@ -48,11 +48,15 @@ def test_study_covers_every_cell_and_prints_the_tables(tmp_path, capsys):
     assert len(figures(path)["trials"]) == len(trials)
 
 
-def test_trial_is_the_same_alone_and_after_others():
-    alone = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
-    dut.run_control_trial({}, "pnp_cube", "far", "field", 0)
+@pytest.mark.parametrize(
+    ("task", "region", "policy"),
+    [("pnp_cube", "far", "field"), ("mug_insertion", "hard", "safe_entry")],
+)
+def test_trial_is_the_same_alone_and_after_others(task, region, policy):
+    alone = dut.run_control_trial({}, task, region, policy, 1)
+    dut.run_control_trial({}, task, region, policy, 0)
 
-    again = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
+    again = dut.run_control_trial({}, task, region, policy, 1)
 
     assert alone.error == again.error
     np.testing.assert_array_equal(alone.path, again.path)
@@ -123,6 +127,49 @@ def test_trial_that_fails_counts_as_no_success():
     assert not trial.success
     assert not trial.collision_free
     assert trial.note.startswith("KeyError")
+    assert trial.lost
+
+
+def test_trial_that_fails_on_its_way_is_where_it_started_in_the_pictures(monkeypatch):
+    expected = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
+    monkeypatch.setattr(dut, "RunTrial", lambda *_, **__: 1 / 0)
+
+    trial = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
+
+    assert trial.lost
+    assert trial.distance == expected.distance > 0.0
+
+
+def test_figures_say_what_made_hard_mode_hard(tmp_path):
+    path = tmp_path / "study.json"
+    config = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("field",), trials=1)
+
+    dut.run_control_study(config, json_path=path)
+
+    hard = figures(path)["hard"]
+    assert hard["slip_distance"] == 0.03
+    assert hard["tracking"]["noise"] == 0.003
+    assert hard["trial"]["settled_time"] == 5.0
+
+
+def test_what_is_known_is_written_from_time_to_time(tmp_path, monkeypatch):
+    path = tmp_path / "study.json"
+    seen = []
+
+    def looked_at(function, arguments, *, shared, **options):
+        for index, one in enumerate(arguments):
+            seen.append(len(figures(path)["trials"]) if path.exists() else 0)
+            yield index, function(*shared, *one)
+
+    monkeypatch.setattr(dut, "run_trials", looked_at)
+    monkeypatch.setattr(dut, "_WRITING_PERIOD", 0.0)
+    config = dut.ControlStudyConfig(
+        tasks=("pnp_cube",), policies=("open_loop",), trials=1, hard=False
+    )
+
+    dut.run_control_study(config, json_path=path)
+
+    assert seen == [0, 1]
 
 
 def test_interrupted_study_leaves_what_it_knows(tmp_path, monkeypatch):

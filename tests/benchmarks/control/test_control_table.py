@@ -93,11 +93,28 @@ def test_success_is_binned_by_distance():
     assert [middle for middle, _, _ in bins] == pytest.approx([-0.04, 0.04, 0.20])
 
 
-def test_pictures_show_something(tmp_path):
+def test_pictures_show_the_trials(tmp_path):
     import cv2
 
-    drawn = draw_pictures([*trials(3, 1), *trials(2, 0, region="near", distance=0.0)], tmp_path)
+    near = trials(2, 0, region="near", distance=0.0)
+    pictures = [
+        [cv2.imread(str(path)) for path in draw_pictures(shown, tmp_path)]
+        for shown in ([*trials(3, 1), *near], [*trials(0, 4), *near])
+    ]
 
-    assert [path.name for path in drawn] == ["control_distance.png", "control_paths.png"]
-    for path in drawn:
-        assert cv2.imread(str(path)).std() > 5.0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "control_distance.png",
+        "control_paths.png",
+    }
+    for one, other in zip(*pictures, strict=True):
+        assert np.count_nonzero((one != other).any(axis=2)) > 50
+
+
+def test_trials_that_an_error_ended_are_named_below_the_tables(capsys):
+    lost = dataclasses.replace(
+        TRIAL, success=False, collision_free=False, note="KeyError: 'x'", lost=True
+    )
+
+    dut.print_tables([TRIAL, lost])
+
+    assert "1 trials were ended by an error and count as failures" in capsys.readouterr().out

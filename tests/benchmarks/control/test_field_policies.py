@@ -9,10 +9,10 @@ from poil_drake.benchmarks.control.demonstration import (
 from poil_drake.benchmarks.control.policies import (
     ROWS,
     EntryPlanner,
-    FieldConfig,
     MakePolicy,
-    MonitorConfig,
     TaskClouds,
+    field_config,
+    monitor_config,
 )
 from poil_drake.benchmarks.control.policy import Observation
 from poil_drake.control.entry_monitor import EntryMonitorConfig
@@ -110,7 +110,7 @@ def test_noise_and_deformation_widen_what_counts_as_an_outlier():
     rigid, soft = "pnp_cube", "hanging_bag"
 
     limits = [
-        FieldConfig(task, noise).rigidity.inlier_distance
+        field_config(task, noise).rigidity.inlier_distance
         for task, noise in ((rigid, 0.0), (rigid, 0.003), (soft, 0.0))
     ]
 
@@ -122,11 +122,11 @@ def test_noise_and_deformation_widen_what_counts_as_an_outlier():
 def test_arrived_is_told_from_blocked_by_noise_and_deformation():
     usual = EntryMonitorConfig().stall_error
 
-    assert MonitorConfig("pnp_cube", 0.0).stall_error == usual
+    assert monitor_config("pnp_cube", 0.0).stall_error == usual
     # 1.5 * 1.6 * 3 mm.
-    assert MonitorConfig("pnp_cube", 0.003).stall_error == pytest.approx(0.0072)
+    assert monitor_config("pnp_cube", 0.003).stall_error == pytest.approx(0.0072)
     deformation = TaskDeformation("hanging_bag")
-    assert MonitorConfig("hanging_bag", 0.0).stall_error == pytest.approx(1.5 * deformation)
+    assert monitor_config("hanging_bag", 0.0).stall_error == pytest.approx(1.5 * deformation)
 
 
 def test_every_row_but_the_learned_ones_makes_a_policy():

@@ -22,7 +22,7 @@ class PointPolicyConfig:
         heads: Attention heads.
         steps: Optimisation steps; 100,000 are published. After 5,000, the points come to rest
             within 1 mm of a demonstrated goal unless something is in their way.
-        batch: Windows in a step; 64 are published. Half of it, and more steps, fits as well.
+        batch: Windows in a step; 64 are published, half of it takes half the time.
         learning_rate: At its highest; it falls to zero along half a cosine. 1e-4 is published, for
             twenty times as many steps.
         warm_up: Part of the steps in which the learning rate rises linearly.
