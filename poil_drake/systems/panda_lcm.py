@@ -1,0 +1,254 @@
+"""The real Panda's driver, as systems: what it reports, and what it is told."""
+
+import time
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from poil_drake.geometry.all_finite import all_finite
+from poil_drake.systems.panda_lcm_messages import (
+    Clock,
+    HandStatus,
+    LcmMailbox,
+    PandaStatus,
+    encode_hand_command,
+    encode_panda_command,
+)
+from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
+from poil_drake.systems.statuses import RobotMode
+
+_UNKNOWN = np.full(NUM_JOINTS, np.nan)
+
+
+class PandaStatusReceiver(LeafSystem):
+    """Shows the newest status of the Panda's driver.
+
+    .. pydrake_system::
+
+        name: PandaStatusReceiver
+        output_ports:
+        - position_measured
+        - velocity_measured
+        - torque_external
+        - status
+
+    Every output is state, taken from the mailbox once every period, in an unrestricted update, so
+    that the discrete updates of the same instant see it. `position_measured` [rad],
+    `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), NaN before the first status.
+    `status` (3,) holds the `RobotMode`, the age [s] and the share of commands that reach the robot
+    in time. The age is by the driver's stamp, at the last update: it grows when statuses stop,
+    arrive late or are repeated, and is negative where the driver's clock is ahead of ours. Before
+    the first status these are OTHER, infinity and 0.
+    """
+
+    def __init__(
+        self, *, mailbox: LcmMailbox[PandaStatus], period: float, clock: Clock = time.time
+    ):
+        """Constructs the receiver.
+
+        Args:
+            mailbox: Where statuses arrive.
+            period: Of its looks at it [s].
+            clock: The time now [s since the epoch].
+        """
+        super().__init__()
+        self._mailbox, self._clock = mailbox, clock
+        self._seen = self.DeclareAbstractState(Value[object]((None, np.inf)))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
+        known = {self.abstract_state_ticket(self._seen)}
+        for name in ("position", "velocity", "torque_external"):
+            port = f"{name}_measured" if name != "torque_external" else name
+
+            def calc(context: Context, output: BasicVector, name: str = name) -> None:
+                status, _ = self._status(context)
+                output.SetFromVector(_UNKNOWN if status is None else getattr(status, name))
+
+            self.DeclareVectorOutputPort(port, NUM_JOINTS, calc, known)
+        self.DeclareVectorOutputPort("status", 3, self._calc_status, known)
+
+    def _status(self, context: Context) -> tuple[PandaStatus | None, float]:
+        return context.get_abstract_state(self._seen).get_value()
+
+    def _look(self, context: Context, state: State) -> None:
+        status = self._mailbox.newest
+        age = np.inf if status is None else self._clock() - status.stamp
+        state.get_mutable_abstract_state(self._seen).set_value((status, age))
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        status, age = self._status(context)
+        if status is None:
+            output.SetFromVector([float(RobotMode.OTHER), np.inf, 0.0])
+        else:
+            output.SetFromVector([float(status.mode), age, status.success_rate])
+
+
+class PandaCommandSender(LeafSystem):
+    """Sends joint velocities to the Panda's driver, which stops the arm when they stop coming.
+
+    .. pydrake_system::
+
+        name: PandaCommandSender
+        input_ports:
+        - velocity
+        - velocity_time
+
+    `velocity` (7,) [rad/s] goes out once every period, in a publish event, stamped with the clock's
+    time, as the driver drops what is stamped otherwise. Zero goes out where it is not connected or
+    not finite, or the time [s] in `velocity_time`, where that is connected, is more than `max_age`
+    old: rest is said, not merely left to the driver's expiry. Before the first status arrived
+    nothing is sent. `SendRest` is for the way out.
+    """
+
+    def __init__(
+        self,
+        *,
+        lcm: DrakeLcmInterface,
+        channel: str,
+        mailbox: LcmMailbox[PandaStatus],
+        period: float,
+        max_age: float = 0.1,
+        clock: Clock = time.time,
+    ):
+        """Constructs the sender.
+
+        Args:
+            lcm: The network.
+            channel: The driver's channel for commands.
+            mailbox: Where its statuses arrive.
+            period: Between two commands [s].
+            max_age: Of a velocity that is still sent [s].
+            clock: The time now [s since the epoch], on which the driver must agree.
+        """
+        super().__init__()
+        self._lcm, self._channel, self._mailbox = lcm, channel, mailbox
+        self._max_age, self._clock = max_age, clock
+        self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
+        self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._send)
+        self.DeclareForcedPublishEvent(self._send)
+
+    def SendRest(self, duration: float, period: float = 0.005) -> None:
+        """Sends zero velocities for a while [s], longer than the driver's expiry, and waits."""
+        end = time.monotonic() + duration
+        while self._mailbox.newest is not None:
+            self._publish(np.zeros(NUM_JOINTS))
+            if time.monotonic() >= end:
+                return
+            time.sleep(period)
+
+    def _send(self, context: Context) -> None:
+        if self._mailbox.newest is not None:
+            self._publish(self._wanted(context))
+
+    def _wanted(self, context: Context) -> np.ndarray:
+        rest = np.zeros(NUM_JOINTS)
+        if not self._velocity.HasValue(context):
+            return rest
+        if self._velocity_time.HasValue(context):
+            age = context.get_time() - self._velocity_time.Eval(context)[0]
+            if not age <= self._max_age:
+                return rest
+        velocity = self._velocity.Eval(context)
+        return velocity if all_finite(velocity) else rest
+
+    def _publish(self, velocity: np.ndarray) -> None:
+        self._lcm.Publish(self._channel, encode_panda_command(velocity, self._clock()))
+
+
+class HandStatusReceiver(LeafSystem):
+    """Shows how far the Panda's hand is open.
+
+    .. pydrake_system::
+
+        name: HandStatusReceiver
+        output_ports:
+        - width_measured
+
+    `width_measured` (1,) [m] is state, taken from the mailbox once every period, in an unrestricted
+    update. It is NaN before the first status, and while the newest is more than `max_age` old by
+    its stamp.
+    """
+
+    def __init__(
+        self,
+        *,
+        mailbox: LcmMailbox[HandStatus],
+        period: float,
+        max_age: float = 0.5,
+        clock: Clock = time.time,
+    ):
+        """Constructs the receiver.
+
+        Args:
+            mailbox: Where statuses arrive.
+            period: Of its looks at it [s].
+            max_age: Of a status that is still believed [s]. The driver sends ten a second.
+            clock: The time now [s since the epoch].
+        """
+        super().__init__()
+        self._mailbox, self._max_age, self._clock = mailbox, max_age, clock
+        self._width = self.DeclareAbstractState(Value[object](np.nan))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
+        self.DeclareVectorOutputPort(
+            "width_measured", 1, self._calc_width, {self.abstract_state_ticket(self._width)}
+        )
+
+    def _look(self, context: Context, state: State) -> None:
+        status = self._mailbox.newest
+        known = status is not None and abs(self._clock() - status.stamp) <= self._max_age
+        width = status.width if status is not None and known else np.nan
+        state.get_mutable_abstract_state(self._width).set_value(width)
+
+    def _calc_width(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([context.get_abstract_state(self._width).get_value()])
+
+
+class HandCommandSender(LeafSystem):
+    """Sends the wanted opening to the Panda's hand.
+
+    .. pydrake_system::
+
+        name: HandCommandSender
+        input_ports:
+        - width
+
+    `width` (1,) [m] goes out once every period, in a publish event; nothing where it is not
+    connected or not finite, and before the first status of the hand: it keeps its opening then. The
+    driver grips when the opening gets smaller than it is, and ignores what it was told last.
+    """
+
+    def __init__(
+        self,
+        *,
+        lcm: DrakeLcmInterface,
+        channel: str,
+        mailbox: LcmMailbox[HandStatus],
+        period: float,
+        force: float = 40.0,
+        clock: Clock = time.time,
+    ):
+        """Constructs the sender.
+
+        Args:
+            lcm: The network.
+            channel: The driver's channel for commands.
+            mailbox: Where the hand's statuses arrive.
+            period: Between two commands [s]; the driver looks ten times a second.
+            force: Of the grip [N]; the hand can do 70 all the time.
+            clock: The time now [s since the epoch].
+        """
+        super().__init__()
+        self._lcm, self._channel, self._mailbox = lcm, channel, mailbox
+        self._force, self._clock = force, clock
+        self._width = self.DeclareVectorInputPort("width", 1)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._send)
+        self.DeclareForcedPublishEvent(self._send)
+
+    def _send(self, context: Context) -> None:
+        if self._mailbox.newest is None or not self._width.HasValue(context):
+            return
+        (width,) = self._width.Eval(context).tolist()
+        if np.isfinite(width):
+            self._lcm.Publish(self._channel, encode_hand_command(width, self._force, self._clock()))

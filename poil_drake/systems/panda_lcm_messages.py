@@ -1,0 +1,196 @@
+"""What is said between us and the Panda's driver over LCM."""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from drake import (
+    lcmt_panda_command,
+    lcmt_panda_status,
+    lcmt_schunk_wsg_command,
+    lcmt_schunk_wsg_status,
+)
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.manipulation import PandaControlMode
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
+from poil_drake.systems.statuses import RobotMode
+
+Clock = Callable[[], float]
+"""Returns the time now [s since the epoch]."""
+
+_ALONE = "Keep other senders off this channel."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PandaStatus(SharedOnCopy):
+    """What the driver reports.
+
+    Attributes:
+        stamp: When, by the driver's clock [s since the epoch].
+        position: (7,) measured [rad].
+        velocity: (7,) measured [rad/s].
+        torque_external: (7,) what others do to the joints [N m], positive along the joints.
+        mode: Of the robot.
+        success_rate: Part of the last commands that reached the robot in time, in [0, 1].
+    """
+
+    stamp: float
+    position: np.ndarray
+    velocity: np.ndarray
+    torque_external: np.ndarray
+    mode: RobotMode
+    success_rate: float
+
+    def __post_init__(self) -> None:
+        for name in ("position", "velocity", "torque_external"):
+            value = frozen_array(
+                getattr(self, name), name=f"PandaStatus.{name}", shape=(NUM_JOINTS,)
+            )
+            object.__setattr__(self, name, value)
+
+
+def decode_panda_status(message: bytes) -> PandaStatus:
+    """Returns what a message says.
+
+    The driver reports external torques with the sign opposite to Drake's; it is turned here.
+
+    Args:
+        message: An encoded `lcmt_panda_status`.
+
+    Raises:
+        InvalidValueError: if it is none, of another robot, or has numbers that are not finite.
+    """
+    try:
+        said = lcmt_panda_status.decode(message)
+        return PandaStatus(
+            stamp=1e-6 * said.utime,
+            position=np.array(said.joint_position),
+            velocity=np.array(said.joint_velocity),
+            torque_external=-np.array(said.joint_torque_external),
+            mode=RobotMode(said.robot_mode),
+            success_rate=float(said.control_command_success_rate),
+        )
+    except (ValueError, struct.error) as error:
+        raise InvalidValueError(
+            f"A message of {len(message)} bytes is no status of a Panda: {error}", remedy=_ALONE
+        ) from error
+
+
+def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
+    """Returns an encoded `lcmt_panda_command` in velocity mode.
+
+    Args:
+        velocity: (7,) [rad/s], finite.
+        stamp: When, by the clock that the driver compares it with [s since the epoch].
+    """
+    command = lcmt_panda_command()
+    command.utime = round(1e6 * stamp)
+    command.num_joint_velocity = NUM_JOINTS
+    command.joint_velocity = velocity.tolist()
+    command.control_mode_expected = int(PandaControlMode.kVelocity)
+    return command.encode()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandStatus:
+    """What the hand's driver reports.
+
+    Attributes:
+        stamp: When, by the driver's clock [s since the epoch].
+        width: Opening between the fingers [m].
+    """
+
+    stamp: float
+    width: float
+
+
+def decode_hand_status(message: bytes) -> HandStatus:
+    """Returns what a message says.
+
+    The Franka driver speaks of its hand in the messages of the Schunk WSG. The force in them is
+    always zero, and the speed invented, so neither is looked at.
+
+    Args:
+        message: An encoded `lcmt_schunk_wsg_status`.
+
+    Raises:
+        InvalidValueError: if it is none, or its width is not finite.
+    """
+    try:
+        said = lcmt_schunk_wsg_status.decode(message)
+    except (ValueError, struct.error) as error:
+        raise InvalidValueError(
+            f"A message of {len(message)} bytes is no status of a hand: {error}", remedy=_ALONE
+        ) from error
+    if not math.isfinite(said.actual_position_mm):
+        raise InvalidValueError(
+            f"The hand is said to be {said.actual_position_mm} mm open.", remedy=_ALONE
+        )
+    return HandStatus(stamp=1e-6 * said.utime, width=1e-3 * said.actual_position_mm)
+
+
+def encode_hand_command(width: float, force: float, stamp: float) -> bytes:
+    """Returns an encoded `lcmt_schunk_wsg_command`.
+
+    Args:
+        width: Wanted opening [m], finite.
+        force: Of the grip, where something is in the way [N].
+        stamp: When [s since the epoch].
+    """
+    command = lcmt_schunk_wsg_command()
+    command.utime = round(1e6 * stamp)
+    command.target_position_mm = 1e3 * width
+    command.force = force
+    return command.encode()
+
+
+class Stamped(Protocol):
+    """Something with a time."""
+
+    @property
+    def stamp(self) -> float:
+        """By the sender's clock [s since the epoch]."""
+
+
+S = TypeVar("S", bound=Stamped)
+
+
+class LcmMailbox(Generic[S]):
+    """Keeps the newest message of a channel; late, doubled and foreign ones are counted only.
+
+    Attributes:
+        newest: The one with the newest stamp; None before the first.
+        late: Messages whose stamp was not newer than that of one before.
+        malformed: Messages that could not be decoded.
+    """
+
+    def __init__(self, lcm: DrakeLcmInterface, channel: str, decode: Callable[[bytes], S]):
+        """Subscribes; whoever owns `lcm` handles its subscriptions.
+
+        Args:
+            lcm: The network.
+            channel: Where the messages come from.
+            decode: Reads one; raises an InvalidValueError where it cannot.
+        """
+        self._decode = decode
+        self.newest: S | None = None
+        self.late = self.malformed = 0
+        lcm.Subscribe(channel, self._receive)
+
+    def _receive(self, message: bytes) -> None:
+        # What is raised here goes through C.
+        try:
+            said = self._decode(message)
+        except InvalidValueError:
+            self.malformed += 1
+            return
+        if self.newest is not None and said.stamp <= self.newest.stamp:
+            self.late += 1
+            return
+        self.newest = said

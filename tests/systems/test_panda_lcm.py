@@ -1,0 +1,313 @@
+import contextlib
+
+import numpy as np
+import pytest
+from drake import (
+    lcmt_panda_command,
+    lcmt_panda_status,
+    lcmt_schunk_wsg_command,
+    lcmt_schunk_wsg_status,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.systems.panda_lcm import (
+    HandCommandSender,
+    HandStatusReceiver,
+    PandaCommandSender,
+    PandaStatusReceiver,
+)
+from poil_drake.systems.panda_lcm_messages import (
+    LcmMailbox,
+    decode_hand_status,
+    decode_panda_status,
+)
+from poil_drake.systems.statuses import RobotMode
+
+PERIOD = 1 / 256
+START = 1_790_000_000.0
+JOINTS = [0.1, -0.2, 0.3, -1.5, 0.5, 1.6, 0.7]
+
+
+class Clock:
+    """A clock that is set by hand [s since the epoch]."""
+
+    def __init__(self) -> None:
+        self.now = START
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def status_message(stamp: float, **changes: object) -> lcmt_panda_status:
+    message = lcmt_panda_status()
+    message.utime = round(1e6 * stamp)
+    message.num_joints = 7
+    for name in message.__slots__:
+        if name.startswith("joint"):
+            setattr(message, name, [0.0] * 7)
+    message.joint_position = JOINTS
+    message.joint_velocity = [0.01 * k for k in range(7)]
+    message.joint_torque_external = [1.0 * k for k in range(7)]
+    message.robot_mode = lcmt_panda_status.kMove
+    message.control_command_success_rate = 0.98
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+class Bench:
+    """Both systems on a network in memory, and a driver that says what it is told to."""
+
+    def __init__(self, **options: float):
+        self.clock, self.lcm = Clock(), DrakeLcm("memq://test")
+        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_panda_status)
+        self.receiver = PandaStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
+        self.simulator = Simulator(self.receiver)
+        self.sender = PandaCommandSender(
+            lcm=self.lcm,
+            channel="COMMAND",
+            mailbox=self.mailbox,
+            period=PERIOD,
+            clock=self.clock,
+            **options,
+        )
+        self.context = self.sender.CreateDefaultContext()
+        self.sent: list[lcmt_panda_command] = []
+        self.lcm.Subscribe("COMMAND", lambda raw: self.sent.append(lcmt_panda_command.decode(raw)))
+
+    def say(self, message: bytes) -> None:
+        self.lcm.Publish("STATUS", message)
+        self.lcm.HandleSubscriptions(0)
+
+    def read(self, name: str) -> np.ndarray:
+        context = self.simulator.get_mutable_context()
+        self.simulator.AdvanceTo(context.get_time() + PERIOD)
+        return self.receiver.GetOutputPort(name).Eval(context)
+
+    def send(self, velocity: np.ndarray | None = None, time: float | None = None) -> list:
+        if velocity is not None:
+            self.sender.GetInputPort("velocity").FixValue(self.context, velocity)
+        if time is not None:
+            self.sender.GetInputPort("velocity_time").FixValue(self.context, [time])
+        self.sent.clear()
+        self.sender.ForcedPublish(self.context)
+        self.lcm.HandleSubscriptions(0)
+        return self.sent
+
+
+def test_before_the_first_status_nothing_is_known_and_nothing_is_sent() -> None:
+    bench = Bench()
+
+    assert np.isnan(bench.read("position_measured")).all()
+    assert bench.read("status").tolist() == [RobotMode.OTHER, np.inf, 0.0]
+    assert bench.send(np.full(7, 0.1)) == []
+    bench.sender.SendRest(0.01)
+    bench.lcm.HandleSubscriptions(0)
+    assert bench.sent == []
+
+
+def test_status_is_shown_in_the_signs_of_drake() -> None:
+    bench = Bench()
+    bench.say(status_message(START - 0.02).encode())
+
+    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
+    np.testing.assert_allclose(bench.read("velocity_measured"), 0.01 * np.arange(7))
+    np.testing.assert_array_equal(bench.read("torque_external"), -np.arange(7.0))
+    assert bench.read("status") == pytest.approx([RobotMode.MOVE, 0.02, 0.98], abs=1e-6)
+
+
+def test_age_grows_when_statuses_stop_repeat_or_come_late() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.clock.now += 0.3
+
+    bench.say(status_message(START).encode())
+    bench.say(status_message(START - 0.1, joint_position=[0.0] * 7).encode())
+
+    assert bench.read("status")[1] == pytest.approx(0.3, abs=1e-6)
+    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
+    assert bench.mailbox.late == 2
+
+
+def test_clock_of_the_driver_shows_in_the_age() -> None:
+    bench = Bench()
+
+    bench.say(status_message(START + 1.0).encode())
+
+    assert bench.read("status")[1] == pytest.approx(-1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"",
+        b"abc",
+        status_message(START).encode()[:-5],
+        lcmt_schunk_wsg_status().encode(),
+        status_message(START, joint_position=[np.nan] * 7).encode(),
+        status_message(START, robot_mode=42).encode(),
+        lcmt_panda_status().encode(),  # Of no joints.
+    ],
+    ids=["empty", "noise", "cut off", "foreign", "not finite", "no mode", "no joints"],
+)
+def test_messages_that_are_no_status_change_nothing(message: bytes) -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+
+    bench.say(message)
+
+    assert bench.mailbox.malformed == 1
+    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
+    with pytest.raises(InvalidValueError, match="no status of a Panda"):
+        decode_panda_status(message)
+
+
+@given(st.binary(max_size=600), st.booleans())
+@settings(derandomize=True, deadline=None, max_examples=300)
+def test_no_message_at_all_is_an_error_of_its_own(noise: bytes, own: bool) -> None:
+    message = status_message(START).encode()[:8] + noise if own else noise
+    for decode in (decode_panda_status, decode_hand_status):
+        with contextlib.suppress(InvalidValueError):
+            decode(message)
+
+
+def test_velocity_is_sent_as_the_driver_accepts_it() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.clock.now += 0.25
+    wanted = 0.1 * np.arange(7)
+
+    (command,) = bench.send(wanted)
+
+    assert command.utime == round(1e6 * (START + 0.25))
+    assert command.control_mode_expected == 2
+    assert (command.num_joint_position, command.num_joint_torque) == (0, 0)
+    assert command.num_joint_velocity == 7
+    np.testing.assert_array_equal(command.joint_velocity, wanted)
+
+
+def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
+    bench = Bench(max_age=0.1)
+    bench.say(status_message(START).encode())
+    wanted = np.full(7, 0.1)
+
+    def is_rest(sent: list) -> bool:
+        (command,) = sent
+        return command.joint_velocity == (0.0,) * 7 or command.joint_velocity == [0.0] * 7
+
+    assert is_rest(bench.send())
+    assert is_rest(bench.send(np.where(np.arange(7) == 3, np.nan, wanted)))
+    assert not is_rest(bench.send(wanted, time=0.0))
+    bench.context.SetTime(0.09)
+    assert not is_rest(bench.send(wanted, time=0.0))
+    bench.context.SetTime(0.11)
+    assert is_rest(bench.send(wanted, time=0.0))
+    assert is_rest(bench.send(wanted, time=np.nan))
+
+
+def test_commands_go_out_once_every_period() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.sender.GetInputPort("velocity").FixValue(bench.context, np.full(7, 0.1))
+    simulator = Simulator(bench.sender, bench.context)
+
+    simulator.AdvanceTo(0.5)
+    bench.lcm.HandleSubscriptions(0)
+
+    # One at the start, too.
+    assert len(bench.sent) in (128, 129)
+
+
+def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+
+    bench.sender.SendRest(0.15)
+    bench.lcm.HandleSubscriptions(0)
+
+    assert len(bench.sent) > 10
+    assert all(not any(command.joint_velocity) for command in bench.sent)
+
+
+class HandBench:
+    """The hand's systems on a network in memory."""
+
+    def __init__(self) -> None:
+        self.clock, self.lcm = Clock(), DrakeLcm("memq://hand")
+        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_hand_status)
+        self.receiver = HandStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
+        self.simulator = Simulator(self.receiver)
+        self.sender = HandCommandSender(
+            lcm=self.lcm, channel="COMMAND", mailbox=self.mailbox, period=0.1, clock=self.clock
+        )
+        self.context = self.sender.CreateDefaultContext()
+        self.sent: list[lcmt_schunk_wsg_command] = []
+        self.lcm.Subscribe(
+            "COMMAND", lambda raw: self.sent.append(lcmt_schunk_wsg_command.decode(raw))
+        )
+
+    def say(self, width: float, stamp: float = START) -> None:
+        message = lcmt_schunk_wsg_status()
+        message.utime, message.actual_position_mm = round(1e6 * stamp), 1e3 * width
+        self.lcm.Publish("STATUS", message.encode())
+        self.lcm.HandleSubscriptions(0)
+
+    def width(self) -> float:
+        context = self.simulator.get_mutable_context()
+        self.simulator.AdvanceTo(context.get_time() + PERIOD)
+        return float(self.receiver.GetOutputPort("width_measured").Eval(context)[0])
+
+    def send(self, width: float | None) -> list[lcmt_schunk_wsg_command]:
+        if width is not None:
+            self.sender.GetInputPort("width").FixValue(self.context, [width])
+        self.sent.clear()
+        self.sender.ForcedPublish(self.context)
+        self.lcm.HandleSubscriptions(0)
+        return self.sent
+
+
+def test_width_of_the_hand_is_shown_while_it_is_news() -> None:
+    bench = HandBench()
+    assert np.isnan(bench.width())
+
+    bench.say(0.035)
+
+    assert bench.width() == pytest.approx(0.035)
+    bench.clock.now += 0.6
+    assert np.isnan(bench.width())
+
+
+def test_status_of_a_hand_that_is_none_changes_nothing() -> None:
+    bench = HandBench()
+    bench.say(0.035)
+
+    bench.say(float("nan"), START + 0.1)
+    bench.lcm.Publish("STATUS", status_message(START + 0.2).encode())
+    bench.lcm.HandleSubscriptions(0)
+
+    assert bench.mailbox.malformed == 2
+    assert bench.width() == pytest.approx(0.035)
+
+
+def test_hand_is_told_what_is_known_once_it_answers() -> None:
+    bench = HandBench()
+    assert bench.send(0.05) == []
+    bench.say(0.08)
+
+    (command,) = bench.send(0.05)
+
+    assert command.target_position_mm == pytest.approx(50.0)
+    assert command.force == 40.0
+    assert command.utime == round(1e6 * START)
+    assert bench.send(float("nan")) == []
+
+
+def test_hand_that_nobody_commands_is_left_alone() -> None:
+    bench = HandBench()
+    bench.say(0.08)
+
+    assert bench.send(None) == []
