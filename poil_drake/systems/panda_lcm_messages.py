@@ -194,3 +194,64 @@ class LcmMailbox(Generic[S]):
             self.late += 1
             return
         self.newest = said
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PandaCommand(SharedOnCopy):
+    """What the driver is told.
+
+    Attributes:
+        stamp: When, by the sender's clock [s since the epoch].
+        mode: The control mode that the sender expects, see `PandaControlMode`.
+        sizes: How many positions, velocities and torques it holds.
+        velocity: (n,) wanted [rad/s].
+    """
+
+    stamp: float
+    mode: int
+    sizes: tuple[int, int, int]
+    velocity: np.ndarray
+
+
+def decode_panda_command(message: bytes) -> PandaCommand:
+    """Returns what a message says.
+
+    Args:
+        message: An encoded `lcmt_panda_command`.
+
+    Raises:
+        InvalidValueError: if it is none.
+    """
+    try:
+        said = lcmt_panda_command.decode(message)
+    except (ValueError, struct.error) as error:
+        raise InvalidValueError(
+            f"A message of {len(message)} bytes is no command to a Panda: {error}", remedy=_ALONE
+        ) from error
+    return PandaCommand(
+        stamp=1e-6 * said.utime,
+        mode=said.control_mode_expected,
+        sizes=(said.num_joint_position, said.num_joint_velocity, said.num_joint_torque),
+        velocity=np.array(said.joint_velocity, dtype=float),
+    )
+
+
+def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> bytes:
+    """Returns an encoded `lcmt_panda_status`, filled as far as the Franka driver fills it.
+
+    Args:
+        status: What to say.
+        commanded_velocity: (7,) what the joints are told [rad/s].
+    """
+    said = lcmt_panda_status()
+    said.utime = said.robot_utime = round(1e6 * status.stamp)
+    said.num_joints = NUM_JOINTS
+    nothing = [0.0] * NUM_JOINTS
+    said.joint_position = said.joint_position_desired = status.position.tolist()
+    said.joint_velocity = status.velocity.tolist()
+    said.joint_velocity_desired = commanded_velocity.tolist()
+    said.joint_acceleration_desired = said.joint_torque = said.joint_torque_desired = nothing
+    said.joint_torque_external = (-status.torque_external).tolist()
+    said.control_command_success_rate = status.success_rate
+    said.robot_mode = int(status.mode)
+    return said.encode()
