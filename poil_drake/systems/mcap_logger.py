@@ -64,9 +64,9 @@ class McapLogger(LeafSystem):
     `spatial_velocity` (6,), (ω [rad/s], v [m/s]); the measured joint positions [rad], velocities
     [rad/s] and torques [Nm] (J,); `panda.velocity`, the joint velocities commanded [rad/s]; `phase`
     (1,), written when it changes, with the reason, for which `fault` (1,) is looked at;
-    `panda.status` (2,), robot mode and age [s]; `applied_spatial_force`, the forces on bodies as
-    the plant takes them, written while there are any and when they end; and for each status topic
-    one (1,) port per field.
+    `panda.status` (3,), robot mode, age [s] and share of commands in time; `applied_spatial_force`,
+    the forces on bodies as the plant takes them, written while there are any and when they end; and
+    for each status topic one (1,) port per field.
 
     Any port may stay unconnected: what it carries is then not logged. The same holds for tracked
     points and frames before the first; NaN in the rest is logged as such. Everything is written by
@@ -143,7 +143,7 @@ class McapLogger(LeafSystem):
             "panda.velocity": joints,
             "phase": 1,
             "fault": 1,
-            "panda.status": 2,
+            "panda.status": 3,
         }
         for topic, fields in self._statuses.items():
             sizes |= {f"{topic}.{field}": 1 for field in fields}
@@ -237,8 +237,10 @@ class McapLogger(LeafSystem):
             )
         status = self._value(context, "panda.status")
         if status is not None:
-            values = {"mode": status[0], "mode_text": _meaning(_ROBOT_MODES, status[0])}
-            self._log.write_status("/robot/status", values | {"age": status[1]}, time=time)
+            mode, age, success_rate = status.tolist()
+            values = {"mode": mode, "mode_text": _meaning(_ROBOT_MODES, mode)}
+            values |= {"age": age, "success_rate": success_rate}
+            self._log.write_status("/robot/status", values, time=time)
         twist = self._value(context, "spatial_velocity")
         if twist is not None:
             self._log.write_twist("/controller/twist", twist, time=time)

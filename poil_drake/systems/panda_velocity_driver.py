@@ -179,8 +179,9 @@ class PandaVelocityDriver(LeafSystem):
     `position_measured` is (7,) [rad].
 
     Before the first step `position_commanded` is the measured position and `velocity_commanded`
-    is zero: the arm holds still wherever it stands. `status` is (2,): the robot mode as in
-    `lcmt_panda_status` (always kMove), and the age of this report [s] (always 0).
+    is zero: the arm holds still wherever it stands. `status` is (3,): the robot mode as in
+    `lcmt_panda_status` (always kMove), the age of this report [s] (always 0), and the share of
+    commands that reach the robot in time (always 1).
     """
 
     def __init__(self, *, limits: JointLimits, config: PandaDriver, time_step: float):
@@ -200,7 +201,7 @@ class PandaVelocityDriver(LeafSystem):
             {self.discrete_state_ticket(self._position_index), self._measured.ticket()},
         )
         self.DeclareStateOutputPort("velocity_commanded", self._velocity_index)
-        self.DeclareVectorOutputPort("status", 2, self._calc_status, {self.nothing_ticket()})
+        self.DeclareVectorOutputPort("status", 3, self._calc_status, {self.nothing_ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._step)
 
     def Reset(self, context: Context) -> None:
@@ -244,4 +245,4 @@ class PandaVelocityDriver(LeafSystem):
         output.SetFromVector(self._measured.Eval(context) if math.isnan(position[0]) else position)
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([ROBOT_MODE_MOVE, 0.0])
+        output.SetFromVector([ROBOT_MODE_MOVE, 0.0, 1.0])

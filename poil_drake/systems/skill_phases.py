@@ -111,7 +111,7 @@ class Observation(NamedTuple):
         ik_stuck: Whether the inverse kinematics cannot follow.
         hand_width: Measured finger opening [m].
         robot_moving_mode: Whether the robot accepts motion.
-        status_age: Age of the robot's status [s].
+        status_age: How far the robot's status is off our clock [s]: its age, as a rule.
     """
 
     time: float

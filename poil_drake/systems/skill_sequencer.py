@@ -28,7 +28,7 @@ _INPUTS = {
     "motion_done": 1,
     "ik_status": 1,
     "hand.width_measured": 1,
-    "panda.status": 2,
+    "panda.status": 3,
 }
 _PHASE, _PHASE_START, _FAULT, _DETECT_REQUESTS, _FAULT_WIDTH = map(
     SkillState._fields.index,
@@ -129,7 +129,7 @@ class SkillSequencer(LeafSystem):
 
     def _next(self, context: Context, state: SkillState) -> SkillState:
         following = state.phase == _FOLLOW
-        mode, age = self._eval(context, "panda.status")
+        mode, age, _ = self._eval(context, "panda.status")
         (width,) = self._eval(context, "hand.width_measured")
         fresh = math.isfinite(age) and math.isfinite(width)
         # What only one phase asks for is not computed in the others.
@@ -150,7 +150,7 @@ class SkillSequencer(LeafSystem):
             ik_stuck=self._eval(context, "ik_status")[0] == _STUCK,
             hand_width=width,
             robot_moving_mode=mode == _MOVE,
-            status_age=age if fresh else math.inf,
+            status_age=abs(age) if fresh else math.inf,
         )
         return next_state(state, seen, self._config)
 

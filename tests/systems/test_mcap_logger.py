@@ -189,13 +189,13 @@ def test_what_a_status_means_is_written_beside_it(log, number, text):
 def test_the_robots_mode_and_the_age_of_its_status_are_written(log):
     dut = make(log)
     context = dut.CreateDefaultContext()
-    dut.GetInputPort("panda.status").FixValue(context, [4.0, 0.03])
+    dut.GetInputPort("panda.status").FixValue(context, [4.0, 0.03, 0.98])
 
     dut.ForcedPublish(context)
 
     (((topic, values), _),) = log.of("write_status")
     assert topic == "/robot/status"
-    assert values == {"mode": 4.0, "mode_text": "reflex", "age": 0.03}
+    assert values == {"mode": 4.0, "mode_text": "reflex", "age": 0.03, "success_rate": 0.98}
 
 
 def test_a_push_is_written_while_it_lasts_and_when_it_is_over(log):
@@ -307,7 +307,7 @@ def test_a_real_log_takes_everything(tmp_path, reference):
         "panda.velocity": np.zeros(2),
         "phase": np.zeros(1),
         "fault": np.zeros(1),
-        "panda.status": np.array([2.0, 0.0]),
+        "panda.status": np.array([2.0, 0.0, 1.0]),
         "ik.scale": np.ones(1),
     }.items():
         dut.GetInputPort(name).FixValue(context, value)

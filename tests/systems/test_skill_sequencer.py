@@ -16,7 +16,7 @@ GOOD = {
     "motion_done": [0.0],
     "ik_status": [IkStatus.OK],
     "hand.width_measured": [0.08],
-    "panda.status": [RobotMode.MOVE, 0.0],
+    "panda.status": [RobotMode.MOVE, 0.0, 1.0],
 }
 
 
@@ -63,9 +63,10 @@ def test_an_update_equals_the_pure_function(dut: SkillSequencer) -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"panda.status": [RobotMode.MOVE, np.nan]},
-        {"panda.status": [RobotMode.MOVE, 0.2]},
-        {"panda.status": [RobotMode.REFLEX, 0.0]},
+        {"panda.status": [RobotMode.MOVE, np.nan, 1.0]},
+        {"panda.status": [RobotMode.MOVE, 0.2, 1.0]},
+        {"panda.status": [RobotMode.MOVE, -0.2, 1.0]},
+        {"panda.status": [RobotMode.REFLEX, 0.0, 1.0]},
         {"hand.width_measured": [np.nan]},
     ],
 )
