@@ -108,7 +108,9 @@ def test_before_the_first_step_the_arm_holds_still(dut: PandaVelocityDriver) -> 
         dut.GetOutputPort("position_commanded").Eval(context), np.full(7, 0.5)
     )
     np.testing.assert_array_equal(dut.GetOutputPort("velocity_commanded").Eval(context), 0)
-    np.testing.assert_array_equal(dut.GetOutputPort("status").Eval(context), [ROBOT_MODE_MOVE, 0.0, 1.0])
+    np.testing.assert_array_equal(
+        dut.GetOutputPort("status").Eval(context), [ROBOT_MODE_MOVE, 0.0, 1.0]
+    )
 
 
 def test_without_a_command_it_stays(dut: PandaVelocityDriver) -> None:
