@@ -255,3 +255,58 @@ def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> 
     said.control_command_success_rate = status.success_rate
     said.robot_mode = int(status.mode)
     return said.encode()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandCommand:
+    """What the hand's driver is told.
+
+    Attributes:
+        stamp: When, by the sender's clock [s since the epoch].
+        width: Wanted opening [m].
+        force: Of the grip [N].
+    """
+
+    stamp: float
+    width: float
+    force: float
+
+
+def decode_hand_command(message: bytes) -> HandCommand:
+    """Returns what a message says.
+
+    Args:
+        message: An encoded `lcmt_schunk_wsg_command`.
+
+    Raises:
+        InvalidValueError: if it is none, or not finite.
+    """
+    try:
+        said = lcmt_schunk_wsg_command.decode(message)
+    except (ValueError, struct.error) as error:
+        raise InvalidValueError(
+            f"A message of {len(message)} bytes is no command to a hand: {error}", remedy=_ALONE
+        ) from error
+    if not (math.isfinite(said.target_position_mm) and math.isfinite(said.force)):
+        raise InvalidValueError(
+            f"The hand is told to open {said.target_position_mm} mm, with {said.force} N.",
+            remedy=_ALONE,
+        )
+    return HandCommand(
+        stamp=1e-6 * said.utime, width=1e-3 * said.target_position_mm, force=said.force
+    )
+
+
+def encode_hand_status(status: HandStatus, moving: bool) -> bytes:
+    """Returns an encoded `lcmt_schunk_wsg_status` as the Franka driver fills it: it knows no force.
+
+    Args:
+        status: What to say.
+        moving: Whether the hand is busy; the driver then claims 5 mm/s, whatever the speed.
+    """
+    said = lcmt_schunk_wsg_status()
+    said.utime = round(1e6 * status.stamp)
+    said.actual_position_mm = 1e3 * status.width
+    said.actual_force = 0.0
+    said.actual_speed_mm_per_s = 5.0 if moving else 0.0
+    return said.encode()
