@@ -1,0 +1,105 @@
+"""The hardware's end of the network against the simulated robot's, in one process and one time."""
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from poil_drake.diagrams.driver_station import MakeDriverStation
+from poil_drake.diagrams.panda_hardware import AddPandaHardware
+from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.diagrams.station import MakeStation
+from poil_drake.systems.statuses import RobotMode
+
+START = 1_790_000_000.0
+PERIOD = 1 / 256
+WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])
+
+
+class Bench:
+    """The dut and a simulated robot, advanced in turn."""
+
+    def __init__(self) -> None:
+        self.lcm = DrakeLcm("memq://panda_hardware")
+        self.robot = Simulator(
+            MakeDriverStation(ChooseScenario(), self.lcm, clock=self.now).diagram
+        )
+        builder = DiagramBuilder()
+        self.hardware = AddPandaHardware(
+            builder=builder, lcm=self.lcm, name="panda", period=PERIOD, clock=self.now
+        )
+        self.dut: Diagram = builder.Build()
+        self.simulator = Simulator(self.dut)
+        self.context = self.simulator.get_mutable_context()
+
+    def now(self) -> float:
+        return START + self.robot.get_context().get_time()
+
+    def advance(self, duration: float, *, robot: bool = True) -> None:
+        for _ in range(round(duration / PERIOD)):
+            if robot:
+                self.robot.AdvanceTo(self.robot.get_context().get_time() + PERIOD)
+            self.simulator.AdvanceTo(self.context.get_time() + PERIOD)
+
+    def fix(self, name: str, value: np.ndarray) -> None:
+        self.dut.GetInputPort(name).FixValue(self.context, value)
+
+    def read(self, name: str) -> np.ndarray:
+        return self.dut.GetOutputPort(name).Eval(self.context)
+
+
+def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
+    inputs = [system.get_input_port(k) for k in range(system.num_input_ports())]
+    outputs = [system.get_output_port(k) for k in range(system.num_output_ports())]
+    return {p.get_name(): p.size() for p in inputs}, {p.get_name(): p.size() for p in outputs}
+
+
+def test_ports_are_those_of_the_simulated_robot() -> None:
+    bench = Bench()
+    station_inputs, station_outputs = ports(MakeStation(ChooseScenario(), cameras=False))
+
+    inputs, outputs = ports(bench.dut)
+
+    assert inputs.items() <= station_inputs.items()
+    assert outputs.items() <= station_outputs.items()
+    cheats = {"body_poses", "contact_results", "query_object"}
+    assert set(station_inputs) - set(inputs) == {"applied_spatial_force"}
+    assert set(station_outputs) - set(outputs) == cheats
+
+
+def test_arm_moves_as_commanded_and_is_seen_to() -> None:
+    bench = Bench()
+    bench.advance(0.1)
+    before = bench.read("panda.position_measured").copy()
+
+    bench.fix("panda.velocity", WANTED)
+    bench.advance(0.5)
+
+    moved = bench.read("panda.position_measured") - before
+    np.testing.assert_allclose(moved, 0.5 * WANTED, atol=0.025)
+    mode, age, success = bench.read("panda.status")
+    assert mode == RobotMode.MOVE
+    assert abs(age) < 0.02
+    assert success == 1.0
+
+
+def test_hand_opens_and_closes() -> None:
+    bench = Bench()
+    bench.advance(0.2)
+
+    bench.fix("hand.width", np.array([0.03]))
+    bench.advance(1.3)
+
+    assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=2e-3)
+
+
+def test_before_the_first_status_nothing_moves() -> None:
+    bench = Bench()
+    bench.fix("panda.velocity", WANTED)
+
+    bench.advance(0.1, robot=False)
+
+    assert np.isnan(bench.read("panda.position_measured")).all()
+    assert bench.read("panda.status")[1] == np.inf
+    assert bench.robot.get_context().get_time() == 0.0
