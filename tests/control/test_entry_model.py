@@ -4,6 +4,7 @@ from entry_scenes import at, rod_scene, shelf_scene, wall_scene
 from numpy.testing import assert_allclose
 
 from poil_drake.control.entry_clearance import EntryClearanceConfig
+from poil_drake.control.pose_vectors import poses_of, vectors_of
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
@@ -48,6 +49,21 @@ def test_two_wrong_points_do_not_turn_the_object(scene, model):
             transform_points(X_WO, scene.cloud),
             atol=1e-9,
         )
+
+
+def test_no_point_moves_by_more_than_the_resolution_between_two_checks(scene, model):
+    resolution = EntryClearanceConfig().resolution
+    start = model.start(transform_points(at(0.1, -0.2, 0.15), scene.points))
+    ball = np.random.default_rng(0).normal(size=(2000, 3))
+    ball *= model.radius / np.linalg.norm(ball, axis=1)[:, None]
+    # A half turn and a shift of this length are the worst.
+    X = make_transform(np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])]), np.zeros((2, 3)))
+    X[1, 0, 3] = 2.0 * model.radius
+
+    samples = model.edges(start).samples(*vectors_of(X, model.radius))
+
+    moved = np.linalg.norm(np.diff(transform_points(poses_of(samples), ball), axis=0), axis=2)
+    assert 0.9 * resolution < moved.max() <= 1.01 * resolution
 
 
 def test_contact_begins_where_the_reference_stays_near_the_table(scene, model):
