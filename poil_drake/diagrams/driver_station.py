@@ -9,26 +9,9 @@ from pydrake.systems.lcm import LcmInterfaceSystem
 
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.station import MakeStation, Station
-from poil_drake.systems.panda_lcm_messages import Clock
+from poil_drake.systems.panda_lcm_messages import Clock, PandaChannels
 from poil_drake.systems.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.simulated_hand import SimulatedHand
-
-
-@dataclass(frozen=True, kw_only=True)
-class PandaChannels:
-    """LCM channels of the Franka driver and its hand.
-
-    Attributes:
-        command: Commands to the arm.
-        status: The arm's status.
-        hand_command: Commands to the hand.
-        hand_status: The hand's status.
-    """
-
-    command: str = "PANDA_COMMAND"
-    status: str = "PANDA_STATUS"
-    hand_command: str = "PANDA_HAND_COMMAND"
-    hand_status: str = "PANDA_HAND_STATUS"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,6 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem
 
-from poil_drake.diagrams.driver_station import PandaChannels
 from poil_drake.systems.panda_lcm import (
     HandCommandSender,
     HandStatusReceiver,
@@ -15,14 +14,15 @@ from poil_drake.systems.panda_lcm import (
     PandaStatusReceiver,
 )
 from poil_drake.systems.panda_lcm_messages import (
+    HAND_PERIOD,
     Clock,
     HandStatus,
     LcmMailbox,
+    PandaChannels,
     PandaStatus,
     decode_hand_status,
     decode_panda_status,
 )
-from poil_drake.systems.simulated_hand import HAND_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)

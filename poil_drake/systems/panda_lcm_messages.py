@@ -4,7 +4,7 @@ import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from drake import (
@@ -24,7 +24,37 @@ from poil_drake.systems.statuses import RobotMode
 Clock = Callable[[], float]
 """Returns the time now [s since the epoch]."""
 
+HAND_PERIOD = 0.1
+"""Of the loop of the hand's driver [s]."""
+
 _ALONE = "Keep other senders off this channel."
+
+
+@dataclass(frozen=True, kw_only=True)
+class PandaChannels:
+    """LCM channels of the Franka driver and its hand.
+
+    Attributes:
+        command: Commands to the arm.
+        status: The arm's status.
+        hand_command: Commands to the hand.
+        hand_status: The hand's status.
+    """
+
+    command: str = "PANDA_COMMAND"
+    status: str = "PANDA_STATUS"
+    hand_command: str = "PANDA_HAND_COMMAND"
+    hand_status: str = "PANDA_HAND_STATUS"
+
+
+def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
+    """Returns an LCM message; `kind` says in an InvalidValueError what it should have been."""
+    try:
+        return lcm_type.decode(message)
+    except (ValueError, struct.error) as error:
+        raise InvalidValueError(
+            f"A message of {len(message)} bytes is no {kind}: {error}", remedy=_ALONE
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,8 +96,8 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     Raises:
         InvalidValueError: if it is none, of another robot, or has numbers that are not finite.
     """
+    said = _decode(lcmt_panda_status, message, "status of a Panda")
     try:
-        said = lcmt_panda_status.decode(message)
         return PandaStatus(
             stamp=1e-6 * said.utime,
             position=np.array(said.joint_position),
@@ -76,9 +106,9 @@ def decode_panda_status(message: bytes) -> PandaStatus:
             mode=RobotMode(said.robot_mode),
             success_rate=float(said.control_command_success_rate),
         )
-    except (ValueError, struct.error) as error:
+    except ValueError as error:
         raise InvalidValueError(
-            f"A message of {len(message)} bytes is no status of a Panda: {error}", remedy=_ALONE
+            f"This is no status of a Panda that can be used: {error}", remedy=_ALONE
         ) from error
 
 
@@ -122,12 +152,7 @@ def decode_hand_status(message: bytes) -> HandStatus:
     Raises:
         InvalidValueError: if it is none, or its width is not finite.
     """
-    try:
-        said = lcmt_schunk_wsg_status.decode(message)
-    except (ValueError, struct.error) as error:
-        raise InvalidValueError(
-            f"A message of {len(message)} bytes is no status of a hand: {error}", remedy=_ALONE
-        ) from error
+    said = _decode(lcmt_schunk_wsg_status, message, "status of a hand")
     if not math.isfinite(said.actual_position_mm):
         raise InvalidValueError(
             f"The hand is said to be {said.actual_position_mm} mm open.", remedy=_ALONE
@@ -222,12 +247,7 @@ def decode_panda_command(message: bytes) -> PandaCommand:
     Raises:
         InvalidValueError: if it is none.
     """
-    try:
-        said = lcmt_panda_command.decode(message)
-    except (ValueError, struct.error) as error:
-        raise InvalidValueError(
-            f"A message of {len(message)} bytes is no command to a Panda: {error}", remedy=_ALONE
-        ) from error
+    said = _decode(lcmt_panda_command, message, "command to a Panda")
     return PandaCommand(
         stamp=1e-6 * said.utime,
         mode=said.control_mode_expected,
@@ -281,12 +301,7 @@ def decode_hand_command(message: bytes) -> HandCommand:
     Raises:
         InvalidValueError: if it is none, or not finite.
     """
-    try:
-        said = lcmt_schunk_wsg_command.decode(message)
-    except (ValueError, struct.error) as error:
-        raise InvalidValueError(
-            f"A message of {len(message)} bytes is no command to a hand: {error}", remedy=_ALONE
-        ) from error
+    said = _decode(lcmt_schunk_wsg_command, message, "command to a hand")
     if not (math.isfinite(said.target_position_mm) and math.isfinite(said.force)):
         raise InvalidValueError(
             f"The hand is told to open {said.target_position_mm} mm, with {said.force} N.",

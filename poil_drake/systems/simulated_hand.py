@@ -9,6 +9,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from poil_drake.systems.panda_lcm_messages import (
+    HAND_PERIOD,
     Clock,
     HandCommand,
     HandStatus,
@@ -16,9 +17,6 @@ from poil_drake.systems.panda_lcm_messages import (
     decode_hand_command,
     encode_hand_status,
 )
-
-HAND_PERIOD = 0.1
-"""Of the driver's loop [s]."""
 
 _STILL = 5e-4
 """A hand that moves less than this in a period has ended its motion [m]."""

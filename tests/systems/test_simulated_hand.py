@@ -4,8 +4,8 @@ from drake import lcmt_schunk_wsg_status
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.systems.panda_lcm_messages import encode_hand_command
-from poil_drake.systems.simulated_hand import HAND_PERIOD, SimulatedHand
+from poil_drake.systems.panda_lcm_messages import HAND_PERIOD, encode_hand_command
+from poil_drake.systems.simulated_hand import SimulatedHand
 
 START = 1_790_000_000.0
 
