@@ -35,6 +35,10 @@ class DemonstrationError(PoilError):
     """A demonstration file is missing, damaged or incomplete."""
 
 
+class RunLogError(PoilError):
+    """The log of a run is missing or damaged, or lacks what a replay needs."""
+
+
 class DetectionError(PoilError):
     """An object or part could not be found in the images."""
 
@@ -53,6 +57,10 @@ class NoFeasibleGraspError(PoilError):
 
 class PlanningError(PoilError):
     """No collision-free approach to the grasp was found."""
+
+
+class CaptureError(PoilError):
+    """A camera cannot be opened, has gone, or delivers what cannot be used."""
 
 
 class StationError(PoilError):

@@ -29,3 +29,11 @@ def demonstration(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) 
 def plan(scenario: Scenario, demonstration: Path) -> ExecutionPlan:
     """The plan to hang the package's own mug as the demonstration shows."""
     return PlanScenario(scenario, demonstration)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--write-fault-table",
+        action="store_true",
+        help="Write docs/hardware_faults.md from what tests/hardware finds.",
+    )

@@ -9,6 +9,8 @@ from poil_drake import cli
 from poil_drake.benchmarks.control import study
 from poil_drake.errors import InvalidValueError
 
+NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_timeout: 0.1}}}"
+
 
 def run(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
     monkeypatch.setattr("sys.argv", ["poil", *arguments])
@@ -39,7 +41,36 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["run", "--scenario_text", "{poil: {part: spout}}"], "'spout'"),
         (["run", "--scenario_text", "{poil: {eta: -1}}"], "eta"),
         (["run", "--scenario_text", "{poil: ["], "not valid YAML"),
-        (["run", "--hardware"], "hardware"),
+        (
+            ["run", "--hardware", "--scenario_text", NO_ROBOT],
+            "still missing: the robot's status, the hand's status",
+        ),
+        (["run", "--hardware", "--speed", "2"], "poil.hardware.speed is 2.0"),
+        (["driver", "--time-scale", "0"], "poil.hardware.time_scale is 0.0"),
+        (["driver", "missing.yaml"], "'missing.yaml' cannot be read"),
+        (["driver", "--json", "."], "The output '.' is a folder"),
+        (
+            ["run", "--scenario_text", "{poil: {hardware: {cameras: {left: !Leica {}}}}}"],
+            "Leica",
+        ),
+        (
+            [
+                *("run", "--hardware", "--scenario_text"),
+                "{poil: {hardware: {cameras: {top: !RealSense {}}}}}",
+            ],
+            "names 'top', which is not among the cameras",
+        ),
+        (
+            [
+                *("run", "--hardware", "--scenario_text"),
+                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}}}}}",
+            ],
+            "which camera 'left' does not give",
+        ),
+        (
+            ["driver", "--scenario_text", "{lcm_buses: {robot: {lcm_url: 'udpm://no'}}}"],
+            "udpm://no",
+        ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
         (["transfer", "missing.mcap"], "missing.mcap"),
         (["execute", "missing.npz"], "missing.npz"),
@@ -76,6 +107,8 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["bench", "control", "--pictures", "/dev/null"], "/dev/null"),
         (["bench", "stability", "--json", "."], "The output '.' is a folder"),
         (["bench", "stability", "--pictures", "/dev/null"], "/dev/null"),
+        (["bench", "hardware", "--json", "."], "The output '.' is a folder"),
+        (["bench", "latency", "--hardware", "--json", "."], "The output '.' is a folder"),
         (["bench", "latency", "--json", "."], "The output '.' is a folder"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
@@ -100,7 +133,7 @@ def test_mistakes_end_in_one_line(
 def test_unknown_options_name_the_usage(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, ["run", "--speed", "9"]) == 2
+    assert run(monkeypatch, ["run", "--haste", "9"]) == 2
     assert "No such option" in one_line(capsys)
 
 
@@ -112,6 +145,10 @@ def test_unknown_options_name_the_usage(
         (["run", "--realtime-rate", "-1"], "--realtime-rate"),
         (["execute", "plan.npz", "--realtime-rate", "fast"], "--realtime-rate"),
         (["run", "--seed", "-1"], "--seed"),
+        (["run", "--dry-run"], "--dry-run is for --hardware only"),
+        (["execute", "plan.npz", "--speed", "0.5"], "--speed is for --hardware only"),
+        (["run", "--time-scale", "0.5"], "--time-scale is for --hardware only"),
+        (["bench", "latency", "--hardware", "--duration", "1"], "--duration"),
         (["run", "--seed", "1.5"], "--seed"),
         (["bench", "pipeline", "--trials", "0"], "--trials"),
         (["bench", "control", "--trials", "0"], "--trials"),

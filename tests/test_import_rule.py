@@ -12,7 +12,9 @@ import poil_drake
 PACKAGE = Path(poil_drake.__file__).parent
 FLOORS = ["geometry", "control", "perception", "recording", "transfer", "grasping", "systems"]
 PURE_FLOORS = FLOORS[:-1]
-ORDER = {name: level for level, name in enumerate([*FLOORS, "diagrams", "benchmarks", "cli"])}
+ORDER = {
+    name: level for level, name in enumerate([*FLOORS, "diagrams", "benchmarks", "cli", "__main__"])
+}
 # Data and their generators and the error types: open to every floor.
 ORDER |= {"errors": -1, "models": -1}
 LAZY = {"torch", "open3d"}

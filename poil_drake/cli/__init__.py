@@ -11,7 +11,9 @@ import typer
 from typer.exceptions import TyperException
 
 from poil_drake.cli.bench import bench_app
+from poil_drake.cli.replay import replay
 from poil_drake.errors import PoilError, ScenarioError
+from poil_drake.systems.held_signals import ENDING
 
 if TYPE_CHECKING:
     from poil_drake.diagrams.scenario import Scenario
@@ -25,6 +27,7 @@ app = typer.Typer(
 demo_app = typer.Typer(no_args_is_help=True, help="Record and look at demonstrations.")
 app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
+app.command()(replay)
 
 ScenarioArgument = Annotated[
     Path | None,
@@ -71,6 +74,41 @@ RealtimeRate = Annotated[
 ]
 
 
+TimeScale = Annotated[
+    float | None,
+    typer.Option(
+        "--time-scale",
+        callback=_finite,
+        help="Seconds of the robot's time per second; run and simulated driver must agree.",
+    ),
+]
+Speed = Annotated[
+    float | None,
+    typer.Option(
+        "--speed", callback=_finite, help="On hardware: share of the usual speed, in (0, 1]."
+    ),
+]
+
+DryRun = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run",
+        help="On hardware: show the motion from where the robot stands; send nothing to it.",
+    ),
+]
+
+
+def _require_hardware(
+    hardware: bool, realtime_rate: float | None = None, **options: object
+) -> None:
+    """Refuses options that only hardware, or only a simulation, has a use for."""
+    if hardware and realtime_rate is not None:
+        raise typer.BadParameter("--realtime-rate is for simulations; hardware has --speed.")
+    for name, value in options.items():
+        if value and not hardware:
+            raise typer.BadParameter(f"--{name.replace('_', '-')} is for --hardware only.")
+
+
 def _scenario(
     argument: Path | None,
     file: Path | None,
@@ -79,6 +117,8 @@ def _scenario(
     seed: int | None,
     tracker: str | None = None,
     detector: str | None = None,
+    speed: float | None = None,
+    time_scale: float | None = None,
 ) -> "Scenario":
     from poil_drake.diagrams.scenario_choice import ChooseScenario
 
@@ -94,6 +134,8 @@ def _scenario(
         seed=seed,
         tracker=tracker,
         detector=detector,
+        speed=speed,
+        time_scale=time_scale,
     )
 
 
@@ -113,18 +155,31 @@ def run(
     json: Json = None,
     no_meshcat: NoMeshcat = False,
     realtime_rate: RealtimeRate = None,
+    speed: Speed = None,
+    time_scale: TimeScale = None,
+    dry_run: DryRun = False,
 ) -> None:
     """Do the main job: demonstration, transfer, grasp, closed loop."""
+    _require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
     from poil_drake.diagrams.run_report import OutputPaths
     from poil_drake.diagrams.skill_run import RunSkill
 
     chosen = _scenario(
-        scenario, scenario_file, scenario_name, scenario_text, seed, tracker, detector
+        scenario,
+        scenario_file,
+        scenario_name,
+        scenario_text,
+        seed,
+        tracker,
+        detector,
+        speed,
+        time_scale,
     )
     summary = RunSkill(
         chosen,
         outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
         hardware=hardware,
+        dry_run=dry_run,
         show=not no_meshcat,
         realtime_rate=realtime_rate,
     )
@@ -183,6 +238,9 @@ def transfer(
     scenario_text: ScenarioText = None,
     seed: Seed = None,
     detector: Detector = None,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Look at the real scene, through the real cameras.")
+    ] = False,
 ) -> None:
     """Carry a demonstration over to the scenario's object and choose a grasp."""
     from poil_drake.diagrams.output_files import require_writable
@@ -190,7 +248,7 @@ def transfer(
 
     chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
     require_writable(output, inputs=(demonstration, chosen.source.file))
-    plan = PlanScenario(chosen, demonstration)
+    plan = PlanScenario(chosen, demonstration, hardware=hardware)
     plan.save(output)
     typer.echo(f"wrote the plan to {output}")
 
@@ -210,23 +268,67 @@ def execute(
     json: Json = None,
     no_meshcat: NoMeshcat = False,
     realtime_rate: RealtimeRate = None,
+    speed: Speed = None,
+    time_scale: TimeScale = None,
+    dry_run: DryRun = False,
 ) -> None:
     """Execute a plan in closed loop."""
+    _require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
     from poil_drake.diagrams.run_report import OutputPaths
     from poil_drake.diagrams.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
     summary = ExecutePlan(
         ExecutionPlan.load(plan),
-        _scenario(scenario, None, scenario_name, scenario_text, seed, tracker),
+        _scenario(
+            scenario,
+            None,
+            scenario_name,
+            scenario_text,
+            seed,
+            tracker,
+            speed=speed,
+            time_scale=time_scale,
+        ),
         outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
         hardware=hardware,
+        dry_run=dry_run,
         show=not no_meshcat,
         realtime_rate=realtime_rate,
         inputs=(plan,),
     )
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.success else 1)
+
+
+@app.command()
+def driver(
+    scenario: ScenarioArgument = None,
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    seed: Seed = None,
+    time_scale: TimeScale = None,
+    duration: Annotated[
+        float, typer.Option("--duration", help="End after so long [s of the robot's time].")
+    ] = math.inf,
+    json: Annotated[Path | None, typer.Option("--json", help="Where a summary goes.")] = None,
+    meshcat: Annotated[
+        bool, typer.Option("--meshcat", help="Serve a page that shows the simulated scene.")
+    ] = False,
+) -> None:
+    """Simulate a Franka, its driver and cameras on LCM, for `poil run --hardware` to talk to."""
+    from poil_drake.diagrams.driver_run import RunDriver
+    from poil_drake.diagrams.output_files import require_writable
+
+    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, time_scale=time_scale)
+    if json is not None:
+        require_writable(json, inputs=(chosen.source.file,))
+    RunDriver(chosen, duration=duration, json=json, show=meshcat, ready=_say)
+
+
+def _say(line: str) -> None:
+    typer.echo(line)
+    sys.stdout.flush()
 
 
 @app.command()
@@ -242,6 +344,9 @@ def doctor() -> None:
     raise typer.Exit(0 if all(row.ok for row in rows) else 1)
 
 
+_WORDS: dict[int, str] = {signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal has gone"}
+
+
 class Stopped(BaseException):
     """Somebody asked the process to end; what is unfinished is finished on its way up.
 
@@ -250,12 +355,12 @@ class Stopped(BaseException):
 
     def __init__(self, number: int):
         self.number = number
-        super().__init__("terminated" if number == signal.SIGTERM else "stopped by the user")
+        super().__init__(_WORDS.get(number, "stopped by the user"))
 
 
 def main() -> None:
     """Runs the command line; every deliberate error ends in one line and a non-zero status."""
-    before = {n: signal.signal(n, _stop) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {n: signal.signal(n, _stop) for n in ENDING}
     try:
         sys.exit(app(standalone_mode=False) or 0)
     except PoilError as error:

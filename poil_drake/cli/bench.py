@@ -128,11 +128,43 @@ def bench_stability(
 @bench_app.command("latency")
 def bench_latency(
     ticks: Annotated[int, typer.Option("--ticks", min=1, help="How often each is timed.")] = 5000,
+    hardware: Annotated[
+        bool,
+        typer.Option("--hardware", help="The period of the commands to a stand-in robot instead."),
+    ] = False,
+    duration: Annotated[
+        float, typer.Option("--duration", min=10.0, help="With --hardware: how long to run [s].")
+    ] = 60.0,
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
     """Time the field, its rival on poses, and the whole control path, side by side."""
-    from poil_drake.benchmarks.latency import run_latency_benchmark
     from poil_drake.diagrams.output_files import require_writable
 
     require_writable(json)
-    run_latency_benchmark(ticks=ticks, json_path=json)
+    if hardware:
+        from poil_drake.benchmarks.latency_hardware import run_hardware_latency_benchmark
+
+        run_hardware_latency_benchmark(duration=duration, json_path=json)
+    else:
+        from poil_drake.benchmarks.latency import run_latency_benchmark
+
+        run_latency_benchmark(ticks=ticks, json_path=json)
+
+
+@bench_app.command("hardware")
+def bench_hardware(
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 10,
+    speed: Annotated[float, typer.Option("--speed", help="Share of the usual speed.")] = 0.2,
+    time_scale: Annotated[
+        float, typer.Option("--time-scale", help="Seconds of the robot's time per second.")
+    ] = 1.0,
+    json: Json = Path("out/bench_hardware.json"),
+) -> None:
+    """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
+    from poil_drake.benchmarks.hardware import run_hardware_benchmark
+    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.diagrams.scenario_choice import ChooseScenario
+
+    ChooseScenario(speed=speed, time_scale=time_scale)
+    require_writable(json)
+    run_hardware_benchmark(trials=trials, speed=speed, time_scale=time_scale, json_path=json)

@@ -44,6 +44,10 @@ class JointTrajectory(SharedOnCopy):
         """The motion's duration [s]."""
         return float(self.times[-1])
 
+    def slowed(self, speed: float) -> "JointTrajectory":
+        """Returns the same motion at a share `speed`, in (0, 1], of its speed."""
+        return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
+
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
         if time <= 0.0:

@@ -1,14 +1,19 @@
 """Joint velocities that an arm can follow, and stop from, within all of its limits."""
 
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
 
 from poil_drake.control.joint_limits import JointLimits
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.frozen_array import frozen_array
+
+Reason = TypeVar("Reason")
 
 _SHARES = (1.0, 0.5, 0.25, 0.125)
 """Parts of the wanted velocity that are tried, the largest first, before the arm brakes."""
@@ -31,6 +36,22 @@ class JointMotion(NamedTuple):
     def at_rest(cls, position: np.ndarray) -> "JointMotion":
         """Returns standing still at a position (n,) [rad]."""
         return cls(position, np.zeros(position.size), np.zeros(position.size))
+
+
+class GuardedStep(NamedTuple, Generic[Reason]):
+    """A step of the limiter, and how much of what was wanted it is.
+
+    Attributes:
+        motion: One period later.
+        share: The part of the wanted velocity that the arm goes for, in [0, 1]: 1 where nothing
+            stands against it, less beyond the speed limits, 0 where the arm brakes instead.
+        reason: Why not more of it was allowed; None where all was, or the joints' own limits were
+            what stood against it.
+    """
+
+    motion: JointMotion
+    share: float
+    reason: Reason | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,12 +123,15 @@ class VelocityLimiter:
         self._lower = limits.lower + config.position_margin
         self._upper = limits.upper - config.position_margin
         self._speed = config.velocity_scale * limits.velocity
-        self._ruckig, self._input = Ruckig(n), InputParameter(n)
-        self._input.control_interface = ControlInterface.Velocity
-        self._input.synchronization = Synchronization.Phase
-        self._input.max_acceleration = (config.acceleration_scale * limits.acceleration).tolist()
-        self._input.max_jerk = (config.jerk_scale * jerk).tolist()
-        self._input.target_acceleration = [0.0] * n
+        task = InputParameter(n)
+        task.control_interface = ControlInterface.Velocity
+        task.max_acceleration = (config.acceleration_scale * limits.acceleration).tolist()
+        task.max_jerk = (config.jerk_scale * jerk).tolist()
+        task.target_acceleration = [0.0] * n
+        self._planner = [Ruckig(n), task]
+        # Where the limiter lives until the interpreter ends, as in a Drake system, Ruckig's
+        # binding would call what is left a leak.
+        weakref.finalize(self, self._planner.clear)
 
     def step(self, motion: JointMotion, wanted: np.ndarray) -> JointMotion:
         """Returns the motion one period later.
@@ -116,44 +140,83 @@ class VelocityLimiter:
             motion: What is commanded now.
             wanted: (n,) velocity [rad/s]; where it is not finite, rest is wanted.
         """
-        if not np.isfinite(wanted).all():
-            wanted = np.zeros_like(motion.velocity)
-        share = float(np.max(np.abs(wanted) / self._speed, initial=1.0))
-        wanted = wanted / share
-        if wanted.any():
-            for share in _SHARES:
-                after = self._towards(motion, share * wanted)
-                if self._can_stop(after, motion.position):
-                    return after
-        return self._towards(motion, np.zeros_like(wanted))
+        return self.guarded_step(motion, wanted, lambda postures: None).motion
+
+    def guarded_step(
+        self,
+        motion: JointMotion,
+        wanted: np.ndarray,
+        refuse: Callable[[np.ndarray], Reason | None],
+    ) -> GuardedStep[Reason]:
+        """Returns the motion one period later, for an arm that may not stand everywhere.
+
+        Of the parts of the wanted velocity the largest is taken after which the arm can still brake
+        within the joints' limits and where it is allowed to be; if there is none, the arm brakes.
+
+        Args:
+            motion: What is commanded now.
+            wanted: (n,) velocity [rad/s]; where it is not finite, rest is wanted.
+            refuse: Given postures (3, n) [rad], says why one of them is not allowed, or None. They
+                are those after the step, half-way through the braking that would follow, and at the
+                end of it. It is asked about a step only if the joints' limits allow that.
+        """
+        rest = np.zeros_like(motion.velocity)
+        if not all_finite(wanted) or not wanted.any():
+            return GuardedStep(self._towards(motion, rest), 1.0, None)
+        excess = max(1.0, float((np.abs(wanted) / self._speed).max()))
+        wanted = wanted / excess
+        reason = None
+        for share in _SHARES:
+            after = self._towards(motion, share * wanted)
+            # Ruckig's extrema of a motion to a velocity always have zero among them: the start.
+            braking = self._plan(after._replace(position=rest), rest)
+            if not self._stays_inside(braking, after.position, motion.position):
+                continue
+            refusal = refuse(after.position + _ways(braking))
+            if refusal is None:
+                return GuardedStep(after, share / excess, reason)
+            reason = refusal if reason is None else reason
+        return GuardedStep(self._towards(motion, rest), 0.0, reason)
 
     def _towards(self, motion: JointMotion, velocity: np.ndarray) -> JointMotion:
         trajectory = self._plan(motion, velocity)
-        return JointMotion(*(np.array(one) for one in trajectory.at_time(self._period)))
+        position, reached, acceleration = trajectory.at_time(self._period)
+        if trajectory.duration <= self._period and not velocity.any():
+            return JointMotion.at_rest(np.array(position))  # What is left is rounding.
+        return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
-    def _can_stop(self, motion: JointMotion, before: np.ndarray) -> bool:
-        """Returns whether braking from a motion ends within the limits, or no farther outside."""
-        rest = np.zeros_like(motion.velocity)
-        # Ruckig's extrema of a motion to a velocity always have zero among them: the start, here.
-        braking = self._plan(motion._replace(position=rest), rest)
-        extrema = np.array([(one.min, one.max) for one in braking.position_extrema])
-        lowest, highest = motion.position + extrema.T
+    def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
+        """Returns whether braking from `start` ends within the limits, or no farther outside."""
+        extrema = braking.position_extrema
+        lowest = start + [one.min for one in extrema]
+        highest = start + [one.max for one in extrema]
         return bool(
-            np.all(lowest >= np.minimum(self._lower, before))
-            and np.all(highest <= np.maximum(self._upper, before))
+            (lowest >= np.minimum(self._lower, before)).all()
+            and (highest <= np.maximum(self._upper, before)).all()
         )
 
     def _plan(self, motion: JointMotion, velocity: np.ndarray) -> Trajectory:
-        self._input.current_position = motion.position.tolist()
-        self._input.current_velocity = motion.velocity.tolist()
-        self._input.current_acceleration = motion.acceleration.tolist()
-        self._input.target_velocity = velocity.tolist()
+        ruckig, task = self._planner
+        task.current_position = motion.position.tolist()
+        task.current_velocity = motion.velocity.tolist()
+        task.current_acceleration = motion.acceleration.tolist()
+        task.target_velocity = velocity.tolist()
+        # Where the joints only come to rest together, braking stays the same when it is planned
+        # anew on the way; where their phases are coupled, it need not.
+        moving = velocity.any()
+        task.synchronization = Synchronization.Phase if moving else Synchronization.Time
         # A new one each time: one that held a motion of no length keeps its extrema.
         trajectory = Trajectory(velocity.size)
-        result = self._ruckig.calculate(self._input, trajectory)
+        result = ruckig.calculate(task, trajectory)
         if result not in (Result.Working, Result.Finished):
             raise InvalidValueError(
                 f"No motion from {motion} to the velocity {velocity} was found ({result}).",
                 remedy="Pass positions, velocities and accelerations within the limits.",
             )
         return trajectory
+
+
+def _ways(braking: Trajectory) -> np.ndarray:
+    """Returns how far the joints went (3, n) [rad] at the start, the middle and the end."""
+    middle, end = (braking.at_time(share * braking.duration)[0] for share in (0.5, 1.0))
+    return np.array([[0.0] * len(end), middle, end])

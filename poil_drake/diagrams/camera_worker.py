@@ -38,12 +38,12 @@ class CameraService:
         """
         kind, *scene = request
         if kind == "warm up":
-            self._station.RenderImages(self._context)
+            self._station.TakeImages(self._context)
             return Answer(None)
         self._put(*scene)
         if kind == "render labels":
             return Answer(None, [self._label(name) for name in self._station.camera_names])
-        images = self._station.RenderImages(self._context)
+        images = self._station.TakeImages(self._context)
         return Answer(None, [array for image in images for array in (image.rgb, image.depth)])
 
     def _put(self, positions: np.ndarray, time: float) -> None:

@@ -12,6 +12,7 @@ from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
 from poil_drake.systems.phase_texts import PHASE_NAMES, phase_reason
+from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT
 from poil_drake.systems.skill_phases import FAULT_TEXT
 from poil_drake.systems.statuses import ControllerStatus, DetectorStatus, IkStatus, TrackerStatus
 
@@ -20,6 +21,7 @@ _STATUSES = {
     "ik": ("status", "scale"),
     "tracker": ("status", "age"),
     "detector": ("status",),
+    "supervisor": ("fault", "scale"),
     "skill": ("fault", "holding", "detect_request"),
     "hand": ("width_commanded", "width_measured"),
 }
@@ -34,9 +36,10 @@ def MakeLoopLogger(
         scenario: The station and the task.
         plan: What is executed.
         log: Where to write.
-        station: Whose bodies may be pushed.
+        station: Whose bodies may be pushed, and whose cameras' times are logged.
     """
     plant = station.plant()
+    period, offset = RobotLogSchedule(scenario)
     bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
     return McapLogger(
         log=log,
@@ -45,17 +48,30 @@ def MakeLoopLogger(
         phase_names=PHASE_NAMES,
         phase_reason=phase_reason,
         body_names=[body.scoped_name().get_full() for body in bodies],
-        statuses=_STATUSES,
+        statuses=_STATUSES | {"cameras": [f"{name}.image_time" for name in station.camera_names]},
         texts={
             "controller.status": _names(ControllerStatus),
             "ik.status": _names(IkStatus),
             "tracker.status": _names(TrackerStatus),
             "detector.status": _names(DetectorStatus),
+            "supervisor.fault": {int(fault): text for fault, text in SAFETY_FAULT_TEXT.items()},
             "skill.fault": {int(fault): text for fault, text in FAULT_TEXT.items()},
         },
         reference=plan.reference,
-        config=McapLoggerConfig(period=scenario.poil.rates.logger),
+        config=McapLoggerConfig(
+            period=scenario.poil.rates.logger, robot_period=period, robot_offset=offset
+        ),
     )
+
+
+def RobotLogSchedule(scenario: Scenario) -> tuple[float, float]:
+    """Returns the period and the offset [s] at which the robot's signals are logged.
+
+    Each sample shows what the updates at the beginning of its control period saw: the plant is
+    stepped before them, and steps again a time step later.
+    """
+    rates = scenario.poil.rates
+    return rates.control, 0.0 if rates.plant == rates.control else rates.plant
 
 
 def _names(statuses: type[IntEnum]) -> Mapping[int, str]:

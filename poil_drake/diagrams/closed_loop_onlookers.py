@@ -6,7 +6,7 @@ from typing import Any
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from poil_drake.diagrams.closed_loop_logger import MakeLoopLogger
+from poil_drake.diagrams.closed_loop_logger import MakeLoopLogger, RobotLogSchedule
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.station import Station
@@ -86,11 +86,13 @@ def AddDisturbances(
 
 
 def PublishSchedules(
-    scenario: Scenario, *, meshcat: bool, album: bool
+    scenario: Scenario, *, log: bool, meshcat: bool, album: bool
 ) -> list[tuple[float, float]]:
     """Returns the periods and offsets [s] at which anything in the loop publishes."""
     rates = scenario.poil.rates
     schedules = [(rates.logger, 0.0)]
+    if log:
+        schedules.append(RobotLogSchedule(scenario))
     if meshcat:
         schedules.append((scenario.visualization.publish_period, 0.0))
     if album:

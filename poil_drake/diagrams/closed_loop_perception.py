@@ -1,11 +1,13 @@
 """What tells the closed loop where the points are: detector and tracker, or the ground truth."""
 
+from collections.abc import Sequence
+
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
-from poil_drake.diagrams.station import Station
+from poil_drake.diagrams.station import SimulatedStation, Station
 from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
@@ -16,7 +18,15 @@ from poil_drake.systems.ground_truth_tracker import (
 )
 from poil_drake.systems.part_detector import PartDetector
 from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
+from poil_drake.systems.recorded_tracker import RecordedTrack, RecordedTracker
 from poil_drake.systems.stopwatch import Stopwatch
+
+_AFTER_COMMAND = 1 / 2
+"""On hardware, images are looked at this share of a control period after its update."""
+
+_SOONEST = 0.9
+"""Images that come this share of the tracker's period after the last are tracked: cameras are not
+that punctual."""
 
 
 def AddGroundTruthTracker(
@@ -29,8 +39,16 @@ def AddGroundTruthTracker(
         scenario: Its times.
         plan: The points to follow.
         station: The simulator.
+
+    Raises:
+        ScenarioError: when it is the real robot, of which nobody knows the truth.
     """
     poil = scenario.poil
+    if not isinstance(station, SimulatedStation):
+        raise ScenarioError(
+            f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
+            remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
+        )
     return builder.AddNamedSystem(
         "tracker",
         GroundTruthTracker(
@@ -42,6 +60,31 @@ def AddGroundTruthTracker(
     )
 
 
+def AddRecordedTracker(
+    *,
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    tracks: Sequence[RecordedTrack],
+) -> RecordedTracker:
+    """Adds what repeats the tracks of a run that is replayed.
+
+    Args:
+        builder: Gets the tracker.
+        scenario: Its control period.
+        plan: The points that are followed.
+        tracks: What was said of them.
+    """
+    return builder.AddNamedSystem(
+        "tracker",
+        RecordedTracker(
+            tracks=tracks,
+            num_points=len(plan.target_points),
+            period=scenario.poil.rates.control,
+        ),
+    )
+
+
 def AddPerception(
     *,
     builder: DiagramBuilder,
@@ -49,6 +92,7 @@ def AddPerception(
     plan: ExecutionPlan,
     station: Station,
     hardware: bool,
+    dry_run: bool,
     stopwatch: Stopwatch | None,
 ) -> dict[str, LeafSystem]:
     """Adds detector and tracker, and returns them by name.
@@ -59,6 +103,7 @@ def AddPerception(
         plan: The points to follow.
         station: The cameras.
         hardware: Whether results are not awaited, but late when they are late.
+        dry_run: Whether the points are looked for only once, as the object will not really move.
         stopwatch: Where they note how long they take.
 
     Raises:
@@ -74,14 +119,47 @@ def AddPerception(
         )
     # Images that appear at one instant can be looked at from the next control period on.
     delay = station.camera_delay + poil.rates.control if station.camera_delay > 0.0 else 0.0
+    times = PointTrackerConfig(
+        period=poil.rates.tracker,
+        offset=delay,
+        latency=max(poil.latency - delay, 0.0),  # as written in decimals
+    )
+    if hardware:
+        # Images come when they come, and so do their tracks. They are looked at within a control
+        # period, after its command has gone out; and in each other one, as the log, which takes as
+        # long, is written in those between.
+        delay = _AFTER_COMMAND * poil.rates.control
+        times = PointTrackerConfig(
+            period=2.0 * poil.rates.control,
+            offset=delay,
+            latency=0.0,
+            blocking=False,
+            poll_period=poil.rates.control,
+            min_interval=_SOONEST * poil.rates.tracker,
+            once=dry_run,
+        )
+    detector_period, recorded = times.period, station.recorded
+    if recorded is not None:
+        # Looked at within the control periods in which they happened.
+        delay = delay if hardware else 0.0
+        detector_period = poil.rates.control
+        times = PointTrackerConfig(
+            period=poil.rates.control,
+            offset=delay,
+            latency=0.0,
+            poll_period=poil.rates.control,
+            recorded=recorded.tracking,
+        )
     detector = PartDetector(
         detector=make_detector(poil.detector),
         cameras=cameras,
         object_label=poil.object,
         part_label=poil.part,
-        period=poil.rates.tracker,
+        period=detector_period,
         offset=delay,
         label_ids=station.label_ids,
+        blocking=not hardware or recorded is not None,
+        recorded=None if recorded is None else recorded.detection,
         stopwatch=stopwatch,
     )
     tracker = PointTracker(
@@ -89,12 +167,7 @@ def AddPerception(
         cameras=cameras,
         num_points=len(plan.target_points),
         query_points=plan.target_points,
-        config=PointTrackerConfig(
-            period=poil.rates.tracker,
-            offset=delay,
-            latency=max(poil.latency - delay, 0.0),  # as written in decimals
-            blocking=not hardware,
-        ),
+        config=times,
         stopwatch=stopwatch,
     )
     return {

@@ -21,8 +21,15 @@ LOOP_WIRES = [
     ("inverse_kinematics.velocity", "motion.ik_velocity"),
     ("motion.spatial_velocity", "inverse_kinematics.spatial_velocity"),
     ("station.panda.position_measured", "inverse_kinematics.panda.position_measured"),
-    ("motion.velocity", "station.panda.velocity"),
-    ("inverse_kinematics.command_time", "station.panda.velocity_time"),
+    ("motion.velocity", "supervisor.velocity"),
+    ("inverse_kinematics.command_time", "supervisor.velocity_time"),
+    ("station.panda.position_measured", "supervisor.panda.position_measured"),
+    ("station.panda.velocity_measured", "supervisor.panda.velocity_measured"),
+    ("station.panda.torque_external", "supervisor.panda.torque_external"),
+    ("station.panda.status", "supervisor.panda.status"),
+    ("stop_requests.stop", "supervisor.stop"),
+    ("supervisor.velocity", "station.panda.velocity"),
+    ("supervisor.velocity_time", "station.panda.velocity_time"),
     ("tracker.status", "sequencer.tracker_status"),
     ("controller.status", "sequencer.controller_status"),
     ("controller.tau", "sequencer.tau"),
@@ -31,7 +38,7 @@ LOOP_WIRES = [
     ("motion.motion_done", "sequencer.motion_done"),
     ("inverse_kinematics.status", "sequencer.ik_status"),
     ("station.hand.width_measured", "sequencer.hand.width_measured"),
-    ("station.panda.status", "sequencer.panda.status"),
+    ("supervisor.fault", "sequencer.safety_fault"),
     ("sequencer.hand.width", "station.hand.width"),
 ]
 
@@ -57,6 +64,7 @@ VISUALIZER_WIRES = [
 LOGGER_WIRES = [
     ("tracker.tracked_points", "logger.tracked_points"),
     ("tracker.status", "logger.tracker.status"),
+    ("tracker.times", "logger.tracker.times"),
     ("propagator.age", "logger.tracker.age"),
     ("propagator.points", "logger.points"),
     ("propagator.confidence", "logger.confidence"),
@@ -67,7 +75,12 @@ LOGGER_WIRES = [
     ("controller.potential", "logger.controller.potential"),
     ("controller.mean_error", "logger.controller.mean_error"),
     ("motion.spatial_velocity", "logger.spatial_velocity"),
-    ("motion.velocity", "logger.panda.velocity"),
+    ("supervisor.velocity", "logger.panda.velocity"),
+    ("supervisor.position", "logger.panda.position_commanded"),
+    ("stop_requests.stop", "logger.stop"),
+    ("supervisor.updated_at", "logger.clock"),
+    ("supervisor.fault", "logger.supervisor.fault"),
+    ("supervisor.scale", "logger.supervisor.scale"),
     ("inverse_kinematics.status", "logger.ik.status"),
     ("inverse_kinematics.scale", "logger.ik.scale"),
     ("controller.goal_error", "logger.controller.goal_error"),
@@ -86,7 +99,9 @@ LOGGER_WIRES = [
 
 DETECTOR_LOGGER_WIRES = [
     ("tracker.frame", "logger.frame"),
+    ("detector.frame", "logger.detector.frame"),
     ("detector.status", "logger.detector.status"),
+    ("detector.times", "logger.detector.times"),
 ]
 
 SNAPSHOT_WIRES = [
@@ -98,17 +113,26 @@ SNAPSHOT_WIRES = [
 def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     """Connects the loop's parts, as far as they are there, by the names of their ports."""
     wires = list(LOOP_WIRES)
+    station = parts["station"]
+    for camera in station.camera_names:
+        if parts["supervisor"].HasInputPort(f"{camera}.image_time"):
+            wires.append((f"station.{camera}.image_time", f"supervisor.{camera}.image_time"))
+        if "logger" in parts:
+            wires.append((f"station.{camera}.image_time", f"logger.cameras.{camera}.image_time"))
+    if station.HasOutputPort("replayed_position"):
+        wires.append(("station.replayed_position", "supervisor.replayed_position"))
     if "detector" in parts:
         wires += PERCEPTION_WIRES
-        for camera in parts["station"].camera_names:
+        for camera in station.camera_names:
             for image in ("rgb_image", "depth_image", "image_time"):
                 port = f"{camera}.{image}"
                 wires.append((f"station.{port}", f"tracker.{port}"))
                 wires.append((f"station.{port}", f"detector.{port}"))
-            wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
-        first = parts["station"].camera_names[0]
+            if station.HasOutputPort(f"{camera}.label_image"):
+                wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
+        first = station.camera_names[0]
         wires.append((f"station.{first}.image_time", "propagator.image_time"))
-    else:
+    elif parts["tracker"].HasInputPort("body_poses"):
         wires += GROUND_TRUTH_WIRES
     if "visualizer" in parts:
         wires += VISUALIZER_WIRES
@@ -118,7 +142,7 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             wires += DETECTOR_LOGGER_WIRES
     if "snapshots" in parts:
         wires += SNAPSHOT_WIRES
-    robot = parts["station"].scenario.poil.robot
+    robot = station.scenario.poil.robot
     for source, target in wires:
         source, target = (
             end.replace("station.panda.", f"station.{robot}.") for end in (source, target)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load
 
+from poil_drake.diagrams.hardware_config import CameraSource
 from poil_drake.diagrams.scenario import Scenario
 
 
@@ -29,7 +30,10 @@ def _node(value: Any) -> Any:
     """Returns a value as mappings, lists and scalars."""
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
-        return {field.name: _node(getattr(value, field.name)) for field in written}
+        node = {field.name: _node(getattr(value, field.name)) for field in written}
+        if isinstance(value, CameraSource):  # Of several kinds, the tag tells which.
+            node = {"_tag": f"!{type(value).__name__}", **node}
+        return node
     if isinstance(value, Mapping):
         return {str(key): _node(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

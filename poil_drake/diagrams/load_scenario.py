@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import math
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,12 @@ from pydrake.common.yaml import yaml_load
 from poil_drake.diagrams.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
+
+_LARGEST_TEXT = 1_000_000
+"""More than any scenario needs [characters]."""
+
+_MOST_VALUES = 100_000
+"""More than any scenario holds."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
 """The scenario of the default file that runs when none is named."""
@@ -60,7 +67,8 @@ def LoadScenario(
 
 def _read(path: Path) -> Any:
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(_LARGEST_TEXT + 1)
     except OSError as error:
         raise ScenarioError(
             f"The scenario file '{path}' cannot be read ({error.strerror}).",
@@ -77,8 +85,20 @@ def _read(path: Path) -> Any:
 def _parse(text: str, source: str) -> Any:
     if not text.strip():
         return {}
+    if len(text) > _LARGEST_TEXT:
+        raise ScenarioError(
+            f"{source} has more than {_LARGEST_TEXT} characters.",
+            remedy="No scenario has; give the file of one.",
+        )
     try:
-        _refuse_repeated_keys(yaml.compose(text, Loader=yaml.SafeLoader), source, set())
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        if _unfolded_size(root, {}) > _MOST_VALUES:
+            raise ScenarioError(
+                f"{source} unfolds to more than {_MOST_VALUES} values: its anchors stand for "
+                "others again and again.",
+                remedy="Write out what is meant.",
+            )
+        _refuse_repeated_keys(root, source, set())
         node = yaml_load(data=text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
@@ -86,6 +106,18 @@ def _parse(text: str, source: str) -> Any:
             f"{source} is not valid YAML: {reason}.", remedy="Correct the YAML."
         ) from error
     return {} if node is None else node
+
+
+def _unfolded_size(node: yaml.Node | None, known: dict[int, float]) -> float:
+    """Returns how many values a node holds when all aliases are written out; inf if endless."""
+    if node is None or isinstance(node, yaml.ScalarNode):
+        return 1.0
+    if id(node) not in known:
+        known[id(node)] = math.inf  # What is met again within itself never ends.
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        known[id(node)] = 1.0 + sum(_unfolded_size(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _refuse_repeated_keys(node: yaml.Node | None, source: str, seen: set[int]) -> None:
@@ -154,6 +186,11 @@ def _anchored(node: Any, directory: Path) -> Any:
             poil["demonstration"] = str(directory / Path(poil["demonstration"]).expanduser())
         if isinstance(poil.get("demonstration_object"), str):
             poil["demonstration_object"] = _url(poil["demonstration_object"], directory)
+        hardware = poil.get("hardware")
+        cameras = hardware.get("cameras") if isinstance(hardware, dict) else None
+        for camera in cameras.values() if isinstance(cameras, dict) else ():
+            if isinstance(camera, dict) and camera.get("file"):
+                camera["file"] = str(directory / Path(str(camera["file"])).expanduser())
         randomization = poil.get("randomization")
         if isinstance(randomization, dict) and isinstance(randomization.get("models"), list):
             randomization["models"] = [

@@ -3,10 +3,10 @@
 import time
 from dataclasses import dataclass
 
-from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.lcm import LcmInterfaceSystem
 
+from poil_drake.systems.kinematic_robot import KinematicRobot
+from poil_drake.systems.lcm_network import LcmPump, MessageNetwork
 from poil_drake.systems.panda_lcm import (
     HandCommandSender,
     HandStatusReceiver,
@@ -24,6 +24,10 @@ from poil_drake.systems.panda_lcm_messages import (
     decode_panda_status,
 )
 
+_AT_ONCE = 1 / 4
+"""Commands go out this share of a period after the update that made them, in the time of the
+context: by the clock, at once, before images are looked at and anything is published."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PandaHardware:
@@ -32,21 +36,22 @@ class PandaHardware:
     Attributes:
         arm: Where the arm's statuses arrive.
         hand: Where the hand's statuses arrive.
-        sender: What commands the arm; its `SendRest` is for the way out.
+        sender: What commands the arm; its `SendRest` is for the way out. None in a dry run.
     """
 
     arm: LcmMailbox[PandaStatus]
     hand: LcmMailbox[HandStatus]
-    sender: PandaCommandSender
+    sender: PandaCommandSender | None
 
 
 def AddPandaHardware(
     *,
     builder: DiagramBuilder,
-    lcm: DrakeLcmInterface,
+    lcm: MessageNetwork,
     name: str,
     period: float,
     channels: PandaChannels | None = None,
+    dry_run: bool = False,
     clock: Clock = time.time,
 ) -> PandaHardware:
     """Adds what talks to the Franka drivers, and exports the ports that the simulation has, too.
@@ -62,27 +67,41 @@ def AddPandaHardware(
         name: The robot's.
         period: The control period [s].
         channels: Where what is said; None for the Franka driver's own.
+        dry_run: Whether nothing is sent: what would be commanded moves a `KinematicRobot`, which is
+            what the outputs show, and which starts where the real one stands.
         clock: The time now [s since the epoch].
     """
     channels = channels or PandaChannels()
-    arm = LcmMailbox(lcm, channels.status, decode_panda_status)
-    hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status)
-    builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-    sender = PandaCommandSender(
-        lcm=lcm, channel=channels.command, mailbox=arm, period=period, clock=clock
+    arm = LcmMailbox(lcm, channels.status, decode_panda_status, clock=clock)
+    hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status, clock=clock)
+    pump = builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=period))
+    receiver = builder.AddNamedSystem(
+        "panda_status", PandaStatusReceiver(mailbox=arm, period=period, clock=clock)
     )
-    hand_sender = HandCommandSender(
-        lcm=lcm, channel=channels.hand_command, mailbox=hand, period=HAND_PERIOD, clock=clock
+    hand_receiver = builder.AddNamedSystem(
+        "hand_status", HandStatusReceiver(mailbox=hand, period=period, clock=clock)
     )
-    receiver = PandaStatusReceiver(mailbox=arm, period=period, clock=clock)
-    hand_receiver = HandStatusReceiver(mailbox=hand, period=period, clock=clock)
-    for system_name, system in (
-        ("panda_status", receiver),
-        ("hand_status", hand_receiver),
-        ("panda_command", sender),
-        ("hand_command", hand_sender),
-    ):
-        builder.AddNamedSystem(system_name, system)
+    if dry_run:
+        _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
+        return PandaHardware(arm=arm, hand=hand, sender=None)
+    sender = builder.AddNamedSystem(
+        "panda_command",
+        PandaCommandSender(
+            lcm=lcm,
+            channel=channels.command,
+            mailbox=arm,
+            period=period,
+            offset=_AT_ONCE * period,
+            update_age=lambda: time.monotonic() - pump.handled_at,
+            clock=clock,
+        ),
+    )
+    hand_sender = builder.AddNamedSystem(
+        "hand_command",
+        HandCommandSender(
+            lcm=lcm, channel=channels.hand_command, mailbox=hand, period=HAND_PERIOD, clock=clock
+        ),
+    )
     builder.ExportInput(sender.GetInputPort("velocity"), f"{name}.velocity")
     builder.ExportInput(sender.GetInputPort("velocity_time"), f"{name}.velocity_time")
     builder.ExportInput(hand_sender.GetInputPort("width"), "hand.width")
@@ -90,3 +109,24 @@ def AddPandaHardware(
         builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
     builder.ExportOutput(hand_receiver.GetOutputPort("width_measured"), "hand.width_measured")
     return PandaHardware(arm=arm, hand=hand, sender=sender)
+
+
+def _add_kinematic_robot(
+    builder: DiagramBuilder,
+    name: str,
+    period: float,
+    receiver: PandaStatusReceiver,
+    hand_receiver: HandStatusReceiver,
+) -> None:
+    robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
+    position = receiver.GetOutputPort("position_measured")
+    width = hand_receiver.GetOutputPort("width_measured")
+    builder.Connect(position, robot.GetInputPort("real_position"))
+    builder.Connect(width, robot.GetInputPort("real_width"))
+    builder.ExportInput(robot.GetInputPort("velocity"), f"{name}.velocity")
+    builder.ExportInput(robot.GetInputPort("velocity_time"), f"{name}.velocity_time")
+    builder.ExportInput(robot.GetInputPort("hand.width"), "hand.width")
+    for port in ("position_measured", "velocity_measured", "torque_external"):
+        builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
+    builder.ExportOutput(receiver.GetOutputPort("status"), f"{name}.status")
+    builder.ExportOutput(robot.GetOutputPort("hand.width_measured"), "hand.width_measured")

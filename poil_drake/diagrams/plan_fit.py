@@ -62,10 +62,12 @@ def CheckPlanFits(
     config = config or PlanFitConfig()
     _check_labels(plan, scenario)
     looking = scenario.poil.tracker != GROUND_TRUTH
-    station = MakeStation(scenario, hardware=hardware, cameras=looking, ignore_output_delay=True)
-    _check_arm(plan, station, config)
-    if station.camera_names:
-        _check_object(plan, station, config)
+    with MakeStation(
+        scenario, hardware=hardware, dry_run=True, cameras=looking, ignore_output_delay=True
+    ) as station:
+        CheckArmStands(plan, station, config)
+        if station.camera_names:
+            _check_object(plan, station, config)
 
 
 def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
@@ -96,16 +98,29 @@ def _check_labels(plan: ExecutionPlan, scenario: Scenario) -> None:
             )
 
 
-def _check_arm(plan: ExecutionPlan, station: Station, config: PlanFitConfig) -> None:
-    port = station.GetOutputPort(f"{station.scenario.poil.robot}.position_measured")
-    gaps = np.abs(port.Eval(station.CreateDefaultContext()) - plan.approach.positions[0])
+def CheckArmStands(
+    plan: ExecutionPlan, station: Station, config: PlanFitConfig | None = None
+) -> None:
+    """Checks that the arm stands where a plan begins.
+
+    Args:
+        plan: The plan.
+        station: The arm, as it is measured now.
+        config: Tolerances.
+
+    Raises:
+        PlanningError: naming the joint that is farthest away.
+    """
+    config = config or PlanFitConfig()
+    position = station.ArmPosition(station.CreateDefaultContext())
+    gaps = np.abs(position - plan.approach.positions[0])
     joint = int(np.argmax(gaps))
     if gaps[joint] > config.joint_tolerance:
         raise PlanningError(
             f"The arm does not stand where the plan begins: joint {joint + 1} is "
             f"{gaps[joint]:.3f} rad away.",
-            remedy="Set initial_position as it was when the plan was made, or plan again: poil "
-            "transfer.",
+            remedy="Put it where it was when the plan was made (in simulation: initial_position), "
+            "or plan again: poil transfer.",
         )
 
 

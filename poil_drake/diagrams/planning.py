@@ -44,6 +44,7 @@ def PlanScenario(
     scenario: Scenario,
     demonstration: str | Path,
     *,
+    hardware: bool = False,
     config: PlanningConfig | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
@@ -54,6 +55,7 @@ def PlanScenario(
     Args:
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
+        hardware: Whether the station is the real robot, which is looked at and not moved.
         config: All parameters.
         progress: Told what is being done and which share of it, in [0, 1].
 
@@ -66,10 +68,12 @@ def PlanScenario(
     recorded = load_demonstration(demonstration)
     detector = make_detector(poil.detector)
     tracker = MakeScenarioTracker(poil)
-    station = MakeStation(scenario, ignore_output_delay=True)
-    context = station.CreateDefaultContext()
-    frame = CaptureFrame(station, context, labels=True)
-    q_start = station.GetOutputPort(f"{poil.robot}.position_measured").Eval(context)
+    with MakeStation(
+        scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
+    ) as station:
+        context = station.CreateDefaultContext()
+        frame = CaptureFrame(station, context, labels=True)
+        q_start = station.ArmPosition(context)
     transfer_config = TransferConfig()
     transferred = transfer(
         recorded,
@@ -89,7 +93,7 @@ def PlanScenario(
         object_cloud=transferred.object_cloud,
         part_points=transferred.part_cloud.points,
         scene_points=_everything(frame, config.scene_fusion),
-        q_start=np.array(q_start),
+        q_start=q_start,
         model=PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4()),
         config=_with_the_scenarios_values(config.planner, poil),
         seed=scenario.random_seed,

@@ -7,10 +7,11 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop
-from poil_drake.diagrams.station_state import GetObjectPose
-from poil_drake.diagrams.task_success import HangingJudge, TouchedGeometries
+from poil_drake.diagrams.simulated_truth import SimulatedTruth
+from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.safety_faults import SafetyFault
 from poil_drake.systems.skill_phases import Fault, Phase
 
 _VECTORS = {
@@ -24,7 +25,7 @@ _VECTORS = {
     "tau": ("controller", "tau"),
     "controller_status": ("controller", "status"),
     "ik_scale": ("inverse_kinematics", "scale"),
-    "joint_velocities": ("motion", "velocity"),
+    "joint_velocities": ("supervisor", "velocity"),
     "phase": ("sequencer", "phase"),
 }
 
@@ -53,14 +54,15 @@ class RunRecorder:
     Attributes:
         loop: The closed loop.
         query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
-        judge: Tells whether the object hangs.
+        truth: Where the object truly is, and whether it hangs; None on hardware, where only the
+            cameras could say.
         samples: What was seen, in order.
         tracks: Every track that was released.
     """
 
     loop: ClosedLoop
     query_points: np.ndarray
-    judge: HangingJudge
+    truth: SimulatedTruth | None
     samples: list[Sample] = field(default_factory=list)
     tracks: list[CheckedTrack] = field(default_factory=list)
     _poses: dict[float, np.ndarray] = field(default_factory=dict)
@@ -71,23 +73,22 @@ class RunRecorder:
         Args:
             root: The root context of the loop's diagram.
         """
-        loop = self.loop
         values = {
             name: np.array(self._evaluate(root, system, port))
             for name, (system, port) in _VECTORS.items()
         }
         self.samples.append(Sample(root.get_time(), values))
-        station = loop.station.GetMyContextFromRoot(root)
-        self._poses[root.get_time()] = GetObjectPose(loop.station, station).GetAsMatrix4()
+        if self.truth is None:
+            return
+        self._poses[root.get_time()] = self.truth.object_pose(root)
         self._sample_track(root)
         if self.phase >= Phase.RELEASE:
-            touched = TouchedGeometries(
-                loop.station.plant(),
-                loop.station.GetOutputPort("query_object").Eval(station).inspector(),
-                loop.station.GetOutputPort("contact_results").Eval(station),
-                loop.station.scenario.poil.object,
-            )
-            self.judge.observe(root.get_time(), touched)
+            self.truth.judge_now(root)
+
+    @property
+    def judge(self) -> HangingJudge | None:
+        """Tells whether the object hangs; None where nobody can."""
+        return None if self.truth is None else self.truth.judge
 
     @property
     def times(self) -> list[float]:
@@ -102,6 +103,14 @@ class RunRecorder:
     def fault(self, root: Context) -> Fault:
         """Returns the fault that the sequencer reports."""
         return Fault(int(self._evaluate(root, "sequencer", "fault")[0]))
+
+    def phase_start(self, root: Context) -> float:
+        """Returns when the present phase began [s]."""
+        return float(self._evaluate(root, "sequencer", "phase_start")[0])
+
+    def safety_fault(self, root: Context) -> SafetyFault:
+        """Returns the fault that the supervisor reports."""
+        return SafetyFault(int(self._evaluate(root, "supervisor", "fault")[0]))
 
     def signal(self, name: str) -> np.ndarray:
         """Returns one signal, a row (or, for scalars, an entry) for each sample."""

@@ -1,6 +1,7 @@
 """What is written when a run is over: figures, one line, one picture."""
 
 import hashlib
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from poil_drake.diagrams.output_files import OutputError, require_writable
+from poil_drake.diagrams.real_time_loop import LoopTiming
 from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
 from poil_drake.diagrams.scenario import Scenario
@@ -18,6 +20,7 @@ from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.systems.arm_plant import MakePandaKinematics
 from poil_drake.systems.phase_texts import PHASE_NAMES
+from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
 from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.stopwatch import Stopwatch
@@ -110,7 +113,13 @@ class Report:
         wall: Wall-clock time [s] of the closed loop.
         stopwatch: What that time went to.
         stopped: What ended it before its time: an exception, or somebody; None if nothing did.
-        final_state: Positions and velocities of the simulated plant at the end.
+        final_state: Positions and velocities of the simulated plant at the end; empty on hardware.
+        safety_fault: Why the supervisor stopped the arm.
+        dry_run: Whether nothing was sent to a real robot.
+        problems: What was wrong with the station's cameras, a sentence each.
+        loop_timing: How well the loop kept its pace; None in simulation.
+        fault_time: When the fault came [s]; NaN without one.
+        epoch: What the station's clock showed at the time 0 [s since the epoch]; NaN in simulation.
     """
 
     plan: ExecutionPlan
@@ -122,6 +131,12 @@ class Report:
     stopwatch: Stopwatch
     stopped: BaseException | None
     final_state: np.ndarray
+    safety_fault: SafetyFault = SafetyFault.NONE
+    dry_run: bool = False
+    problems: Sequence[str] = ()
+    loop_timing: LoopTiming | None = None
+    fault_time: float = math.nan
+    epoch: float = math.nan
 
 
 @contextmanager
@@ -227,9 +242,21 @@ def summarize(report: Report, outputs: OutputPaths | None = None) -> RunSummary:
         carried_tracking_error=ErrorStatistics.of(errors[carried]),
         outputs={kind: str(path) for kind, path in written.items() if path is not None},
         tracker=report.scenario.poil.tracker,
-        final_state_digest=hashlib.sha256(report.final_state.tobytes()).hexdigest(),
-        figures={"hanging_time_s": recorder.judge.hanging_time(report.simulated)},
+        final_state_digest=_digest(report.final_state),
+        figures=_figures(report),
     )
+
+
+def _digest(state: np.ndarray) -> str:
+    return hashlib.sha256(state.tobytes()).hexdigest() if state.size else ""
+
+
+def _figures(report: Report) -> dict[str, float]:
+    judge = report.recorder.judge
+    figures = {} if judge is None else {"hanging_time_s": judge.hanging_time(report.simulated)}
+    times = {"fault_time_s": report.fault_time, "epoch_s": report.epoch}
+    figures |= {name: time for name, time in times.items() if math.isfinite(time)}
+    return figures | ({} if report.loop_timing is None else report.loop_timing.figures())
 
 
 def _phases_at(recorder: RunRecorder, times: np.ndarray) -> np.ndarray:
@@ -243,14 +270,26 @@ def _judge(report: Report) -> tuple[bool, str]:
     if report.stopped is not None:
         return False, failure_reason(report.stopped)
     if report.fault is not Fault.NONE:
-        return False, f"{FAULT_TEXT[report.fault]} (in phase '{_last_phase(report)}')"
+        reason = FAULT_TEXT[report.fault]
+        if report.fault is Fault.SAFETY:
+            reason = SAFETY_FAULT_TEXT[report.safety_fault]
+        return False, _with_problems(f"{reason} (in phase '{_last_phase(report)}')", report)
     if report.recorder.phase is not Phase.DONE:
-        return False, f"the time was up in phase '{report.recorder.phase.name.lower()}'"
+        phase = report.recorder.phase.name.lower()
+        return False, _with_problems(f"the time was up in phase '{phase}'", report)
+    if report.dry_run:
+        return True, "the whole motion was shown; nothing was sent to the robot"
+    if judge is None:
+        return True, f"the {poil.object} was left at the goal and let go; nobody judged if it hangs"
     hung = judge.hanging_time(report.simulated)
     if hung >= REQUIRED_HANGING_TIME:
         return True, f"the {poil.object} hangs on the {poil.fixture} (for {hung:.1f} s so far)"
     touched = ", ".join(sorted(judge.touched_links)) or "nothing"
     return False, f"the {poil.object} does not hang on the {poil.fixture}: it touches {touched}"
+
+
+def _with_problems(reason: str, report: Report) -> str:
+    return "; ".join([reason, *report.problems])
 
 
 def _last_phase(report: Report) -> str:

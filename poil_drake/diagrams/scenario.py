@@ -13,11 +13,13 @@ from pydrake.systems.sensors import CameraConfig
 from pydrake.visualization import VisualizationConfig
 
 from poil_drake.diagrams.demonstration_config import DemonstrationMotionConfig
+from poil_drake.diagrams.hardware_config import HardwareConfig
 from poil_drake.diagrams.rates import Rates
 from poil_drake.diagrams.scenario_checks import NO_NETWORK, CheckScenarioValues
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.systems.panda_velocity_driver import PandaDriver
+from poil_drake.systems.safety_faults import SafetyConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +79,8 @@ class PoilConfig:
         depth_noise: The cameras' errors.
         rates: All periods.
         randomization: What benchmark trials draw anew.
+        safety: When the arm is stopped, and where and how fast it may move.
+        hardware: How the real robot and its cameras are reached, and how fast it moves.
     """
 
     object: str = "mug"
@@ -102,6 +106,8 @@ class PoilConfig:
     depth_noise: StereoDepthNoiseConfig = field(default_factory=StereoDepthNoiseConfig)
     rates: Rates = field(default_factory=Rates)
     randomization: Randomization = field(default_factory=Randomization)
+    hardware: HardwareConfig = field(default_factory=HardwareConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
 
     def __post_init__(self) -> None:
         for name, lowest in (("num_points", 3), ("num_support_points", 4)):

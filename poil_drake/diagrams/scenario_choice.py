@@ -16,6 +16,8 @@ def ChooseScenario(
     seed: int | None = None,
     tracker: str | None = None,
     detector: str | None = None,
+    speed: float | None = None,
+    time_scale: float | None = None,
 ) -> Scenario:
     """Returns the scenario that a user asked for.
 
@@ -27,6 +29,8 @@ def ChooseScenario(
             noise. None leaves the scenario as it is written.
         tracker: In place of the scenario's.
         detector: In place of the scenario's.
+        speed: On hardware, in place of the scenario's.
+        time_scale: On hardware, in place of the scenario's.
 
     Raises:
         ScenarioError: in one line, what is wrong and what would be right.
@@ -36,8 +40,15 @@ def ChooseScenario(
     )
     if seed is not None:
         scenario = ApplyRandomization(scenario, seed)
+    hardware = scenario.poil.hardware
+    hardware = dataclasses.replace(
+        hardware,
+        speed=hardware.speed if speed is None else speed,
+        time_scale=hardware.time_scale if time_scale is None else time_scale,
+    )
     poil = dataclasses.replace(
         scenario.poil,
+        hardware=hardware,
         tracker=scenario.poil.tracker if tracker is None else tracker,
         detector=scenario.poil.detector if detector is None else detector,
     )

@@ -1,37 +1,58 @@
 """Runs the skill: records a demonstration, plans, executes in closed loop, and reports."""
 
 import dataclasses
-import gc
+import math
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
-from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat
-from poil_drake.diagrams.plan_fit import CheckPlanFits
+from poil_drake.diagrams.open_run_log import OpenRunLog
+from poil_drake.diagrams.plan_fit import CheckArmStands, CheckPlanFits
 from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.progress import ProgressBar
+from poil_drake.diagrams.real_time_loop import (
+    QuietInterpreter,
+    RealTimeLoop,
+    RealTimeLoopConfig,
+)
 from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_report import FreshOutputs, OutputPaths, Report, WriteReport
 from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.simulated_truth import SimulatedTruth
 from poil_drake.diagrams.simulator import MakeSimulator
-from poil_drake.diagrams.station import MakeStation
-from poil_drake.diagrams.task_success import HangingJudge, HolderGeometries
+from poil_drake.diagrams.station import (
+    HardwareStation,
+    MakeStation,
+    RequireLabels,
+    SimulatedStation,
+    Station,
+)
+from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
-from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+from poil_drake.recording.run_log_layout import DRY_RUN, HARDWARE, SIMULATED
+from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.skill_phases import Phase
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum
+from poil_drake.systems.stop_requests import StopSwitch
 from poil_drake.systems.stopwatch import Stopwatch
+from poil_drake.systems.terminal_stop_key import TerminalStopKey
+
+_BRAKING = 0.1875
+"""Longer than the supervisor takes to bring the arm to rest [s]; a multiple of control periods."""
 
 
 def RunSkill(
@@ -39,6 +60,7 @@ def RunSkill(
     *,
     outputs: OutputPaths,
     hardware: bool = False,
+    dry_run: bool = False,
     show: bool = True,
     realtime_rate: float | None = None,
     demonstration: Path | None = None,
@@ -49,6 +71,7 @@ def RunSkill(
         scenario: The station and the task.
         outputs: Where the outputs go.
         hardware: Whether to drive the real robot.
+        dry_run: On hardware: whether nothing is sent to the robot, and the motion only shown.
         show: Whether to serve the live page and record it.
         realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
             the scenario's `simulator_config` says.
@@ -70,17 +93,22 @@ def RunSkill(
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        MakeStation(scenario, hardware=hardware, ignore_output_delay=True)
+        station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
+        RequireLabels(station)
+        if hardware:
+            with station:
+                pass  # A robot or a camera that is not there shows now.
         if scenario.poil.demonstration is None:
             with stages.measure("demonstration"):
                 RecordScenarioDemonstration(scenario, Path(recorded))
         with stages.measure("planning"), ProgressBar() as progress:
-            plan = PlanScenario(scenario, recorded, progress=progress)
+            plan = PlanScenario(scenario, recorded, hardware=hardware, progress=progress)
         return ExecutePlan(
             plan,
             scenario,
             outputs=outputs,
             hardware=hardware,
+            dry_run=dry_run,
             show=show,
             realtime_rate=realtime_rate,
             stages=stages,
@@ -105,6 +133,7 @@ def ExecutePlan(
     *,
     outputs: OutputPaths,
     hardware: bool = False,
+    dry_run: bool = False,
     show: bool = True,
     realtime_rate: float | None = None,
     show_progress: bool = True,
@@ -119,6 +148,7 @@ def ExecutePlan(
         scenario: The station and the task.
         outputs: Where the outputs go. They are written even if the run fails or is stopped.
         hardware: Whether to drive the real robot.
+        dry_run: On hardware: whether nothing is sent to the robot, and the motion only shown.
         show: Whether to serve the live page and record it.
         realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
             the scenario's `simulator_config` says.
@@ -143,17 +173,25 @@ def ExecutePlan(
             print(f"watch live: {meshcat.web_url()}", flush=True)
         log = None
         if outputs.mcap is not None:
-            log = stack.enter_context(_log(outputs.mcap, plan, scenario))
+            log = stack.enter_context(_log(outputs.mcap, plan, scenario, hardware, dry_run))
         if check:
             CheckPlanFits(plan, scenario, hardware=hardware)
         with stages.measure("execution"):
+            switch = StopSwitch()
+            if hardware:
+                key = stack.enter_context(TerminalStopKey(switch))
+                keys = "space, Enter, q or Escape" if key.active else "no key (no terminal)"
+                page = ", the button on the page" if meshcat is not None else ""
+                print(f"what stops the arm: {keys}{page}, Ctrl-C", flush=True)
             loop = MakeClosedLoop(
                 scenario,
                 plan,
                 meshcat=meshcat,
                 hardware=hardware,
+                dry_run=dry_run,
                 log=log,
                 album=album,
+                stop_switch=switch,
                 stopwatch=stopwatch,
             )
             stack.callback(loop.Close)
@@ -162,10 +200,13 @@ def ExecutePlan(
             recorder = RunRecorder(
                 loop=loop,
                 query_points=plan.target_points,
-                judge=_judge(loop),
+                truth=_truth(loop),
             )
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
-            report = _simulate(loop, plan, scenario, recorder, stopwatch, realtime_rate, progress)
+            report = _simulate(
+                loop, plan, scenario, recorder, stopwatch, realtime_rate, progress, log
+            )
+            report = dataclasses.replace(report, dry_run=dry_run)
         with stages.measure("report"):
             stack.close()
         summary = WriteReport(report, album=album, outputs=outputs, stages=stages)
@@ -182,31 +223,49 @@ def _simulate(
     stopwatch: Stopwatch,
     realtime_rate: float | None,
     progress: ProgressBar,
+    log: RunLogWriter | None,
 ) -> Report:
+    if isinstance(loop.station, HardwareStation):
+        realtime_rate = 0.0  # Who waits is the loop.
     simulator = MakeSimulator(loop.diagram, scenario, realtime_rate=realtime_rate)
     root = simulator.get_mutable_context()
-    expected = _expected_duration(plan, scenario)
+    expected = _expected_duration(plan, scenario, loop.speed)
     rates = scenario.poil.rates
-    # Imported libraries and the diagram stay; scanning them for garbage again and again is waste.
-    gc.collect()
-    gc.freeze()
+    pace = _pace(loop, simulator)
+    advance = simulator.AdvanceTo if pace is None else pace.AdvanceTo
     stopped: BaseException | None = None
+    epoch = math.nan
     start = time.perf_counter()
+    priority = 0 if pace is None else scenario.poil.hardware.realtime_priority
     try:
-        simulator.Initialize()
-        with stopwatch.measure("reporting"):
-            recorder.sample(root)
-        while recorder.phase < Phase.DONE and root.get_time() < scenario.simulation_duration:
-            simulator.AdvanceTo(rates.next_report(root.get_time()))
+        with (
+            QuietInterpreter(collecting=pace is None),
+            RealTimeScheduling(priority),
+            _resting(loop.station),
+        ):
+            simulator.Initialize()
+            if pace is not None:
+                loop.station.WarmUp()  # What came before all this was built is old.
+                CheckArmStands(plan, loop.station)
+                epoch = scenario.poil.hardware.clock()()
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
-            progress("closed loop", min(root.get_time() / expected, 0.99))
+            while recorder.phase < Phase.DONE and root.get_time() < scenario.simulation_duration:
+                advance(rates.next_report(root.get_time()))
+                with stopwatch.measure("reporting"):
+                    recorder.sample(root)
+                if pace is not None and log is not None:
+                    log.write_status("/loop/status", pace.timing.latest(), time=root.get_time())
+                progress("closed loop", min(root.get_time() / expected, 0.99))
+            if pace is not None and recorder.phase is Phase.FAULT:
+                # The supervisor brakes the arm more gently than a stop would.
+                advance(root.get_time() + _BRAKING)
     except BaseException as error:  # Also of signals; it goes on once the outputs are written.
         if not recorder.times:
             raise
+        if isinstance(error, Exception) and not isinstance(error, PoilError):
+            traceback.print_exc()  # The figures say it in one clause only.
         stopped = error
-    finally:
-        gc.unfreeze()
     wall = time.perf_counter() - start
     progress("closed loop", 1.0)
     return Report(
@@ -214,36 +273,58 @@ def _simulate(
         scenario=scenario,
         recorder=recorder,
         fault=recorder.fault(root),
+        safety_fault=recorder.safety_fault(root),
         simulated=root.get_time(),
         wall=wall,
         stopwatch=stopwatch,
         stopped=stopped,
         final_state=_plant_state(loop, root),
+        problems=loop.station.Problems(),
+        loop_timing=None if pace is None else pace.timing,
+        fault_time=recorder.phase_start(root) if recorder.phase is Phase.FAULT else math.nan,
+        epoch=epoch,
     )
 
 
-def _judge(loop: ClosedLoop) -> HangingJudge:
+@contextmanager
+def _resting(station: Station) -> Iterator[None]:
+    """Brings the robot to rest at the end of a block, before anything else is done."""
+    try:
+        yield
+    finally:
+        station.Rest()
+
+
+def _pace(loop: ClosedLoop, simulator: Simulator) -> RealTimeLoop | None:
+    """Returns what advances a loop with a real robot; a simulation needs nothing."""
     station = loop.station
-    poil = station.scenario.poil
-    holder = HolderGeometries(
-        station.plant(),
-        station.scene_graph().model_inspector(),
-        poil.fixture,
-        poil.demonstration_motion.hanging.rod,
+    if not isinstance(station, HardwareStation):
+        return None
+    return RealTimeLoop(
+        simulator,
+        period=station.scenario.poil.rates.control,
+        config=RealTimeLoopConfig(time_scale=station.config.time_scale),
     )
-    return HangingJudge(fixture=poil.fixture, holder=holder)
+
+
+def _truth(loop: ClosedLoop) -> SimulatedTruth | None:
+    station = loop.station
+    return SimulatedTruth.of(station) if isinstance(station, SimulatedStation) else None
 
 
 def _plant_state(loop: ClosedLoop, root: Context) -> np.ndarray:
+    """Returns the simulated plant's state; nothing where there is none."""
+    if not isinstance(loop.station, SimulatedStation):
+        return np.empty(0)
     plant = loop.station.plant()
     return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
 
 
-def _expected_duration(plan: ExecutionPlan, scenario: Scenario) -> float:
+def _expected_duration(plan: ExecutionPlan, scenario: Scenario, speed: float) -> float:
     """Returns about how long a run takes [s], for the progress bar."""
     expected = plan.metadata.get("expected_duration")
     following = float(expected) if isinstance(expected, (int, float)) else 8.0
-    return plan.approach.duration + plan.descent.duration + following + 8.0
+    return (plan.approach.duration + plan.descent.duration + following) / speed + 8.0
 
 
 def _recording(meshcat: Meshcat, path: Path, scenario: Scenario) -> HtmlRecording:
@@ -255,21 +336,16 @@ def _recording(meshcat: Meshcat, path: Path, scenario: Scenario) -> HtmlRecordin
     )
 
 
-def _log(path: Path, plan: ExecutionPlan, scenario: Scenario) -> RunLogWriter:
-    return RunLogWriter(
-        path, metadata=_metadata(plan, scenario), scenario_text=DumpScenario(scenario)
+def _log(
+    path: Path, plan: ExecutionPlan, scenario: Scenario, hardware: bool, dry_run: bool
+) -> RunLogWriter:
+    station = SIMULATED
+    if hardware:
+        station = DRY_RUN if dry_run else HARDWARE
+    return OpenRunLog(
+        path,
+        plan=plan,
+        scenario=scenario,
+        station=station,
+        config=RunLogConfig.for_hardware() if hardware else RunLogConfig(),
     )
-
-
-def _metadata(plan: ExecutionPlan, scenario: Scenario) -> dict[str, str]:
-    poil = scenario.poil
-    return {
-        **{key: str(value) for key, value in plan.metadata.items()},
-        "scenario": scenario.source.name,
-        "scenario_file": scenario.source.file,
-        "object": poil.object,
-        "part": poil.part,
-        "fixture": poil.fixture,
-        "tracker": poil.tracker,
-        "seed": str(scenario.random_seed),
-    }

@@ -1,11 +1,12 @@
 """The file of an execution plan: a NumPy archive of arrays and one JSON text, without pickle."""
 
+import io
 import json
 import math
 import os
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 
 FORMAT_VERSION = 1
 """Raised whenever a plan of the old format can no longer be read."""
+
+LARGEST_PLAN = 1 << 28
+"""More than any plan takes once it is unpacked [bytes]."""
 
 _HEADER = "header"  # the JSON text
 _ARRAYS = ("target_points", "object_points", "part_points", "nominal_posture")
@@ -46,6 +50,22 @@ def write_plan(plan: ExecutionPlan, path: Path) -> None:
     Raises:
         PlanFileError: The metadata holds something that JSON cannot.
     """
+    data = plan_bytes(plan)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(data)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def plan_bytes(plan: ExecutionPlan) -> bytes:
+    """Returns what `write_plan` writes.
+
+    Raises:
+        PlanFileError: The metadata holds something that JSON cannot.
+    """
     header = {
         "format_version": FORMAT_VERSION,
         "metadata": dict(plan.metadata),
@@ -65,14 +85,9 @@ def write_plan(plan: ExecutionPlan, path: Path) -> None:
     for owner in _TRAJECTORIES:
         for name in _TRAJECTORY_ARRAYS:
             arrays[f"{owner}.{name}"] = getattr(getattr(plan, owner), name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return stream.getvalue()
 
 
 def read_plan(path: Path) -> ExecutionPlan:
@@ -84,18 +99,44 @@ def read_plan(path: Path) -> ExecutionPlan:
     Raises:
         PlanFileError: The file is missing, damaged, incomplete or of another version.
     """
-    values: dict[str, Any] = _read_archive(path)
-    header = _read_header(values, path)
+    if not path.is_file():
+        raise PlanFileError(
+            f"There is no plan '{path}'.", remedy="Make one with: poil transfer DEMO SCENARIO -o F"
+        )
+    try:
+        stream = path.open("rb")
+    except OSError as error:
+        raise _unreadable(str(path), error) from error
+    with stream:
+        return _read(stream, str(path))
+
+
+def plan_of(data: bytes, *, name: str) -> ExecutionPlan:
+    """Returns the plan of what `plan_bytes` returned.
+
+    Args:
+        data: The bytes.
+        name: What to call them in an error.
+
+    Raises:
+        PlanFileError: They are damaged, incomplete or of another version.
+    """
+    return _read(io.BytesIO(data), name)
+
+
+def _read(stream: BinaryIO, name: str) -> ExecutionPlan:
+    values: dict[str, Any] = _read_archive(stream, name)
+    header = _read_header(values, name)
     try:
         return _plan(values, header)
     except KeyError as error:
         raise PlanFileError(
-            f"The plan '{path}' has no entry {error}.", remedy="Make the plan anew: poil transfer."
+            f"The plan '{name}' has no entry {error}.", remedy="Make the plan anew: poil transfer."
         ) from error
     except (TypeError, ValueError) as error:
         problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
         raise PlanFileError(
-            f"The plan '{path}' holds values that do not fit together: {problem}",
+            f"The plan '{name}' holds values that do not fit together: {problem}",
             remedy="Make the plan anew: poil transfer.",
         ) from error
 
@@ -134,34 +175,40 @@ def _number(header: dict[str, Any], name: str) -> float:
     return float(value)
 
 
-def _read_archive(path: Path) -> dict[str, np.ndarray]:
-    if not path.is_file():
-        raise PlanFileError(
-            f"There is no plan '{path}'.", remedy="Make one with: poil transfer DEMO SCENARIO -o F"
-        )
+def _read_archive(stream: BinaryIO, name: str) -> dict[str, np.ndarray]:
     try:
-        if not zipfile.is_zipfile(path):  # NumPy would take it for a pickle.
+        if not zipfile.is_zipfile(stream):  # NumPy would take it for a pickle.
             raise TypeError("it is no archive")
-        with np.load(path, allow_pickle=False) as archive:
-            values = {name: archive[name] for name in archive.files}
-        for name, value in values.items():
+        stream.seek(0)
+        # Asked for before reading: what is packed tightly must not ask for all memory.
+        with zipfile.ZipFile(stream) as packed:
+            if sum(entry.file_size for entry in packed.infolist()) > LARGEST_PLAN:
+                raise TypeError(f"it unpacks to more than {LARGEST_PLAN >> 20} MB")
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as archive:
+            values = {entry: archive[entry] for entry in archive.files}
+        for entry, value in values.items():
             # NumPy hands out the bytes of entries that it does not know.
             if not isinstance(value, np.ndarray):
-                raise TypeError(f"its entry '{name}' is no array")
+                raise TypeError(f"its entry '{entry}' is no array")
         return values
     except Exception as error:
         # What is damaged decides which layer trips: zip, zlib, NumPy's header, Python's tokenizer.
-        reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        raise PlanFileError(
-            f"The plan '{path}' cannot be read: {reason}.",
-            remedy="Check that it is a whole .npz file that poil transfer wrote, or make it anew.",
-        ) from error
+        raise _unreadable(name, error) from error
 
 
-def _read_header(values: dict[str, np.ndarray], path: Path) -> dict:
+def _unreadable(name: str, error: Exception) -> PlanFileError:
+    reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    return PlanFileError(
+        f"The plan '{name}' cannot be read: {reason}.",
+        remedy="Check that it is a whole .npz file that poil transfer wrote, or make it anew.",
+    )
+
+
+def _read_header(values: dict[str, np.ndarray], name: str) -> dict:
     remedy = "Check that poil transfer wrote this file, or make it anew."
     if _HEADER not in values:
-        raise PlanFileError(f"The plan '{path}' has no entry '{_HEADER}'.", remedy=remedy)
+        raise PlanFileError(f"The plan '{name}' has no entry '{_HEADER}'.", remedy=remedy)
     try:
         header = json.loads(str(values[_HEADER]))
         version = header["format_version"]
@@ -169,11 +216,11 @@ def _read_header(values: dict[str, np.ndarray], path: Path) -> dict:
             raise TypeError("its metadata is no mapping")
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise PlanFileError(
-            f"The header of '{path}' is damaged: {error}.", remedy=remedy
+            f"The header of '{name}' is damaged: {error}.", remedy=remedy
         ) from error
     if version != FORMAT_VERSION:
         raise PlanFileError(
-            f"The plan '{path}' has format version {version}; this program reads {FORMAT_VERSION}.",
+            f"The plan '{name}' has format version {version}; this program reads {FORMAT_VERSION}.",
             remedy="Make the plan anew with this version: poil transfer DEMO SCENARIO -o F",
         )
     return header

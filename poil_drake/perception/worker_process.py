@@ -116,6 +116,10 @@ class WorkerProcess:
             "has ended" + (f" with status {status}" if status is not None else "")
         )
 
+    def kill(self) -> None:
+        """Ends the process at once, whatever it does; who waits for its answer is told."""
+        self._process.kill()
+
     def end(self) -> None:
         """Closes the connection, and waits for the process to end."""
         self._close()
@@ -179,7 +183,9 @@ def write_shared(memory: mmap.mmap, views: Sequence[memoryview]) -> None:
     """Puts views of bytes one after the other into memory that has room for them."""
     place = 0
     for view in views:
-        memory[place : place + view.nbytes] = view
+        # NumPy leaves the interpreter to other threads while it copies.
+        there = np.frombuffer(memory, np.uint8, view.nbytes, place)
+        np.copyto(there, np.frombuffer(view, np.uint8))
         place += view.nbytes
 
 

@@ -64,12 +64,14 @@ def encode_color(
     return message
 
 
-def encode_depth(depth: np.ndarray, *, stamp: int, frame_id: str) -> RawImage:
+def encode_depth(depth: np.ndarray, *, stamp: int, frame_id: str, exact: bool = False) -> RawImage:
     """Returns an (H, W) depth image [m] as 16UC1 millimetres; 0 stands for invalid.
 
     The rounding adds 0.29 mm rms, below the noise of a depth camera. What is not finite, negative
-    or beyond 65.535 m becomes invalid.
+    or beyond 65.535 m becomes invalid. An `exact` image is 32FC1 metres, and takes twice as much.
     """
+    if exact:
+        return _raw_image(depth.astype("<f4"), "32FC1", stamp=stamp, frame_id=frame_id)
     millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
     millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0
     return _raw_image(millimetres.astype("<u2"), "16UC1", stamp=stamp, frame_id=frame_id)

@@ -62,6 +62,10 @@ class ScannedMessage:
     location: Location
 
 
+class CutOffError(DemonstrationError):
+    """A file ends before its footer: whoever wrote it was stopped."""
+
+
 class _DamageError(ValueError):
     """Bytes that are not what MCAP wants."""
 
@@ -72,8 +76,8 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
     Chunks are checked against their CRC, and the data section against its own where there is one.
 
     Raises:
-        DemonstrationError: if the file cannot be opened, is empty, is not MCAP, is cut off or is
-            damaged.
+        CutOffError: if the file is cut off, after all that it holds.
+        DemonstrationError: if it cannot be opened, is empty, is not MCAP, or is damaged.
     """
     position = 0
     try:
@@ -97,7 +101,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
                 crc = zlib.crc32(content, zlib.crc32(_FRAMING.pack(opcode, len(content)), crc))
                 yield from _interpret(position, opcode, content, schemas, channels)
     except EOFError as error:
-        raise DemonstrationError(
+        raise CutOffError(
             f"{path} is cut off: it ends inside the record at byte {position}, without a footer.",
             remedy="Its recorder was stopped before it finished. Record again, or save what is "
             f"left with `mcap recover {path} -o recovered.mcap`.",

@@ -15,17 +15,21 @@ from poil_drake.errors import InvalidValueError
 class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
 
-    Until `close` the file lacks its index and footer; `mcap recover` can then still save it.
+    Messages are written in chunks, each as soon as it is full. Until `close` the file lacks its
+    index and footer; all chunks but the one begun can still be read, and `mcap recover` adds the
+    rest.
 
     Args:
         path: The file. Its folder is made where needed; an older file is overwritten.
+        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner, and
+            compress less well.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, chunk_size: int = 1 << 20):
         path.parent.mkdir(parents=True, exist_ok=True)
         self._stream = path.open("wb")
         # The checksum of the data section lets a reader notice any damaged byte.
-        self._writer = Writer(self._stream, enable_data_crcs=True)
+        self._writer = Writer(self._stream, chunk_size=chunk_size, enable_data_crcs=True)
         self._writer.start(library="poil_drake")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}

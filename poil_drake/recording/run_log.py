@@ -1,6 +1,7 @@
 """The log of a run, as MCAP."""
 
 import atexit
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from poil_drake.perception.images import CameraModel
 from poil_drake.recording.background_worker import BackgroundWorker
 from poil_drake.recording.camera_messages import encode_calibration, encode_transform
 from poil_drake.recording.demonstration_layout import (
+    LABEL_IDS_KEY,
     METADATA_RECORD,
     SCENARIO_ATTACHMENT,
     TRANSFORM_TOPIC,
@@ -20,7 +22,12 @@ from poil_drake.recording.demonstration_layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.image_messages import ColorEncoding, encode_color, encode_depth
+from poil_drake.recording.image_messages import (
+    ColorEncoding,
+    encode_color,
+    encode_depth,
+    encode_label,
+)
 from poil_drake.recording.library_versions import version_metadata
 from poil_drake.recording.log_messages import (
     encode_joint_states,
@@ -29,6 +36,7 @@ from poil_drake.recording.log_messages import (
     json_schema,
 )
 from poil_drake.recording.mcap_sink import McapSink
+from poil_drake.recording.run_log_layout import JOINT_STATES_TOPIC, PHASE_TOPIC, PLAN_ATTACHMENT
 from poil_drake.recording.timestamps import to_nanoseconds
 
 
@@ -38,16 +46,29 @@ class RunLogConfig:
 
     Attributes:
         color: How colour images are encoded. A log is for looking at: quality 85 halves its size.
-        queue_capacity: How many messages may wait for the writing thread. 512 are about four
-            seconds at the default rates, and 16 MB with the images among them.
+        exact_depth: Whether depth is not rounded to millimetres, which doubles the log's size. With
+            colour images that are "raw" or "png", too, a replay then sees what the run saw.
+        images: Whether images are written; those of a log without are dropped at once.
+        queue_capacity: How many messages may wait for the writing thread. 2048 are more than a
+            second at the default rates, and 60 MB with the images among them.
         drop_when_full: Whether a message is left out (and counted in the metadata
             `dropped_messages`) when the queue is full, instead of holding up the caller. True for
             hardware, where the loop must not wait for a disk.
+        chunk_size: How much is written at once [bytes, before compression]: what a log lacks at
+            most when its process is killed.
     """
 
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
-    queue_capacity: int = 512
+    exact_depth: bool = False
+    images: bool = True
+    queue_capacity: int = 2048
     drop_when_full: bool = False
+    chunk_size: int = 1 << 20
+
+    @classmethod
+    def for_hardware(cls) -> Self:
+        """Returns how a real robot's run is logged: nothing waits, and little is lost."""
+        return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
 class RunLogWriter:
@@ -65,6 +86,7 @@ class RunLogWriter:
         path: The MCAP file; its folder is made where needed. An older file is overwritten.
         metadata: What to say about the run, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.
+        plan: The file of the plan that is executed, kept as an attachment.
         config: How to log.
     """
 
@@ -74,10 +96,11 @@ class RunLogWriter:
         *,
         metadata: Mapping[str, str] | None = None,
         scenario_text: str | None = None,
+        plan: bytes | None = None,
         config: RunLogConfig | None = None,
     ):
         self._config = config or RunLogConfig()
-        self._sink = McapSink(Path(path))
+        self._sink = McapSink(Path(path), chunk_size=self._config.chunk_size)
         self._schemas: dict[str, dict[str, Any]] = {}
         self._closed = False
         # Metadata first: a log that was never closed still says what it is.
@@ -86,6 +109,8 @@ class RunLogWriter:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
             )
+        if plan is not None:
+            self._sink.add_attachment(PLAN_ATTACHMENT, media_type="application/zip", data=plan)
         self._worker = BackgroundWorker(name="run_log", capacity=self._config.queue_capacity)
         atexit.register(self.close)
 
@@ -101,6 +126,8 @@ class RunLogWriter:
         self, camera: str, rgb: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W, 3) uint8 colour image."""
+        if not self._config.images:
+            return
         captured = to_nanoseconds(time if stamp is None else stamp)
         pixels, frame_id, encoding = _kept(rgb), optical_frame(camera), self._config.color
         self._write(
@@ -113,13 +140,34 @@ class RunLogWriter:
         self, camera: str, depth: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) depth image [m]."""
+        if not self._config.images:
+            return
         captured = to_nanoseconds(time if stamp is None else stamp)
-        pixels, frame_id = _kept(depth), optical_frame(camera)
+        pixels, frame_id, exact = _kept(depth), optical_frame(camera), self._config.exact_depth
         self._write(
             camera_topic(camera, "depth"),
             time,
-            lambda: encode_depth(pixels, stamp=captured, frame_id=frame_id),
+            lambda: encode_depth(pixels, stamp=captured, frame_id=frame_id, exact=exact),
         )
+
+    def write_label(
+        self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
+    ) -> None:
+        """Writes an (H, W) label image."""
+        if not self._config.images:
+            return
+        captured = to_nanoseconds(time if stamp is None else stamp)
+        pixels, frame_id = _kept(label), optical_frame(camera)
+        self._write(
+            camera_topic(camera, "label"),
+            time,
+            lambda: encode_label(pixels, stamp=captured, frame_id=frame_id),
+        )
+
+    def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
+        """Writes as metadata which labels stand for what; see `MultiViewFrame.label_ids`."""
+        text = json.dumps({name: list(ids) for name, ids in label_ids.items()})
+        self._submit(lambda: self._sink.add_metadata(METADATA_RECORD, {LABEL_IDS_KEY: text}))
 
     def write_points(
         self,
@@ -129,10 +177,12 @@ class RunLogWriter:
         time: float,
         stamp: float | None = None,
         confidence: np.ndarray | None = None,
+        exact: bool = False,
     ) -> None:
         """Writes (N, 3) world points [m] to /points/<name>, with their (N,) confidence if given.
 
-        The names in use are tracked, propagated, reference and target.
+        The names in use are tracked, propagated, reference and target. They are rounded to float32
+        unless they are to be `exact`.
         """
         captured = to_nanoseconds(time if stamp is None else stamp)
         kept = _kept(points)
@@ -140,7 +190,9 @@ class RunLogWriter:
         self._write(
             f"/points/{name}",
             time,
-            lambda: encode_points(kept, stamp=captured, frame_id=WORLD_FRAME, confidence=weights),
+            lambda: encode_points(
+                kept, stamp=captured, frame_id=WORLD_FRAME, confidence=weights, exact=exact
+            ),
         )
 
     def write_transform(
@@ -163,14 +215,13 @@ class RunLogWriter:
         position: np.ndarray | None = None,
         velocity: np.ndarray | None = None,
         effort: np.ndarray | None = None,
-        topic: str = "/robot/joint_states",
+        topic: str = JOINT_STATES_TOPIC,
     ) -> None:
         """Writes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
         now = to_nanoseconds(time)
-        message = encode_joint_states(
-            names, stamp=now, position=position, velocity=velocity, effort=effort
-        )
-        self._write(topic, time, lambda: message)
+        given = {"position": position, "velocity": velocity, "effort": effort}
+        kept = {key: None if array is None else _kept(array) for key, array in given.items()}
+        self._write(topic, time, lambda: encode_joint_states(names, stamp=now, **kept))
 
     def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
         """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""
@@ -197,7 +248,7 @@ class RunLogWriter:
     def write_phase(self, phase: str, *, time: float, reason: str = "") -> None:
         """Writes to /phase that a phase of the task has begun, and why."""
         values = {"phase": phase, "reason": reason}
-        self._write_json("/phase", values, title="poil.phase", time=time)
+        self._write_json(PHASE_TOPIC, values, title="poil.phase", time=time)
 
     def close(self) -> None:
         """Waits for the background thread and finishes the file. A second call does nothing.
@@ -237,7 +288,9 @@ class RunLogWriter:
     ) -> None:
         now = to_nanoseconds(time)
         record = json_record(values, stamp=now)
-        schema = self._schemas.setdefault(title, json_schema(title, record))
+        if title not in self._schemas:
+            self._schemas[title] = json_schema(title, record)
+        schema = self._schemas[title]
         self._submit(lambda: self._sink.write_json(topic, record, schema=schema, time=now))
 
     def _submit(self, job: Callable[[], None]) -> None:

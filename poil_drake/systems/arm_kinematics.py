@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import CacheEntry, Context, LeafSystem, ValueProducer
 
+from poil_drake.control.joint_limits import JointLimits
 from poil_drake.errors import StationError
 
 
@@ -60,6 +61,17 @@ class ArmKinematics:
         """The arm's lower and upper joint limits [rad]."""
         lower, upper = self._plant.GetPositionLowerLimits(), self._plant.GetPositionUpperLimits()
         return lower[self._positions], upper[self._positions]
+
+    @property
+    def joint_limits(self) -> JointLimits:
+        """All of the arm's joint limits."""
+        lower, upper = self.position_limits
+        return JointLimits(
+            lower=lower,
+            upper=upper,
+            velocity=self.velocity_limits,
+            acceleration=self.acceleration_limits,
+        )
 
     @property
     def velocity_limits(self) -> np.ndarray:

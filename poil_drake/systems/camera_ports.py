@@ -56,6 +56,26 @@ class CameraPorts:
         """The cameras' models."""
         return self._cameras
 
+    def stamp(self, context: Context) -> float:
+        """Returns the time of capture [s] of the frame that is there, without looking at images.
+
+        It is the oldest of its images'; NaN while one is not there yet, and now where times are not
+        connected.
+        """
+        ports = [self._system.GetInputPort(f"{camera.name}.image_time") for camera in self._cameras]
+        now = context.get_time()
+        return float(np.min([p.Eval(context)[0] if p.HasValue(context) else now for p in ports]))
+
+    def labels_empty(self, context: Context) -> bool:
+        """Returns whether label images are connected, but one of them is empty now.
+
+        Where images come with labels only now and then, this costs less than a capture.
+        """
+        if not self._with_labels:
+            return False
+        labels = [self._pixels(context, f"{camera.name}.label_image") for camera in self._cameras]
+        return any(label is not None and label.size == 0 for label in labels)
+
     def capture(self, context: Context) -> MultiViewFrame | None:
         """Returns what the cameras show now, copied out of Drake.
 
@@ -86,6 +106,8 @@ class CameraPorts:
         if rgba.size == 0 or depth.size == 0:
             return None
         label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
+        if label is not None and label.size == 0:  # Not every image comes with labels.
+            label = None
         time = self._system.GetInputPort(f"{camera}.image_time")
         stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
         return RgbdImage(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
@@ -18,6 +17,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.background import Background
+from poil_drake.systems.drake_images import plane_image, rgba_image
 from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
 from poil_drake.systems.stopwatch import Stopwatch
 
@@ -144,22 +144,13 @@ class DelayedCameras(LeafSystem):
         known = {self.abstract_state_ticket(self._shown)}
 
         def rgb(capture: _Capture) -> ImageRgba8U:
-            pixels = capture.images.result()[view].rgb
-            image = ImageRgba8U(pixels.shape[1], pixels.shape[0])
-            cv2.cvtColor(pixels, cv2.COLOR_RGB2RGBA, dst=image.mutable_data)
-            return image
+            return rgba_image(capture.images.result()[view].rgb)
 
         def depth(capture: _Capture) -> ImageDepth32F:
-            pixels = capture.images.result()[view].depth
-            image = ImageDepth32F(pixels.shape[1], pixels.shape[0])
-            image.mutable_data[:, :, 0] = pixels
-            return image
+            return plane_image(ImageDepth32F, capture.images.result()[view].depth)
 
         def label(capture: _Capture) -> ImageLabel16I:
-            pixels = capture.labels()[view]
-            image = ImageLabel16I(pixels.shape[1], pixels.shape[0])
-            image.mutable_data[:, :, 0] = pixels
-            return image
+            return plane_image(ImageLabel16I, capture.labels()[view])
 
         def calc_time(context: Context, output: BasicVector) -> None:
             capture = self._shown_capture(context)

@@ -93,12 +93,7 @@ class DifferentialIk(LeafSystem):
         self._kinematics = kinematics
         self._period = period
         self._config = config or DifferentialIkConfig()
-        self._limits = limits or JointLimits(
-            lower=kinematics.position_limits[0],
-            upper=kinematics.position_limits[1],
-            velocity=kinematics.velocity_limits,
-            acceleration=kinematics.acceleration_limits,
-        )
+        self._limits = limits or kinematics.joint_limits
         posture = self._config.resolution.nominal_posture
         if n > 7 or len(posture) != n or self._limits.lower.size != n:
             raise InvalidValueError(

@@ -64,6 +64,7 @@ class FkPropagator(LeafSystem):
         kinematics: ArmKinematics,
         period: float,
         max_age: float = 0.5,
+        history: float | None = None,
         stopwatch: Stopwatch | None = None,
     ):
         """Constructs the propagator.
@@ -74,6 +75,8 @@ class FkPropagator(LeafSystem):
             period: The control period [s].
             max_age: How long points are trusted after their capture [s]; several periods of the
                 tracker and its latency, yet short enough that a slip in the hand does little.
+            history: How long motions are remembered [s], for tracks that come late; None: as long
+                as points are trusted.
             stopwatch: Where to note how long updates take, under "control".
         """
         super().__init__()
@@ -107,7 +110,7 @@ class FkPropagator(LeafSystem):
             "stamp": np.array([-np.inf]),
             # Of the last track, undone by X_M at their capture.
             "track_positions": np.full(3 * num_points, np.nan),
-            "history": empty_history(max_age, period).ravel(),
+            "history": empty_history(max_age if history is None else history, period).ravel(),
         }
         self._state |= {name: self.DeclareDiscreteState(value) for name, value in memory.items()}
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)

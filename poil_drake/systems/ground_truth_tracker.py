@@ -49,6 +49,7 @@ class GroundTruthTrackerConfig:
 class _Report(SharedOnCopy):
     points: TrackedPoints
     status: TrackerStatus
+    captured: float = -np.inf
 
 
 def observe(
@@ -83,6 +84,7 @@ class GroundTruthTracker(LeafSystem):
         output_ports:
         - tracked_points
         - status
+        - times
 
     Inputs: `body_poses`, the simulator's poses of all bodies; `query_points` (3N,) row-major, where
     the points are at first [m, world], NaN until known (may stay unconnected when the constructor
@@ -125,6 +127,7 @@ class GroundTruthTracker(LeafSystem):
         self._body_points = self.DeclareDiscreteState(np.full(3 * num_points, np.nan))
         self._queue = self.DeclareAbstractState(Value(()))
         self._released = self.DeclareAbstractState(Value(nothing))
+        self._times = self.DeclareDiscreteState(np.full(3, -np.inf))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._config.period, 0.0, self._capture)
         if not self._schedule.immediate:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
@@ -135,6 +138,7 @@ class GroundTruthTracker(LeafSystem):
             "tracked_points", lambda: Value(nothing.points), self._calc_points, released
         )
         self.DeclareVectorOutputPort("status", 1, self._calc_status, released)
+        self.DeclareStateOutputPort("times", self._times)
 
     def _calc_points(self, context: Context, output: AbstractValue) -> None:
         output.set_value(context.get_abstract_state(self._released).get_value().points)
@@ -158,15 +162,22 @@ class GroundTruthTracker(LeafSystem):
         tick = self._schedule.capture_tick(time)
         points = observe(transform_points(X_WB, p_B), time, tick, self._config)
         seen = bool(np.any(points.confidence > 0.0))
-        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST)
+        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST, time)
         queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
         queue = self._schedule.added(queue, time, report)
         state.get_mutable_abstract_state(self._queue).set_value(queue)
+        state.get_mutable_discrete_state(self._times).SetAtIndex(0, time)
         if self._schedule.immediate:
-            state.get_mutable_abstract_state(self._released).set_value(report)
+            self._show(report, context, state)
 
     def _release(self, context: Context, state: State) -> None:
         queue = context.get_abstract_state(self._queue).get_value()
         due = self._schedule.due(queue, context.get_time())
         if due is not None:
-            state.get_mutable_abstract_state(self._released).set_value(due.item)
+            self._show(due.item, context, state)
+
+    def _show(self, report: _Report, context: Context, state: State) -> None:
+        state.get_mutable_abstract_state(self._released).set_value(report)
+        times = state.get_mutable_discrete_state(self._times)
+        times.SetAtIndex(1, context.get_time())
+        times.SetAtIndex(2, report.captured)

@@ -12,6 +12,14 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.recording.run_log_layout import (
+    DETECTOR_TIMES_TOPIC,
+    JOINT_COMMANDS_TOPIC,
+    ROBOT_STATUS_TOPIC,
+    STOPS_TOPIC,
+    TRACKER_TIMES_TOPIC,
+    TWIST_TOPIC,
+)
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.statuses import RobotMode
 
@@ -21,14 +29,22 @@ class McapLoggerConfig:
     """What is logged, and when.
 
     Attributes:
-        period: Time between samples of signals [s]; also how soon after its capture a frame is
-            noticed.
+        period: Time between samples of signals [s].
+        robot_period: Time between samples of the robot's signals [s], from which a replay makes the
+            others again, if they are as close as the control period; None: as `period`. So soon
+            frames, tracks, phases and requests to stop are noticed, too.
+        robot_offset: Time of the first of them [s]: where it is the plant's time step, they show
+            what the controller saw at the beginning of its period.
+        robot_topics: The status topics that are logged with the robot's signals.
         color: Whether the cameras' colour images are logged.
         depth: Whether their depth images are; they are most of a log's size.
         gripper_frame: What the gripper's frame is called in the log.
     """
 
     period: float = 1 / 32
+    robot_period: float | None = None
+    robot_offset: float = 0.0
+    robot_topics: tuple[str, ...] = ("hand",)
     color: bool = True
     depth: bool = True
     gripper_frame: str = "gripper"
@@ -43,6 +59,9 @@ class McapLogger(LeafSystem):
         input_ports:
         - tracked_points
         - frame
+        - tracker.times
+        - detector.frame
+        - detector.times
         - points
         - confidence
         - target_points
@@ -52,18 +71,26 @@ class McapLogger(LeafSystem):
         - panda.velocity_measured
         - panda.torque_external
         - panda.velocity
+        - panda.position_commanded
         - phase
         - fault
+        - stop
+        - clock
         - panda.status
         - applied_spatial_force
         - <topic>.<field>
 
-    Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) and `frame` (`MultiViewFrame`,
-    anything else before the first) are written once for each stamp; `points` and `target_points`
+    Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) is written once for each
+    stamp, `frame` and `detector.frame` (`MultiViewFrame`, anything else before the first) once for
+    each image's; the `times` (3,) of tracker and detector (see there) whenever they change;
+    `points` and `target_points`
     (3N,) row-major [m, world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major;
     `spatial_velocity` (6,), (ω [rad/s], v [m/s]); the measured joint positions [rad], velocities
-    [rad/s] and torques [Nm] (J,); `panda.velocity`, the joint velocities commanded [rad/s]; `phase`
-    (1,), written when it changes, with the reason, for which `fault` (1,) is looked at;
+    [rad/s] and torques [Nm] (J,); `panda.velocity`, the joint velocities commanded [rad/s], and the
+    positions with them; `phase`
+    (1,), written when it changes, with the reason, for which `fault` (1,) is looked at; `stop`
+    (1,), how often a stop was requested, written when it changes; `clock` (1,), the time by the
+    clock [s] when the supervisor was last updated, written with the robot's status;
     `panda.status` (3,), robot mode, age [s] and share of commands in time; `applied_spatial_force`,
     the forces on bodies as the plant takes them, written while there are any and when they end; and
     for each status topic one (1,) port per field.
@@ -117,8 +144,13 @@ class McapLogger(LeafSystem):
         self._written: dict[str, object] = {}
         self._declare_ports(num_points)
         self.DeclareInitializationPublishEvent(self._publish_reference)
-        self.DeclarePeriodicPublishEvent(self._config.period, 0.0, self._publish)
-        self.DeclareForcedPublishEvent(self._publish)
+        robot_period = self._config.robot_period or self._config.period
+        self.DeclarePeriodicPublishEvent(
+            robot_period, self._config.robot_offset, self._publish_robot
+        )
+        self.DeclarePeriodicPublishEvent(self._config.period, 0.0, self._publish_rest)
+        self.DeclareForcedPublishEvent(self._publish_robot)
+        self.DeclareForcedPublishEvent(self._publish_rest)
 
     def Close(self) -> None:
         """Closes the log. The system must not publish any more."""
@@ -127,7 +159,8 @@ class McapLogger(LeafSystem):
     def _declare_ports(self, num_points: int) -> None:
         joints = len(self._joint_names)
         self.DeclareAbstractInputPort("tracked_points", Value(TrackedPoints.lost(num_points, 0.0)))
-        self.DeclareAbstractInputPort("frame", Value(ABSENT))
+        for name in ("frame", "detector.frame"):
+            self.DeclareAbstractInputPort(name, Value(ABSENT))
         self.DeclareAbstractInputPort(
             "applied_spatial_force", AbstractValue.Make([ExternallyAppliedSpatialForce()])
         )
@@ -141,8 +174,13 @@ class McapLogger(LeafSystem):
             "panda.velocity_measured": joints,
             "panda.torque_external": joints,
             "panda.velocity": joints,
+            "panda.position_commanded": joints,
             "phase": 1,
             "fault": 1,
+            "stop": 1,
+            "tracker.times": 3,
+            "detector.times": 3,
+            "clock": 1,
             "panda.status": 3,
         }
         for topic, fields in self._statuses.items():
@@ -166,27 +204,54 @@ class McapLogger(LeafSystem):
             samples = self._reference.positions.reshape(-1, 3)
             self._log.write_points("reference", samples, time=context.get_time())
 
-    def _publish(self, context: Context) -> None:
-        self._write_frame(context)
+    def _publish_robot(self, context: Context) -> None:
+        self._write_frame(context, "frame")
+        self._write_frame(context, "detector.frame")
         self._write_track(context)
-        self._write_points(context)
+        self._write_times(context, "tracker", TRACKER_TIMES_TOPIC)
+        self._write_times(context, "detector", DETECTOR_TIMES_TOPIC)
         self._write_robot(context)
+        self._write_statuses(context, robot=True)
         self._write_phase(context)
-        self._write_statuses(context)
+        self._write_stops(context)
+
+    def _publish_rest(self, context: Context) -> None:
+        self._write_points(context)
+        self._write_motion(context)
+        self._write_statuses(context, robot=False)
         self._write_disturbances(context)
 
-    def _write_frame(self, context: Context) -> None:
-        port, time = self.GetInputPort("frame"), context.get_time()
+    def _write_frame(self, context: Context, name: str) -> None:
+        port, time = self.GetInputPort(name), context.get_time()
         frame = port.Eval(context) if port.HasValue(context) else None
-        if not isinstance(frame, MultiViewFrame) or not self._is_new("frame", frame.stamp):
+        if not isinstance(frame, MultiViewFrame) or not self._is_new(name, frame.stamp):
             return
+        if frame.label_ids and self._is_new("label ids", frame.label_ids):
+            self._log.write_label_ids(frame.label_ids)
         for camera, image in zip(frame.cameras, frame.images, strict=True):
             if self._is_new(f"calibration of {camera.name}", camera):
                 self._log.write_calibration(camera, time=time)
-            if self._config.color:
-                self._log.write_image(camera.name, image.rgb, time=time, stamp=image.stamp)
-            if self._config.depth:
-                self._log.write_depth(camera.name, image.depth, time=time, stamp=image.stamp)
+            if self._is_new(f"image of {camera.name}", image.stamp):
+                if self._config.color:
+                    self._log.write_image(camera.name, image.rgb, time=time, stamp=image.stamp)
+                if self._config.depth:
+                    self._log.write_depth(camera.name, image.depth, time=time, stamp=image.stamp)
+            if image.label is not None and self._is_new(f"label of {camera.name}", image.stamp):
+                self._log.write_label(camera.name, image.label, time=time, stamp=image.stamp)
+
+    def _write_times(self, context: Context, name: str, topic: str) -> None:
+        times = self._value(context, f"{name}.times")
+        if times is None or not self._is_new(topic, tuple(times)) or not np.isfinite(times).any():
+            return
+        begun, released, released_of = times.tolist()
+        values = {"begun": begun, "released": released, "released_of": released_of}
+        self._log.write_status(topic, values, time=context.get_time())
+
+    def _write_stops(self, context: Context) -> None:
+        stops = self._value(context, "stop")
+        if stops is not None and self._is_new("stop", float(stops[0])):
+            values = {"requests": float(stops[0])}
+            self._log.write_status(STOPS_TOPIC, values, time=context.get_time())
 
     def _write_track(self, context: Context) -> None:
         port = self.GetInputPort("tracked_points")
@@ -200,6 +265,7 @@ class McapLogger(LeafSystem):
                 time=context.get_time(),
                 stamp=tracked.stamp,
                 confidence=tracked.confidence,
+                exact=True,
             )
 
     def _write_points(self, context: Context) -> None:
@@ -228,22 +294,31 @@ class McapLogger(LeafSystem):
         commanded = self._value(context, "panda.velocity")
         if commanded is not None:
             self._log.write_joint_states(
-                self._joint_names, time=time, velocity=commanded, topic="/robot/joint_commands"
-            )
-        X_WG = self._value(context, "gripper_pose")
-        if X_WG is not None and np.all(np.isfinite(X_WG)):
-            self._log.write_transform(
-                X_WG.reshape(4, 4), child=self._config.gripper_frame, time=time
+                self._joint_names,
+                time=time,
+                position=self._value(context, "panda.position_commanded"),
+                velocity=commanded,
+                topic=JOINT_COMMANDS_TOPIC,
             )
         status = self._value(context, "panda.status")
         if status is not None:
             mode, age, success_rate = status.tolist()
             values = {"mode": mode, "mode_text": _meaning(_ROBOT_MODES, mode)}
             values |= {"age": age, "success_rate": success_rate}
-            self._log.write_status("/robot/status", values, time=time)
+            clock = self._value(context, "clock")
+            values |= {} if clock is None else {"clock": float(clock[0])}
+            self._log.write_status(ROBOT_STATUS_TOPIC, values, time=time)
+
+    def _write_motion(self, context: Context) -> None:
+        time = context.get_time()
+        X_WG = self._value(context, "gripper_pose")
+        if X_WG is not None and np.all(np.isfinite(X_WG)):
+            self._log.write_transform(
+                X_WG.reshape(4, 4), child=self._config.gripper_frame, time=time
+            )
         twist = self._value(context, "spatial_velocity")
         if twist is not None:
-            self._log.write_twist("/controller/twist", twist, time=time)
+            self._log.write_twist(TWIST_TOPIC, twist, time=time)
 
     def _write_phase(self, context: Context) -> None:
         phase, fault = self._value(context, "phase"), self._value(context, "fault")
@@ -256,8 +331,10 @@ class McapLogger(LeafSystem):
             reason = self._phase_reason(index, 0 if fault is None else int(fault[0]))
         self._log.write_phase(name, time=context.get_time(), reason=reason)
 
-    def _write_statuses(self, context: Context) -> None:
+    def _write_statuses(self, context: Context, *, robot: bool) -> None:
         for topic, fields in self._statuses.items():
+            if (topic in self._config.robot_topics) is not robot:
+                continue
             given: dict[str, float | str] = {}
             for field in fields:
                 value = self._value(context, f"{topic}.{field}")

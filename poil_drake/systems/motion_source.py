@@ -29,12 +29,15 @@ class MotionSourceConfig:
 
     Attributes:
         joint_gain: Feedback gain along joint trajectories [1/s].
+        joint_tolerance: How far a joint may be from where its motion ends [rad], for that to have
+            ended: an arm that was held up has not arrived.
         lift_distance: How far the object is lifted before the field takes over [m].
         retreat_distance: How far the gripper backs off after release [m].
         straight: Speed and gain of the lift and the retreat.
     """
 
     joint_gain: float = 4.0
+    joint_tolerance: float = 0.02
     lift_distance: float = 0.05
     retreat_distance: float = 0.10
     straight: StraightMotionConfig = field(default_factory=StraightMotionConfig)
@@ -60,11 +63,15 @@ class MotionSource(LeafSystem):
 
     `spatial_velocity` (6,) (ω [rad/s], v [m/s]) of the gripper in the world goes to the inverse
     kinematics: the field while following, a straight twist while lifting (up) and retreating
-    (back along the approach axis), zero otherwise. `velocity` (7,) [rad/s] goes to the arm: the
-    approach and descent trajectories with feedback, else the inverse kinematics' answer in
+    (back along the approach axis), zero otherwise. `velocity` (7,) [rad/s] goes to the supervisor:
+    the approach and descent trajectories with feedback, else the inverse kinematics' answer in
     `ik_velocity` while there is a twist, else zero. `motion_done` is 1 when the phase's own motion
-    has ended. Before the first update, and whenever an input it needs is NaN, both velocities
-    are zero; with an unknown phase or start nothing has ended, either.
+    has ended, and a joint motion has arrived.
+
+    Before the first update, and whenever an input it needs is NaN, both velocities are zero; with
+    an unknown phase or start, or unknown joints in a joint motion, nothing has ended, either. Only
+    a NaN of the inverse kinematics goes through: an answer that is none is for the safety
+    supervisor to see.
     """
 
     def __init__(
@@ -108,7 +115,9 @@ class MotionSource(LeafSystem):
             self._calc_velocity,
             {phase.ticket(), start.ticket(), self.time_ticket(), joints.ticket(), ik.ticket()},
         )
-        self.DeclareVectorOutputPort("motion_done", 1, self._calc_done, by_phase)
+        self.DeclareVectorOutputPort(
+            "motion_done", 1, self._calc_done, by_phase | {joints.ticket()}
+        )
 
     def _phase_now(self, context: Context) -> Phase:
         """Returns the phase; WAIT, in which nothing moves, where it or its start is not known."""
@@ -170,14 +179,18 @@ class MotionSource(LeafSystem):
                 self._config.joint_gain,
             )
         elif phase in _TWIST_PHASES:
-            velocity = self._ik.Eval(context)
+            output.SetFromVector(self._ik.Eval(context))
+            return
         output.SetFromVector(_finite_or_zero(velocity))
 
     def _calc_done(self, context: Context, output: BasicVector) -> None:
         phase = self._phase_now(context)
         done = False
         if phase in _JOINT_PHASES:
-            done = self._elapsed(context) >= self._trajectory[phase].duration
+            trajectory = self._trajectory[phase]
+            off = np.abs(self._joints.Eval(context) - trajectory.positions[-1])
+            arrived = bool(off.max() <= self._config.joint_tolerance)
+            done = arrived and self._elapsed(context) >= trajectory.duration
         elif phase in _STRAIGHT_PHASES:
             latched = self._latched(context, phase) is not None
             duration = straight_motion_duration(self._distance(phase), self._config.straight)

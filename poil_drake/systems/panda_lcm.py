@@ -1,13 +1,15 @@
 """The real Panda's driver, as systems: what it reports, and what it is told."""
 
+import math
 import time
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from poil_drake.geometry.all_finite import all_finite
+from poil_drake.systems.held_signals import HeldSignals
+from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_lcm_messages import (
     Clock,
     HandStatus,
@@ -19,7 +21,10 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.statuses import RobotMode
 
-_UNKNOWN = np.full(NUM_JOINTS, np.nan)
+_UNKNOWN, _REST = np.full(NUM_JOINTS, np.nan), np.zeros(NUM_JOINTS)
+
+_BRAKING = 5.0
+"""How fast the arm is brought to rest on the way out [rad/s^2]: each of its joints can do that."""
 
 
 class PandaStatusReceiver(LeafSystem):
@@ -97,18 +102,24 @@ class PandaCommandSender(LeafSystem):
     `velocity` (7,) [rad/s] goes out once every period, in a publish event, stamped with the clock's
     time, as the driver drops what is stamped otherwise. Zero goes out where it is not connected or
     not finite, or the time [s] in `velocity_time`, where that is connected, is more than `max_age`
-    old: rest is said, not merely left to the driver's expiry. Before the first status arrived
-    nothing is sent. `SendRest` is for the way out.
+    old, or the update was too long ago by the clock: rest is said, not merely left to the driver's
+    expiry. Before the first status arrived nothing is sent. `SendRest` is for the way out.
+
+    Attributes:
+        commanded: Whether anything was sent yet.
     """
 
     def __init__(
         self,
         *,
-        lcm: DrakeLcmInterface,
+        lcm: MessageNetwork,
         channel: str,
         mailbox: LcmMailbox[PandaStatus],
         period: float,
+        offset: float = 0.0,
         max_age: float = 0.1,
+        update_age: Clock = lambda: 0.0,
+        max_update_age: float = 0.02,
         clock: Clock = time.time,
     ):
         """Constructs the sender.
@@ -118,42 +129,61 @@ class PandaCommandSender(LeafSystem):
             channel: The driver's channel for commands.
             mailbox: Where its statuses arrive.
             period: Between two commands [s].
-            max_age: Of a velocity that is still sent [s].
+            offset: Of the first [s]: where it is a part of the period, commands go out right after
+                the update that made them, and before what else is done in the period.
+            max_age: Of a velocity that is still sent [s], by the context's time.
+            update_age: Returns how long ago the period's update began, by a clock [s]: a process
+                that was halted meanwhile knows it from that.
+            max_update_age: What that may be, for a velocity that is still sent [s].
             clock: The time now [s since the epoch], on which the driver must agree.
         """
         super().__init__()
+        self.commanded, self._last, self._sent_at = False, _REST, -math.inf
         self._lcm, self._channel, self._mailbox = lcm, channel, mailbox
         self._max_age, self._clock = max_age, clock
+        self._update_age, self._max_update_age = update_age, max_update_age
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._send)
+        self.DeclarePeriodicPublishEvent(period, offset, self._send)
         self.DeclareForcedPublishEvent(self._send)
 
-    def SendRest(self, duration: float, period: float = 0.005) -> None:
-        """Sends zero velocities for a while [s], longer than the driver's expiry, and waits."""
-        end = time.monotonic() + duration
-        while self._mailbox.newest is not None:
-            self._publish(np.zeros(NUM_JOINTS))
-            if time.monotonic() >= end:
-                return
-            time.sleep(period)
+    def SendRest(self, duration: float, *, period: float = 0.004) -> None:
+        """Brakes from what was sent last, sends zero velocities for a while, and waits for both.
+
+        Where the last command is so old that the driver may have stopped the arm, there is nothing
+        to brake from. Signals wait until it is over.
+
+        Args:
+            duration: How long to send zeros [s], longer than the driver's expiry.
+            period: Between two commands [s].
+        """
+        with HeldSignals():
+            start = time.monotonic()
+            velocity = self._last if start - self._sent_at <= 0.5 * self._max_age else _REST
+            braking = float(np.abs(velocity).max()) / _BRAKING
+            elapsed = 0.0
+            while self._mailbox.newest is not None and elapsed < braking + duration:
+                left = 1.0 - elapsed / braking if elapsed < braking else 0.0
+                self._publish(left * velocity)
+                time.sleep(period)
+                elapsed = time.monotonic() - start
 
     def _send(self, context: Context) -> None:
         if self._mailbox.newest is not None:
             self._publish(self._wanted(context))
 
     def _wanted(self, context: Context) -> np.ndarray:
-        rest = np.zeros(NUM_JOINTS)
-        if not self._velocity.HasValue(context):
-            return rest
+        if not self._velocity.HasValue(context) or not self._update_age() <= self._max_update_age:
+            return _REST
         if self._velocity_time.HasValue(context):
             age = context.get_time() - self._velocity_time.Eval(context)[0]
             if not age <= self._max_age:
-                return rest
+                return _REST
         velocity = self._velocity.Eval(context)
-        return velocity if all_finite(velocity) else rest
+        return velocity if all_finite(velocity) else _REST
 
     def _publish(self, velocity: np.ndarray) -> None:
+        self.commanded, self._last, self._sent_at = True, np.array(velocity), time.monotonic()
         self._lcm.Publish(self._channel, encode_panda_command(velocity, self._clock()))
 
 
@@ -222,7 +252,7 @@ class HandCommandSender(LeafSystem):
     def __init__(
         self,
         *,
-        lcm: DrakeLcmInterface,
+        lcm: MessageNetwork,
         channel: str,
         mailbox: LcmMailbox[HandStatus],
         period: float,

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -13,11 +14,11 @@ from drake import (
     lcmt_schunk_wsg_command,
     lcmt_schunk_wsg_status,
 )
-from pydrake.lcm import DrakeLcmInterface
 from pydrake.manipulation import PandaControlMode
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.statuses import RobotMode
 
@@ -175,6 +176,10 @@ def encode_hand_command(width: float, force: float, stamp: float) -> bytes:
     return command.encode()
 
 
+_SET_BACK = 10
+"""After so many late messages in order their sender's clock counts as set back."""
+
+
 class Stamped(Protocol):
     """Something with a time."""
 
@@ -189,22 +194,37 @@ S = TypeVar("S", bound=Stamped)
 class LcmMailbox(Generic[S]):
     """Keeps the newest message of a channel; late, doubled and foreign ones are counted only.
 
+    Where many come in order that are all late, with none between that is not, the sender's clock
+    was set back: the last of them is the newest then.
+
     Attributes:
         newest: The one with the newest stamp; None before the first.
         late: Messages whose stamp was not newer than that of one before.
         malformed: Messages that could not be decoded.
+        offset: By how much our clock was ahead of the last one's stamp when it came [s], even if
+            that was late.
     """
 
-    def __init__(self, lcm: DrakeLcmInterface, channel: str, decode: Callable[[bytes], S]):
+    def __init__(
+        self,
+        lcm: MessageNetwork,
+        channel: str,
+        decode: Callable[[bytes], S],
+        *,
+        clock: Clock = time.time,
+    ):
         """Subscribes; whoever owns `lcm` handles its subscriptions.
 
         Args:
             lcm: The network.
             channel: Where the messages come from.
             decode: Reads one; raises an InvalidValueError where it cannot.
+            clock: The time now [s since the epoch].
         """
-        self._decode = decode
+        self._decode, self._clock = decode, clock
+        self.offset = math.nan
         self.newest: S | None = None
+        self._last, self._in_order = -math.inf, 0
         self.late = self.malformed = 0
         lcm.Subscribe(channel, self._receive)
 
@@ -215,10 +235,14 @@ class LcmMailbox(Generic[S]):
         except InvalidValueError:
             self.malformed += 1
             return
+        self.offset = self._clock() - said.stamp
         if self.newest is not None and said.stamp <= self.newest.stamp:
             self.late += 1
-            return
-        self.newest = said
+            self._in_order = self._in_order + 1 if said.stamp > self._last else 0
+            self._last = said.stamp
+            if self._in_order < _SET_BACK:
+                return
+        self.newest, self._last, self._in_order = said, said.stamp, 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,7 +25,9 @@ from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.background import Background
 from poil_drake.systems.camera_ports import CameraPorts
+from poil_drake.systems.recorded_schedule import RecordedSchedule
 from poil_drake.systems.release_schedule import Captured, ReleaseSchedule
+from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
 from poil_drake.systems.tracker_run import TrackerInputs, TrackerRun, advance
 
@@ -43,6 +45,14 @@ class PointTrackerConfig:
             does not depend on timing. On hardware it must not: a result is released when it is
             there, at the first poll after its latency, and frames that come meanwhile are skipped.
         poll_period: How often to look for a result when not blocking [s].
+        min_interval: From the image of one capture to that of the next, at least [s]: where
+            `period` is how often to look for new images, and cameras are faster than the tracker
+            shall be.
+        once: Whether to look no more once the points were found: for a rehearsal in which what the
+            cameras see does not move.
+        recorded: When captures and releases happened in a run that is replayed. They happen then
+            again, however long the work takes now, and `period`, `offset` and `poll_period` only
+            tell how often to look if one is due. None: as the rest says.
     """
 
     period: float = 1 / 8
@@ -51,12 +61,20 @@ class PointTrackerConfig:
     parallel: bool = True
     blocking: bool = True
     poll_period: float = 1 / 256
+    min_interval: float = 0.0
+    once: bool = False
+    recorded: RecordedSchedule | None = None
 
     def __post_init__(self) -> None:
         if not self.blocking and not self.parallel:
             raise InvalidValueError(
                 "PointTrackerConfig.blocking is off, but so is parallel.",
                 remedy="A tracker that is not awaited has to run in parallel.",
+            )
+        if self.recorded is not None and not self.blocking:
+            raise InvalidValueError(
+                "PointTrackerConfig.recorded is given, but blocking is off.",
+                remedy="A replay has to await what was there at the time.",
             )
 
 
@@ -66,6 +84,7 @@ class _Work(SharedOnCopy):
 
     future: Future[TrackerRun]
     stamp: float
+    captured: float
 
 
 class PointTracker(LeafSystem):
@@ -85,6 +104,7 @@ class PointTracker(LeafSystem):
         - tracked_points
         - status
         - frame
+        - times
 
     Inputs: `query_points` (3N,) row-major, where the points are at first [m, world], NaN until
     known (may stay unconnected when the constructor gets them); `masks`, the detector's
@@ -97,6 +117,8 @@ class PointTracker(LeafSystem):
     - `status` (1,): a `TrackerStatus` as of the last release; WAITING until query points and masks
       were known at a capture.
     - `frame`: the `MultiViewFrame` of the last capture; `ABSENT` before the first.
+    - `times` (3,) [s]: of the last capture, of the last release, and of the capture whose result
+      that was; minus infinity before.
 
     Captures are unrestricted updates at `offset` and every period after it, releases are
     unrestricted updates `latency` later. Images whose stamp does not advance are not tracked, so
@@ -129,7 +151,7 @@ class PointTracker(LeafSystem):
         super().__init__()
         self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()
         self._config = config or PointTrackerConfig()
-        self._schedule = ReleaseSchedule(
+        self._schedule = self._config.recorded or ReleaseSchedule(
             period=self._config.period, latency=self._config.latency, offset=self._config.offset
         )
         self._given_query = query_points
@@ -147,6 +169,7 @@ class PointTracker(LeafSystem):
         self._frame = self.DeclareAbstractState(Value(ABSENT))
         self._queue = self.DeclareAbstractState(Value(()))
         self._released = self.DeclareAbstractState(Value(Captured(-1, self._nothing)))
+        self._times = self.DeclareDiscreteState(np.full(3, -np.inf))
         self._declare_events()
 
         released = {self.abstract_state_ticket(self._released)}
@@ -155,9 +178,20 @@ class PointTracker(LeafSystem):
         )
         self.DeclareVectorOutputPort("status", 1, self._calc_status, released)
         self.DeclareStateOutputPort("frame", self._frame)
+        self.DeclareStateOutputPort("times", self._times)
+
+    @property
+    def worker_pid(self) -> int | None:
+        """Number of the tracker's process; None where it has none."""
+        return self._tracker.pid if isinstance(self._tracker, ProcessTracker) else None
 
     def close(self) -> None:
-        """Ends the workers; what they are doing is finished first. No capture may follow."""
+        """Ends the workers. No capture may follow.
+
+        What they are doing is finished first, or given up where nobody awaits it.
+        """
+        if isinstance(self._tracker, ProcessTracker) and not self._config.blocking:
+            self._tracker.abort()
         if self._background is not None:
             self._background.close()
         if isinstance(self._tracker, ProcessTracker):
@@ -166,12 +200,18 @@ class PointTracker(LeafSystem):
     def _declare_events(self) -> None:
         config = self._config
         self.DeclarePeriodicUnrestrictedUpdateEvent(config.period, config.offset, self._capture)
-        if not config.blocking:
+        if config.recorded is not None:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(config.poll_period, 0.0, self._release)
+        elif not config.blocking:
             self.DeclarePeriodicUnrestrictedUpdateEvent(config.poll_period, 0.0, self._poll)
-        elif not self._schedule.immediate:
+        elif not self._immediate:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 config.period, config.offset + config.latency, self._release
             )
+
+    @property
+    def _immediate(self) -> bool:
+        return isinstance(self._schedule, ReleaseSchedule) and self._schedule.immediate
 
     def _get(self, context: Context, index: AbstractStateIndex) -> Any:
         return context.get_abstract_state(index).get_value()
@@ -185,36 +225,54 @@ class PointTracker(LeafSystem):
     def _capture(self, context: Context, state: State) -> None:
         queue: tuple[Captured, ...] = self._get(context, self._queue)
         previous: _Work | None = queue[-1].item if queue else None
-        if previous is not None and not self._config.blocking and not previous.future.done():
+        if self._config.recorded is not None:
+            last = queue[-1].tick if queue else -1
+            if self._config.recorded.capture_tick(context.get_time()) <= last:
+                return
+        elif previous is not None:
+            if not self._config.blocking and not previous.future.done():
+                return
+            if self._config.once and _found(previous):
+                return
+        # To look at images costs more than to see that they are old.
+        if previous and not self._is_news(self._cameras.stamp(context), previous.stamp):
             return
         with self._stopwatch.measure("capture"):
             frame = self._cameras.capture(context)
-        if frame is None or (previous is not None and frame.stamp <= previous.stamp):
+        if frame is None:
             return
-        work = self._begin(previous, self._inputs(context, frame))
+        work = self._begin(previous, self._inputs(context, frame), context.get_time())
         queue = self._schedule.added(queue, context.get_time(), work)
         state.get_mutable_abstract_state(self._queue).set_value(queue)
         state.get_mutable_abstract_state(self._frame).set_value(frame)
-        if self._config.blocking and self._schedule.immediate:
-            self._show(queue[-1], state)
+        state.get_mutable_discrete_state(self._times).SetAtIndex(0, context.get_time())
+        if self._config.blocking and self._immediate:
+            self._show(queue[-1], context, state)
+
+    def _is_news(self, stamp: float, before: float) -> bool:
+        return stamp > before and stamp - before >= self._config.min_interval
 
     def _release(self, context: Context, state: State) -> None:
         due = self._schedule.due(self._get(context, self._queue), context.get_time())
-        if due is not None:
-            self._show(due, state)
+        if due is not None and due.tick > self._get(context, self._released).tick:
+            self._show(due, context, state)
 
     def _poll(self, context: Context, state: State) -> None:
+        assert isinstance(self._schedule, ReleaseSchedule)
         last = self._get(context, self._released).tick
         for entry in reversed(self._get(context, self._queue)):
             ripe = context.get_time() >= self._schedule.release_time(entry.tick)
             if entry.tick > last and ripe and entry.item.future.done():
-                self._show(entry, state)
+                self._show(entry, context, state)
                 return
 
-    def _show(self, entry: Captured, state: State) -> None:
+    def _show(self, entry: Captured, context: Context, state: State) -> None:
         """Awaits the entry's result and makes it the released one."""
         with self._stopwatch.measure("waiting"):
             result = entry.item.future.result()
+        times = state.get_mutable_discrete_state(self._times)
+        times.SetAtIndex(1, context.get_time())
+        times.SetAtIndex(2, entry.item.captured)
         state.get_mutable_abstract_state(self._released).set_value(Captured(entry.tick, result))
 
     def _inputs(self, context: Context, frame: MultiViewFrame) -> TrackerInputs:
@@ -233,7 +291,7 @@ class PointTracker(LeafSystem):
             object_motion=motion,
         )
 
-    def _begin(self, previous: _Work | None, inputs: TrackerInputs) -> _Work:
+    def _begin(self, previous: _Work | None, inputs: TrackerInputs, now: float) -> _Work:
         """Begins to compute the next run; it continues the previous one once that is there."""
 
         def compute() -> TrackerRun:
@@ -247,4 +305,8 @@ class PointTracker(LeafSystem):
         else:
             future = Future()
             future.set_result(compute())
-        return _Work(future, inputs.frame.stamp)
+        return _Work(future, inputs.frame.stamp, now)
+
+
+def _found(work: _Work) -> bool:
+    return work.future.done() and work.future.result().status is TrackerStatus.TRACKING

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.lcm import DrakeLcmInterface
 from pydrake.manipulation import PandaControlMode
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from poil_drake.errors import InvalidValueError, StationError
+from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_lcm_messages import (
     Clock,
     PandaCommand,
@@ -33,11 +33,14 @@ class SimulatedDriverConfig:
         torque_limit: External torque on a joint at which the robot's reflex stops it [N m]; the
             real driver's default is 100, Franka's examples have 20.
         reflex_sec: For so long a reflex is reported before the driver ends [s].
+        status_period: Between two statuses [s]; the real driver sends a thousand a second, and this
+            is exact in binary.
     """
 
     expire_sec: float = 0.1
     torque_limit: float = 100.0
     reflex_sec: float = 0.1
+    status_period: float = 1 / 1024
 
 
 class _Taken:
@@ -68,10 +71,11 @@ class SimulatedDriver(LeafSystem):
         - velocity
         - velocity_time
 
-    Once every period the last command that came in is looked at. With another control mode than
-    velocity, or another size, the driver ends (a StationError), like the real one. A command whose
-    stamp is more than `expire_sec` off the driver's clock is dropped. Then the status goes out,
-    with all joints' values as in `lcmt_panda_status`.
+    Once every period, that of the plant, the last command that came in is looked at. With another
+    control mode than velocity, or another size, the driver ends (a StationError), like the real
+    one. A command whose stamp is more than `expire_sec` off the driver's clock is dropped. Statuses
+    go out at a rate of their own, with all joints' values as in `lcmt_panda_status`; between two
+    steps of the plant the position is carried on by the velocity.
 
     `velocity` (7,) [rad/s] is that of the last command, zero before the first; `velocity_time` (1,)
     [s] is the simulation's time at which it was stamped, minus infinity before the first, so that
@@ -83,7 +87,7 @@ class SimulatedDriver(LeafSystem):
     def __init__(
         self,
         *,
-        lcm: DrakeLcmInterface,
+        lcm: MessageNetwork,
         command_channel: str,
         status_channel: str,
         period: float,
@@ -96,7 +100,7 @@ class SimulatedDriver(LeafSystem):
             lcm: The network; whoever owns it handles its subscriptions.
             command_channel: Where commands come from.
             status_channel: Where statuses go.
-            period: Of both [s].
+            period: Of the plant, and of looking at commands [s].
             config: Its behaviour.
             clock: The driver's time [s since the epoch].
         """
@@ -111,7 +115,8 @@ class SimulatedDriver(LeafSystem):
         start = (np.zeros(NUM_JOINTS), -np.inf, np.inf)
         self._state = self.DeclareAbstractState(Value[object](start))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._report)
+        self._period = period
+        self.DeclarePeriodicPublishEvent(self._config.status_period, 0.0, self._report)
         known = {self.abstract_state_ticket(self._state)}
         self.DeclareVectorOutputPort("velocity", NUM_JOINTS, self._calc_velocity, known)
         self.DeclareVectorOutputPort("velocity_time", 1, self._calc_time, known)
@@ -148,15 +153,15 @@ class SimulatedDriver(LeafSystem):
 
     def _report(self, context: Context) -> None:
         seen = {name: port.Eval(context) for name, port in self._inputs.items()}
-        _, stamped, reflex = self._memory(context)
-        fresh = context.get_time() - stamped <= self._config.expire_sec
+        reflex = self._memory(context)[2]
+        since_step = context.get_time() % self._period
         status = PandaStatus(
             stamp=self._clock(),
-            position=seen["position_measured"],
+            position=seen["position_measured"] + since_step * seen["velocity_measured"],
             velocity=seen["velocity_measured"],
             torque_external=seen["torque_external"],
             mode=RobotMode.MOVE if reflex == np.inf else RobotMode.REFLEX,
-            success_rate=float(fresh),
+            success_rate=float(reflex == np.inf),
         )
         self._lcm.Publish(self._channel, encode_panda_status(status, seen["velocity_commanded"]))
 

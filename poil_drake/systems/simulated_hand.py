@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_lcm_messages import (
     HAND_PERIOD,
     Clock,
@@ -56,7 +56,7 @@ class SimulatedHand(LeafSystem):
     def __init__(
         self,
         *,
-        lcm: DrakeLcmInterface,
+        lcm: MessageNetwork,
         command_channel: str,
         status_channel: str,
         clock: Clock = time.time,

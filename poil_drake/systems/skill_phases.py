@@ -34,8 +34,9 @@ class Fault(IntEnum):
     OBJECT_DROPPED = 3
     NO_PROGRESS = 4
     IK_STUCK = 5
-    ROBOT_STATUS = 6
+    HAND_STATUS = 6
     TIMEOUT = 7
+    SAFETY = 8
 
 
 FAULT_TEXT = {
@@ -45,8 +46,9 @@ FAULT_TEXT = {
     Fault.OBJECT_DROPPED: "the object slipped out of the fingers",
     Fault.NO_PROGRESS: "the points stopped short of the reference",
     Fault.IK_STUCK: "the arm could not follow the asked twist (joint limit or singularity)",
-    Fault.ROBOT_STATUS: "the robot left its moving mode or its status went stale",
+    Fault.HAND_STATUS: "the hand stopped reporting its opening",
     Fault.TIMEOUT: "a phase took longer than allowed",
+    Fault.SAFETY: "the safety supervisor stopped the arm",
 }
 """One readable clause for each fault."""
 
@@ -61,6 +63,8 @@ class SkillConfig:
             stands inside the object.
         closed_width: An opening below this means that nothing is between the fingers [m].
         grasp_settle_time: How long the fingers must stand still to call the object grasped [s].
+        hand_delay: How long it may take until a command to the hand shows in its opening [s];
+            fingers that stand still before that have not begun to close.
         finger_still_speed: Finger speed that counts as standing still [m/s].
         release_time: Time given to the fingers to open and the object to come to rest [s].
         settle_time: Time watched after the retreat [s].
@@ -74,7 +78,6 @@ class SkillConfig:
             the robot waits for the first track, it is searched as often.
         lost_fault: How long the points may be lost before giving up [s].
         stuck_time: How long the inverse kinematics may be stuck [s].
-        status_age_limit: Oldest acceptable robot status [s].
         phase_time_limit: No phase may take longer [s].
     """
 
@@ -82,6 +85,7 @@ class SkillConfig:
     release_width: float = 0.08
     closed_width: float = 0.001
     grasp_settle_time: float = 0.25
+    hand_delay: float = 0.0
     finger_still_speed: float = 0.002
     release_time: float = 0.75
     settle_time: float = 2.5
@@ -92,7 +96,6 @@ class SkillConfig:
     lost_grace: float = 0.75
     lost_fault: float = 3.0
     stuck_time: float = 2.0
-    status_age_limit: float = 0.05
     phase_time_limit: float = 40.0
 
 
@@ -109,9 +112,8 @@ class Observation(NamedTuple):
         goal_error: Mean distance of the points to the reference's end [m].
         motion_done: Whether the commanded joint or straight motion has ended.
         ik_stuck: Whether the inverse kinematics cannot follow.
-        hand_width: Measured finger opening [m].
-        robot_moving_mode: Whether the robot accepts motion.
-        status_age: How far the robot's status is off our clock [s]: its age, as a rule.
+        hand_width: Measured finger opening [m]; NaN where it is not known.
+        safe: Whether the safety supervisor lets the arm move.
     """
 
     time: float
@@ -124,8 +126,7 @@ class Observation(NamedTuple):
     motion_done: bool
     ik_stuck: bool
     hand_width: float
-    robot_moving_mode: bool
-    status_age: float
+    safe: bool
 
 
 class SkillState(NamedTuple):
@@ -255,8 +256,10 @@ def _remember(state: SkillState, seen: Observation, config: SkillConfig) -> Skil
 
 def _fault(state: SkillState, seen: Observation, config: SkillConfig) -> Fault:
     phase = Phase(int(state.phase))
-    if not seen.robot_moving_mode or seen.status_age > config.status_age_limit:
-        return Fault.ROBOT_STATUS
+    if not seen.safe:
+        return Fault.SAFETY
+    if math.isnan(seen.hand_width):
+        return Fault.HAND_STATUS
     if _lasted(state.lost_since, seen.time, config.lost_fault):
         return Fault.TRACKING_LOST
     if _lasted(state.stuck_since, seen.time, config.stuck_time):
@@ -291,15 +294,18 @@ _ENDS: dict[Phase, Callable[[SkillState, Observation, SkillConfig], bool]] = {
     Phase.WAIT: lambda state, seen, config: seen.tracking,
     Phase.APPROACH: _motion_ended,
     Phase.DESCEND: _motion_ended,
-    Phase.GRASP: lambda state, seen, config: _lasted(
-        state.still_since, seen.time, config.grasp_settle_time
+    Phase.GRASP: lambda state, seen, config: (
+        seen.time - state.phase_start >= config.hand_delay + config.grasp_settle_time
+        and _lasted(state.still_since, seen.time, config.grasp_settle_time)
     ),
     Phase.LIFT: _motion_ended,
     Phase.FOLLOW: lambda state, seen, config: (
         _lasted(state.goal_since, seen.time, config.goal_hold_time)
         or (_stalled(state, seen, config) and seen.goal_error <= config.accepted_error)
     ),
-    Phase.RELEASE: lambda state, seen, config: seen.time - state.phase_start >= config.release_time,
+    Phase.RELEASE: lambda state, seen, config: (
+        seen.time - state.phase_start >= config.hand_delay + config.release_time
+    ),
     Phase.RETREAT: _motion_ended,
     Phase.SETTLE: lambda state, seen, config: seen.time - state.phase_start >= config.settle_time,
 }

@@ -7,6 +7,7 @@ from operator import itemgetter
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from poil_drake.systems.safety_faults import SafetyFault
 from poil_drake.systems.skill_phases import (
     HOLDING,
     Observation,
@@ -16,7 +17,7 @@ from poil_drake.systems.skill_phases import (
     hand_width_of,
     next_state,
 )
-from poil_drake.systems.statuses import ControllerStatus, IkStatus, RobotMode, TrackerStatus
+from poil_drake.systems.statuses import ControllerStatus, IkStatus, TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
 
 _INPUTS = {
@@ -28,7 +29,7 @@ _INPUTS = {
     "motion_done": 1,
     "ik_status": 1,
     "hand.width_measured": 1,
-    "panda.status": 3,
+    "safety_fault": 1,
 }
 _PHASE, _PHASE_START, _FAULT, _DETECT_REQUESTS, _FAULT_WIDTH = map(
     SkillState._fields.index,
@@ -40,7 +41,7 @@ _FOLLOW = float(Phase.FOLLOW)
 _TRACKING = float(TrackerStatus.TRACKING)
 _AT_GOAL, _POINTS_LOST = float(ControllerStatus.GOAL), float(ControllerStatus.LOST)
 _STUCK = float(IkStatus.STUCK)
-_MOVE = float(RobotMode.MOVE)
+_SAFE = float(SafetyFault.NONE)
 
 
 class SkillSequencer(LeafSystem):
@@ -58,7 +59,7 @@ class SkillSequencer(LeafSystem):
         - motion_done
         - ik_status
         - hand.width_measured
-        - panda.status
+        - safety_fault
         output_ports:
         - phase
         - phase_start
@@ -69,8 +70,8 @@ class SkillSequencer(LeafSystem):
 
     Every output is a function of the state alone. Before the first update the phase is WAIT, the
     hand is opened to the pre-grasp width, nothing is held and nothing was requested. A NaN in
-    `tau` or an error counts as no progress; a NaN in `panda.status` or in the hand's width
-    counts as a stale robot status, which is a fault. The controller's inputs are looked at in the
+    `tau` or an error counts as no progress; a NaN in the hand's width, or a `safety_fault` that is
+    not zero (a `SafetyFault`, or NaN), is a fault. The controller's inputs are looked at in the
     phase FOLLOW only. `phase` is an index into `poil_drake.systems.skill_phases.Phase`, `fault`
     into `Fault`. `hand.width` [m] is the opening to command, which a fault leaves as it was;
     `holding` is 1 while the object moves with the gripper, `detect_request` counts how often the
@@ -129,9 +130,7 @@ class SkillSequencer(LeafSystem):
 
     def _next(self, context: Context, state: SkillState) -> SkillState:
         following = state.phase == _FOLLOW
-        mode, age, _ = self._eval(context, "panda.status")
         (width,) = self._eval(context, "hand.width_measured")
-        fresh = math.isfinite(age) and math.isfinite(width)
         # What only one phase asks for is not computed in the others.
         controller = tau = error = goal_error = math.nan
         if following:
@@ -149,8 +148,7 @@ class SkillSequencer(LeafSystem):
             motion_done=self._eval(context, "motion_done")[0] > 0.5,
             ik_stuck=self._eval(context, "ik_status")[0] == _STUCK,
             hand_width=width,
-            robot_moving_mode=mode == _MOVE,
-            status_age=abs(age) if fresh else math.inf,
+            safe=self._eval(context, "safety_fault")[0] == _SAFE,
         )
         return next_state(state, seen, self._config)
 

@@ -117,6 +117,121 @@ def test_step_depends_on_nothing_but_its_arguments():
         np.testing.assert_array_equal(one, another)
 
 
+def test_a_step_that_nothing_is_against_is_the_whole_of_what_is_wanted():
+    motion = dut.JointMotion.at_rest(MIDDLE)
+    wanted = np.full(7, 0.1)
+
+    step = make_limiter().guarded_step(motion, wanted, lambda postures: None)
+
+    np.testing.assert_array_equal(step.motion, make_limiter().step(motion, wanted))
+    assert (step.share, step.reason) == (1.0, None)
+
+
+def test_beyond_the_speed_limits_less_goes_through():
+    # The first joint may do 2.175 rad/s, a quarter of what is wanted.
+    wanted = 4 * 2.175 * np.eye(7)[0]
+
+    step = make_limiter().guarded_step(
+        dut.JointMotion.at_rest(MIDDLE), wanted, lambda postures: None
+    )
+
+    assert step.share == pytest.approx(0.25)
+
+
+def test_postures_asked_about_are_those_after_the_step_and_of_the_braking():
+    limiter = make_limiter()
+    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
+    asked = []
+
+    after = limiter.guarded_step(moving, np.full(7, 0.5), asked.append).motion
+
+    # The braking is that of the limiter itself, until it stands.
+    braked, q = after, []
+    while braked.velocity.any():
+        braked = limiter.step(braked, np.zeros(7))
+        q.append(braked.position)
+    (postures,) = asked
+    np.testing.assert_array_equal(postures[0], after.position)
+    np.testing.assert_allclose(postures[2], q[-1], atol=1e-9)
+    assert np.all((postures[0] < postures[1]) & (postures[1] < postures[2]))
+
+
+def test_a_smaller_share_is_taken_where_the_whole_is_refused():
+    moving = dut.JointMotion(MIDDLE, 0.3 * np.eye(7)[0], np.zeros(7))
+    wanted = 0.6 * np.eye(7)[0]
+    # The wall is a hair before where the arm would stand if the whole were allowed.
+    ends = []
+    make_limiter().guarded_step(moving, wanted, lambda postures: ends.append(postures[-1, 0]))
+    wall = ends[0] - 1e-6
+
+    step = make_limiter().guarded_step(
+        moving, wanted, lambda postures: "wall" if postures[-1, 0] > wall else None
+    )
+
+    # Half of 0.6 rad/s is what it does already.
+    assert (step.share, step.reason) == (0.5, "wall")
+    np.testing.assert_allclose(step.motion.velocity, moving.velocity, atol=1e-12)
+
+
+def test_an_arm_that_is_refused_everything_brakes_and_says_why():
+    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
+    limiter = make_limiter()
+
+    step = limiter.guarded_step(moving, np.full(7, 0.5), lambda postures: "wall")
+
+    np.testing.assert_array_equal(step.motion, limiter.step(moving, np.zeros(7)))
+    assert (step.share, step.reason) == (0.0, "wall")
+
+
+def test_what_the_joint_limits_forbid_has_no_other_reason():
+    start = MIDDLE.copy()
+    start[3] = LIMITS.upper[3] - 0.01
+    asked = []
+
+    step = make_limiter().guarded_step(
+        dut.JointMotion.at_rest(start), 0.5 * np.eye(7)[3], asked.append
+    )
+
+    assert (step.share, step.reason) == (0.0, None)
+    assert not asked
+
+
+def test_nobody_is_asked_whether_the_arm_may_brake():
+    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
+    asked = []
+
+    for wanted in (np.zeros(7), np.full(7, np.nan)):
+        step = make_limiter().guarded_step(moving, wanted, asked.append)
+
+        assert (step.share, step.reason) == (1.0, None)
+    assert not asked
+
+
+def test_an_arm_never_stops_beyond_a_wall():
+    # The wall is where the first joint is at 0.3 rad; it is looked for at every speed.
+    motion, limiter, reasons = dut.JointMotion.at_rest(MIDDLE), make_limiter(), set()
+    for _ in range(400):
+        step = limiter.guarded_step(
+            motion, 2.0 * np.eye(7)[0], lambda q: "wall" if q[:, 0].max() > 0.3 else None
+        )
+        motion = step.motion
+        reasons.add(step.reason)
+        assert motion.position[0] <= 0.3
+
+    assert reasons == {None, "wall"}
+    assert not motion.velocity.any()
+    assert motion.position[0] == pytest.approx(0.3, abs=0.01)
+
+
+def test_braking_ends_in_exact_rest():
+    motion, limiter = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7)), make_limiter()
+    for _ in range(256):
+        motion = limiter.step(motion, np.zeros(7))
+
+    assert not motion.velocity.any()
+    assert not motion.acceleration.any()
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

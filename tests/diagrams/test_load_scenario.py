@@ -244,3 +244,34 @@ def test_anchors_may_be_used_again_and_overridden() -> None:
     )
 
     assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
+
+
+def test_a_text_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "long.yaml"
+    path.write_text("HangMug:\n" + "# nothing\n" * 110_000)
+
+    with pytest.raises(ScenarioError, match="more than 1000000 characters"):
+        LoadScenario(filename=path)
+
+
+def test_anchors_that_unfold_to_too_much_are_refused() -> None:
+    # Ten lines of ten aliases each stand for 10^10 values.
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
+
+    with pytest.raises(ScenarioError, match="unfolds to more than 100000 values"):
+        LoadScenario(data="\n".join(lines))
+
+
+def test_an_anchor_within_itself_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="unfolds to more than"):
+        LoadScenario(data="directives: &a [*a]")
+
+
+def test_the_file_of_a_recording_is_relative_to_the_scenario(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text("Lab: {poil: {hardware: {cameras: {left: !McapPlayback {file: lab.mcap}}}}}")
+
+    cameras = LoadScenario(filename=path).poil.hardware.cameras
+
+    assert cameras["left"].file == str(tmp_path / "lab.mcap")

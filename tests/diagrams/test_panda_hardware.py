@@ -20,14 +20,19 @@ WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])
 class Bench:
     """The dut and a simulated robot, advanced in turn."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, dry_run: bool = False) -> None:
         self.lcm = DrakeLcm("memq://panda_hardware")
         self.robot = Simulator(
             MakeDriverStation(ChooseScenario(), self.lcm, clock=self.now).diagram
         )
         builder = DiagramBuilder()
         self.hardware = AddPandaHardware(
-            builder=builder, lcm=self.lcm, name="panda", period=PERIOD, clock=self.now
+            builder=builder,
+            lcm=self.lcm,
+            name="panda",
+            period=PERIOD,
+            dry_run=dry_run,
+            clock=self.now,
         )
         self.dut: Diagram = builder.Build()
         self.simulator = Simulator(self.dut)
@@ -55,15 +60,16 @@ def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
     return {p.get_name(): p.size() for p in inputs}, {p.get_name(): p.size() for p in outputs}
 
 
-def test_ports_are_those_of_the_simulated_robot() -> None:
-    bench = Bench()
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_ports_are_those_of_the_simulated_robot(dry_run: bool) -> None:
+    bench = Bench(dry_run=dry_run)
     station_inputs, station_outputs = ports(MakeStation(ChooseScenario(), cameras=False))
 
     inputs, outputs = ports(bench.dut)
 
     assert inputs.items() <= station_inputs.items()
     assert outputs.items() <= station_outputs.items()
-    cheats = {"body_poses", "contact_results", "query_object"}
+    cheats = {"body_poses", "contact_results", "query_object", "plant_state"}
     assert set(station_inputs) - set(inputs) == {"applied_spatial_force"}
     assert set(station_outputs) - set(outputs) == cheats
 
@@ -103,3 +109,26 @@ def test_before_the_first_status_nothing_moves() -> None:
     assert np.isnan(bench.read("panda.position_measured")).all()
     assert bench.read("panda.status")[1] == np.inf
     assert bench.robot.get_context().get_time() == 0.0
+
+
+def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent() -> None:
+    bench = Bench(dry_run=True)
+    sent: list[bytes] = []
+    for channel in ("PANDA_COMMAND", "PANDA_HAND_COMMAND"):
+        bench.lcm.Subscribe(channel, sent.append)
+    bench.advance(0.1)
+    before = bench.read("panda.position_measured").copy()
+    real = bench.hardware.arm.newest
+    assert real is not None
+
+    bench.fix("panda.velocity", WANTED)
+    bench.fix("hand.width", np.array([0.03]))
+    bench.advance(0.5)
+
+    np.testing.assert_allclose(before, real.position, atol=1e-6)
+    moved = bench.read("panda.position_measured") - before
+    np.testing.assert_allclose(moved, 0.5 * WANTED, atol=2 * PERIOD)
+    assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=1e-6)
+    assert sent == []
+    assert bench.hardware.sender is None
+    np.testing.assert_allclose(bench.hardware.arm.newest.position, before, atol=1e-5)

@@ -11,6 +11,8 @@ from short_skill import POINTS, short_plan, short_scenario
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run_recorder import CheckedTrack, RunRecorder
+from poil_drake.diagrams.simulated_truth import SimulatedTruth
+from poil_drake.diagrams.station import SimulatedStation
 from poil_drake.diagrams.station_state import GetObjectPose, SetObjectPose
 from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.perception.tracked_points import TrackedPoints
@@ -32,7 +34,9 @@ def simulator(loop: ClosedLoop) -> Simulator:
 @pytest.fixture
 def dut(loop: ClosedLoop) -> RunRecorder:
     judge = HangingJudge(fixture="rack", holder=frozenset({"rack::rod::bar"}))
-    return RunRecorder(loop=loop, query_points=POINTS, judge=judge)
+    assert isinstance(loop.station, SimulatedStation)
+    truth = SimulatedTruth(station=loop.station, judge=judge)
+    return RunRecorder(loop=loop, query_points=POINTS, truth=truth)
 
 
 def run(dut: RunRecorder, simulator: Simulator, *, until: float) -> Context:

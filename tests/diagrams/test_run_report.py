@@ -17,6 +17,7 @@ from poil_drake.diagrams.run_report import (
 )
 from poil_drake.diagrams.task_success import HangingJudge
 from poil_drake.errors import NoFeasibleGraspError
+from poil_drake.systems.safety_faults import SafetyFault
 from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
 from poil_drake.systems.stopwatch import Stopwatch
 
@@ -124,11 +125,28 @@ def test_a_skill_that_is_not_done_ran_out_of_time(make_report: MakeReport) -> No
     assert verdict(make_report(Phase.SETTLE)) == (False, "the time was up in phase 'settle'")
 
 
-@pytest.mark.parametrize("fault", [fault for fault in Fault if fault is not Fault.NONE])
+@pytest.mark.parametrize(
+    "fault", [fault for fault in Fault if fault not in (Fault.NONE, Fault.SAFETY)]
+)
 def test_a_fault_is_told_with_its_phase(make_report: MakeReport, fault: Fault) -> None:
     report = make_report(Phase.RELEASE, Phase.FAULT, Phase.FAULT, fault=fault)
 
     assert verdict(report) == (False, f"{FAULT_TEXT[fault]} (in phase 'release')")
+
+
+def test_what_the_supervisor_stopped_the_arm_for_is_told(make_report: MakeReport) -> None:
+    report = make_report(
+        Phase.RELEASE,
+        Phase.FAULT,
+        fault=Fault.SAFETY,
+        safety_fault=SafetyFault.TABLE,
+        problems=["camera 'left': it is unplugged"],
+    )
+
+    assert verdict(report) == (
+        False,
+        "the arm was about to touch the table (in phase 'release'); camera 'left': it is unplugged",
+    )
 
 
 def test_an_exception_counts_more_than_a_hanging_object(make_report: MakeReport) -> None:

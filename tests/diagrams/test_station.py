@@ -23,6 +23,7 @@ OUTPUTS = [
     "body_poses",
     "query_object",
     "contact_results",
+    "plant_state",
 ]
 JOINT_SPEED = np.array([0.2, 0.0, 0.0, 0.1, 0.0, 0.0, -0.3])
 
@@ -272,11 +273,6 @@ def test_a_camera_may_be_mounted_on_what_is_welded_to_the_world() -> None:
 def test_an_empty_scenario_says_what_it_lacks() -> None:
     with pytest.raises(ScenarioError, match=r"poil.robot is 'panda'"):
         MakeStation(LoadScenario(filename=TEST_FILE, scenario_name="Defaults"))
-
-
-def test_hardware_is_not_there_yet(station: Station) -> None:
-    with pytest.raises(StationError, match="hardware"):
-        MakeStation(station.scenario, hardware=True)
 
 
 def test_a_station_without_cameras_takes_no_pictures(

@@ -62,8 +62,18 @@ def test_joint_phases_follow_their_trajectory(
     expected = follow_joint_trajectory(joints, 0.5, np.full(7, 0.1), CONFIG.joint_gain)
     assert evaluate(dut, context, "velocity") == pytest.approx(expected)
     assert evaluate(dut, context, "motion_done")[0] == 0.0
-    ended = context_of(dut, phase, time=joints.duration)
+    there = {"panda.position_measured": joints.positions[-1] + 0.019}
+    ended = context_of(dut, phase, time=joints.duration, **there)
     assert evaluate(dut, ended, "motion_done")[0] == 1.0
+
+
+def test_an_arm_that_was_held_up_has_not_ended_its_motion(dut: MotionSource) -> None:
+    short = APPROACH.positions[-1] - 0.021 * np.eye(7)[2]
+    context = context_of(dut, Phase.APPROACH, time=9.0, **{"panda.position_measured": short})
+
+    assert evaluate(dut, context, "motion_done")[0] == 0.0
+    # It still makes for the end.
+    assert evaluate(dut, context, "velocity")[2] == pytest.approx(0.021 * CONFIG.joint_gain)
 
 
 def test_following_passes_the_field_and_the_inverse_kinematics(dut: MotionSource) -> None:
@@ -102,7 +112,6 @@ def test_nothing_moves_straight_before_the_pose_is_latched(dut: MotionSource) ->
     ("phase", "changed", "output"),
     [
         (Phase.FOLLOW, {"field_velocity": np.full(6, np.nan)}, "spatial_velocity"),
-        (Phase.FOLLOW, {"ik_velocity": np.full(7, np.nan)}, "velocity"),
         (Phase.APPROACH, {"panda.position_measured": np.full(7, np.nan)}, "velocity"),
         (Phase.LIFT, {"gripper_pose": np.full(16, np.nan)}, "spatial_velocity"),
     ],
@@ -110,6 +119,12 @@ def test_nothing_moves_straight_before_the_pose_is_latched(dut: MotionSource) ->
 def test_nan_means_rest(dut: MotionSource, phase: Phase, changed: dict, output: str) -> None:
     context = context_of(dut, phase, time=0.25, **changed)
     assert not evaluate(dut, context, output).any()
+
+
+def test_an_answer_of_the_inverse_kinematics_that_is_none_goes_through(dut: MotionSource) -> None:
+    context = context_of(dut, Phase.FOLLOW, ik_velocity=np.full(7, np.nan))
+
+    assert np.isnan(dut.GetOutputPort("velocity").Eval(context)).all()
 
 
 def test_with_a_phase_of_nan_nothing_moves_and_nothing_ends(dut: MotionSource) -> None:
@@ -140,5 +155,5 @@ def test_direct_feedthrough_is_as_designed(dut: MotionSource) -> None:
     assert pairs == {
         *((name, "spatial_velocity") for name in by_phase | {"gripper_pose", "field_velocity"}),
         *((name, "velocity") for name in by_phase | {"panda.position_measured", "ik_velocity"}),
-        *((name, "motion_done") for name in by_phase),
+        *((name, "motion_done") for name in by_phase | {"panda.position_measured"}),
     }

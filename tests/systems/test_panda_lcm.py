@@ -1,4 +1,7 @@
 import contextlib
+import os
+import signal
+import threading
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.systems import panda_lcm
 from poil_drake.systems.panda_lcm import (
     HandCommandSender,
     HandStatusReceiver,
@@ -72,9 +76,11 @@ class Bench:
             channel="COMMAND",
             mailbox=self.mailbox,
             period=PERIOD,
+            update_age=lambda: self.update_age,
             clock=self.clock,
             **options,
         )
+        self.update_age = 0.0
         self.context = self.sender.CreateDefaultContext()
         self.sent: list[lcmt_panda_command] = []
         self.lcm.Subscribe("COMMAND", lambda raw: self.sent.append(lcmt_panda_command.decode(raw)))
@@ -231,6 +237,94 @@ def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits() -> None:
 
     assert len(bench.sent) > 10
     assert all(not any(command.joint_velocity) for command in bench.sent)
+
+
+def test_on_the_way_out_the_arm_brakes_from_its_last_velocity() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.send(np.full(7, 0.2))
+    bench.sent.clear()
+
+    bench.sender.SendRest(0.05)
+    bench.lcm.HandleSubscriptions(0)
+
+    # 5 rad/s^2 take 0.04 s from 0.2 rad/s.
+    speeds = [command.joint_velocity[0] for command in bench.sent]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[0] == pytest.approx(0.2)
+    assert speeds[-1] == 0.0
+
+
+class FakeTime:
+    """Stands for the module: time passes only where somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, duration: float) -> None:
+        self.now += duration
+
+
+@pytest.mark.parametrize(("pause", "moves"), [(0.04, True), (0.06, False)])
+def test_after_a_pause_there_is_nothing_to_brake_from(
+    monkeypatch: pytest.MonkeyPatch, pause: float, moves: bool
+) -> None:
+    time = FakeTime()
+    monkeypatch.setattr(panda_lcm, "time", time)
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.send(np.full(7, 0.2))
+    bench.sent.clear()
+
+    time.sleep(pause)  # The driver's expiry is 0.1 s.
+    bench.sender.SendRest(0.02)
+    bench.lcm.HandleSubscriptions(0)
+
+    assert len(bench.sent) > 4
+    assert any(any(command.joint_velocity) for command in bench.sent) == moves
+    assert not any(bench.sent[-1].joint_velocity)
+
+
+class _StopError(Exception):
+    pass
+
+
+def test_a_signal_waits_until_the_arm_rests() -> None:
+    def stop(number: int, frame: object) -> None:
+        raise _StopError
+
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.send(np.full(7, 0.2))
+    bench.sent.clear()
+    before = signal.signal(signal.SIGTERM, stop)
+    timer = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM))
+    timer.start()
+    try:
+        with pytest.raises(_StopError):
+            rest_and_wait(bench, timer)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    bench.lcm.HandleSubscriptions(0)
+
+    assert len(bench.sent) > 10
+    assert not any(bench.sent[-1].joint_velocity)
+
+
+def rest_and_wait(bench: Bench, timer: threading.Timer) -> None:
+    bench.sender.SendRest(0.1)
+    timer.join()
+
+
+def test_an_update_of_long_ago_means_rest() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.update_age = 0.03
+
+    assert not any(bench.send(np.full(7, 0.2))[0].joint_velocity)
 
 
 class HandBench:

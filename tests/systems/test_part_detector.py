@@ -1,9 +1,11 @@
+import threading
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
-from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_masks import DepthMaskConfig
@@ -45,8 +47,15 @@ class MiddleDetector:
 class Bench:
     """The dut with one camera that looks at a wall 0.5 m away."""
 
-    def __init__(self, offset: float = 0.0) -> None:
-        self.detector = MiddleDetector()
+    def __init__(
+        self,
+        offset: float = 0.0,
+        *,
+        detector: MiddleDetector | None = None,
+        blocking: bool = True,
+        labels: bool = False,
+    ) -> None:
+        self.detector = detector or MiddleDetector()
         self.dut = PartDetector(
             detector=self.detector,
             cameras=[CAMERA],
@@ -55,6 +64,8 @@ class Bench:
             period=PERIOD,
             offset=offset,
             fusion=FUSION,
+            blocking=blocking,
+            label_ids={"mug": (1,)} if labels else None,
         )
         self.simulator = Simulator(self.dut)
         self.context: Context = self.simulator.get_mutable_context()
@@ -205,3 +216,45 @@ def test_with_an_offset_it_looks_that_much_later() -> None:
 
     assert bench.status is DetectorStatus.FOUND
     assert bench.searches == [3 / 32]
+
+
+def test_images_without_labels_are_waited_for_where_labels_are_connected() -> None:
+    bench = Bench(labels=True)
+    port = bench.dut.GetInputPort("left.label_image")
+    port.FixValue(bench.context, Value(ImageLabel16I()))
+    bench.simulator.AdvanceTo(0.3)
+    assert bench.status is DetectorStatus.WAITING
+    assert bench.detector.calls == []
+
+    port.FixValue(bench.context, Value(ImageLabel16I(W, H)))
+    bench.simulator.AdvanceTo(0.6)
+
+    assert bench.status is DetectorStatus.FOUND
+
+
+class PausedDetector(MiddleDetector):
+    """Goes on only when told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.go = threading.Event()
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        self.go.wait()
+        return super().detect(frame, object_label=object_label, part_label=part_label)
+
+
+def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
+    detector = PausedDetector()
+    bench = Bench(detector=detector, blocking=False)
+    bench.request(0.0)
+
+    bench.simulator.AdvanceTo(0.5)  # would never come back if it waited for the detector
+    waiting = bench.status
+    detector.go.set()
+    bench.dut.close()  # the search in hand is finished first
+    bench.simulator.AdvanceTo(0.7)
+
+    assert waiting is DetectorStatus.WAITING
+    assert bench.status is DetectorStatus.FOUND
+    assert bench.searches == [0.0]

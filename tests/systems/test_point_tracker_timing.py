@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from point_tracker_bench import AFTER, PERIOD, QUERY, Bench, N, Scene, SummingTracker
+from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, Bench, N, Scene, SummingTracker
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
@@ -144,6 +144,30 @@ def test_on_hardware_a_late_result_is_late_and_blocks_nothing() -> None:
     assert bench.scene.looks == [0.0]  # frames that come while it is busy are skipped
     assert bench.status is TrackerStatus.TRACKING
     assert bench.points.stamp == 0.0
+
+
+def test_images_may_be_looked_for_more_often_than_they_are_tracked() -> None:
+    config = PointTrackerConfig(period=1 / 64, latency=0.0, min_interval=0.1)
+    bench = Bench(config=config, with_stamps=True)
+
+    bench.advance_to(0.5)
+
+    # The first look at which the image is 0.1 s newer than the one before, each time.
+    assert bench.scene.looks == [0.0, 7 / 64, 14 / 64, 21 / 64, 28 / 64]
+
+
+def test_points_may_be_looked_for_only_until_they_are_found() -> None:
+    config = PointTrackerConfig(latency=0.0, once=True)
+    bench = Bench(config=config, masks=None, with_stamps=True)
+    bench.advance_to(2 * PERIOD + AFTER)
+    assert bench.status is TrackerStatus.WAITING
+    bench.fix_masks(MASKS)
+
+    bench.advance_to(8 * PERIOD)
+
+    assert bench.status is TrackerStatus.TRACKING
+    assert bench.points.stamp == 3 * PERIOD
+    assert bench.scene.looks == [0.0, PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
 def test_a_tracker_that_is_not_awaited_runs_in_parallel() -> None:

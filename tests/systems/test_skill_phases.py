@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -23,8 +25,7 @@ SEEN = Observation(
     motion_done=False,
     ik_stuck=False,
     hand_width=0.0035,
-    robot_moving_mode=True,
-    status_age=0.0,
+    safe=True,
 )
 
 
@@ -39,11 +40,18 @@ def in_phase(phase: Phase, **memory: float) -> SkillState:
     )
 
 
-def run(state: SkillState, seen: Observation, *, duration: float, tick: float = 1 / 256):
+def run(
+    state: SkillState,
+    seen: Observation,
+    *,
+    duration: float,
+    tick: float = 1 / 256,
+    config: SkillConfig = CONFIG,
+) -> list[SkillState]:
     """Feeds one observation for a while and returns the states."""
     states = [state]
     for step in range(1, round(duration / tick) + 1):
-        states.append(next_state(states[-1], seen._replace(time=seen.time + step * tick), CONFIG))
+        states.append(next_state(states[-1], seen._replace(time=seen.time + step * tick), config))
     return states
 
 
@@ -102,8 +110,8 @@ def test_a_small_residual_is_released_after_patience() -> None:
         (Phase.FOLLOW, SEEN._replace(hand_width=0.0), 0.02, Fault.OBJECT_DROPPED),
         (Phase.LIFT, SEEN._replace(ik_stuck=True), CONFIG.stuck_time + 0.1, Fault.IK_STUCK),
         (Phase.GRASP, SEEN._replace(hand_width=0.0), 0.02, Fault.GRASP_MISSED),
-        (Phase.APPROACH, SEEN._replace(robot_moving_mode=False), 0.02, Fault.ROBOT_STATUS),
-        (Phase.APPROACH, SEEN._replace(status_age=0.06), 0.02, Fault.ROBOT_STATUS),
+        (Phase.APPROACH, SEEN._replace(safe=False), 0.02, Fault.SAFETY),
+        (Phase.APPROACH, SEEN._replace(hand_width=np.nan), 0.02, Fault.HAND_STATUS),
         (Phase.APPROACH, SEEN, CONFIG.phase_time_limit, Fault.TIMEOUT),
     ],
 )
@@ -142,9 +150,18 @@ def test_while_the_robot_waits_the_part_is_searched_again_and_again() -> None:
     assert (Phase(int(begun.phase)), begun.detect_requests) == (Phase.APPROACH, 4.0)
 
 
+def test_fingers_that_stand_still_before_they_could_have_moved_hold_nothing() -> None:
+    config = dataclasses.replace(CONFIG, hand_delay=0.5)
+    states = run(in_phase(Phase.GRASP), SEEN, duration=2.0, config=config)
+    begun = next(s for s in states if s.phase == Phase.LIFT)
+    assert begun.phase_start - 0.9 == pytest.approx(
+        config.hand_delay + config.grasp_settle_time, abs=1 / 128
+    )
+
+
 def test_a_fault_leaves_the_fingers_as_they_are() -> None:
-    open_ = next_state(in_phase(Phase.RETREAT), SEEN._replace(robot_moving_mode=False), CONFIG)
-    shut = next_state(in_phase(Phase.FOLLOW), SEEN._replace(robot_moving_mode=False), CONFIG)
+    open_ = next_state(in_phase(Phase.RETREAT), SEEN._replace(safe=False), CONFIG)
+    shut = next_state(in_phase(Phase.FOLLOW), SEEN._replace(safe=False), CONFIG)
     assert (open_.fault_width, shut.fault_width) == (CONFIG.release_width, 0.0)
 
 
@@ -157,7 +174,7 @@ def test_lost_points_do_not_count_as_lack_of_progress() -> None:
 @pytest.mark.parametrize("phase", [Phase.DONE, Phase.FAULT])
 def test_ended_phases_stay(phase: Phase) -> None:
     state = in_phase(phase)
-    assert next_state(state, SEEN._replace(robot_moving_mode=False), CONFIG) == state
+    assert next_state(state, SEEN._replace(safe=False), CONFIG) == state
 
 
 def test_the_hand_is_closed_exactly_between_grasp_and_release() -> None:

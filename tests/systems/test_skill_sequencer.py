@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from poil_drake.systems.safety_faults import SafetyFault
 from poil_drake.systems.skill_phases import Fault, Observation, Phase, SkillConfig, next_state
 from poil_drake.systems.skill_sequencer import SkillSequencer
-from poil_drake.systems.statuses import ControllerStatus, IkStatus, RobotMode, TrackerStatus
+from poil_drake.systems.statuses import ControllerStatus, IkStatus, TrackerStatus
 
 PERIOD = 1 / 256
 GOOD = {
@@ -16,7 +17,7 @@ GOOD = {
     "motion_done": [0.0],
     "ik_status": [IkStatus.OK],
     "hand.width_measured": [0.08],
-    "panda.status": [RobotMode.MOVE, 0.0, 1.0],
+    "safety_fault": [SafetyFault.NONE],
 }
 
 
@@ -53,7 +54,7 @@ def test_before_the_first_update_it_waits_with_an_open_hand(dut: SkillSequencer)
 def test_an_update_equals_the_pure_function(dut: SkillSequencer) -> None:
     context = context_of(dut)
     before = dut.skill_state(context)
-    seen = Observation(0.0, True, False, False, 0.5, 0.02, 0.2, False, False, 0.08, True, 0.0)
+    seen = Observation(0.0, True, False, False, 0.5, 0.02, 0.2, False, False, 0.08, True)
     Simulator(dut, context).AdvanceTo(PERIOD / 2)
     assert np.array_equal(
         dut.skill_state(context), next_state(before, seen, SkillConfig()), equal_nan=True
@@ -61,20 +62,20 @@ def test_an_update_equals_the_pure_function(dut: SkillSequencer) -> None:
 
 
 @pytest.mark.parametrize(
-    "bad",
+    ("bad", "fault"),
     [
-        {"panda.status": [RobotMode.MOVE, np.nan, 1.0]},
-        {"panda.status": [RobotMode.MOVE, 0.2, 1.0]},
-        {"panda.status": [RobotMode.MOVE, -0.2, 1.0]},
-        {"panda.status": [RobotMode.REFLEX, 0.0, 1.0]},
-        {"hand.width_measured": [np.nan]},
+        ({"safety_fault": [SafetyFault.EXTERNAL_TORQUE]}, Fault.SAFETY),
+        ({"safety_fault": [np.nan]}, Fault.SAFETY),
+        ({"hand.width_measured": [np.nan]}, Fault.HAND_STATUS),
     ],
 )
-def test_a_stale_or_unknown_robot_status_is_a_fault(dut: SkillSequencer, bad: dict) -> None:
+def test_what_makes_it_unsafe_to_go_on_is_a_fault(
+    dut: SkillSequencer, bad: dict, fault: Fault
+) -> None:
     context = context_of(dut, **bad)
     Simulator(dut, context).AdvanceTo(PERIOD / 2)
     assert outputs(dut, context)["phase"] == Phase.FAULT
-    assert outputs(dut, context)["fault"] == Fault.ROBOT_STATUS
+    assert outputs(dut, context)["fault"] == fault
 
 
 def test_nan_errors_are_no_progress(dut: SkillSequencer) -> None:

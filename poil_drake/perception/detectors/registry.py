@@ -6,7 +6,10 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import PartDetector
 
-DETECTORS: dict[str, Callable[[], PartDetector]] = {"label_image": LabelImageDetector}
+LABEL_IMAGE = "label_image"
+"""The detector that reads label images."""
+
+DETECTORS: dict[str, Callable[[], PartDetector]] = {LABEL_IMAGE: LabelImageDetector}
 """Name -> what makes the detector."""
 
 

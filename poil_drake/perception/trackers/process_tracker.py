@@ -74,6 +74,12 @@ class ProcessTracker:
             raise _lost("has ended")
         return self._call("step", state.key, frame, motion_prior)
 
+    def abort(self) -> None:
+        """Ends the worker at once, from any thread; what it does is lost."""
+        worker = self._worker
+        if worker is not None:
+            worker.kill()
+
     def close(self) -> None:
         """Ends the worker. States are lost; a `start` begins with a new worker."""
         if self._worker is not None:

@@ -1,0 +1,27 @@
+"""What was wrong with the messages of a channel, in words."""
+
+from typing import Any
+
+from poil_drake.systems.panda_lcm_messages import LcmMailbox
+
+
+def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
+    """Returns what was wrong with the messages of a channel, a sentence each.
+
+    Args:
+        mailbox: Where they arrive.
+        channel: The channel's name.
+        tolerance: How far the sender's clock may be off ours [s].
+    """
+    found = []
+    if mailbox.malformed:
+        found.append(f"{mailbox.malformed} messages on {channel} could not be read")
+    if mailbox.late:
+        found.append(f"{mailbox.late} messages on {channel} came late or twice")
+    if abs(mailbox.offset) > tolerance:
+        side = "before" if mailbox.offset > 0.0 else "after"
+        found.append(
+            f"the last message on {channel} was stamped {abs(mailbox.offset):.2f} s {side} it "
+            "came: are the clocks in step?"
+        )
+    return found

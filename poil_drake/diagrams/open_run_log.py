@@ -1,0 +1,48 @@
+"""Opens the log of a run, with all that a replay needs to begin."""
+
+from pathlib import Path
+
+from poil_drake.diagrams.dump_scenario import DumpScenario
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.plan_file import plan_bytes
+from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+from poil_drake.recording.run_log_layout import SIMULATED, STATION_KEY
+
+
+def OpenRunLog(
+    path: Path,
+    *,
+    plan: ExecutionPlan,
+    scenario: Scenario,
+    station: str = SIMULATED,
+    config: RunLogConfig | None = None,
+) -> RunLogWriter:
+    """Opens the log of a run; whoever opens it closes it.
+
+    Args:
+        path: Where it goes.
+        plan: What is executed; it is kept in the log.
+        scenario: Where; likewise.
+        station: What executes it: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
+        config: How to log.
+    """
+    poil = scenario.poil
+    metadata = {
+        **{key: str(value) for key, value in plan.metadata.items()},
+        "scenario": scenario.source.name,
+        "scenario_file": scenario.source.file,
+        "object": poil.object,
+        "part": poil.part,
+        "fixture": poil.fixture,
+        "tracker": poil.tracker,
+        "seed": str(scenario.random_seed),
+        STATION_KEY: station,
+    }
+    return RunLogWriter(
+        path,
+        metadata=metadata,
+        scenario_text=DumpScenario(scenario),
+        plan=plan_bytes(plan),
+        config=config,
+    )

@@ -1,0 +1,140 @@
+"""What a replay came to: one line for people, one JSON file for programs."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from poil_drake.recording.library_versions import library_versions
+from poil_drake.recording.plain_json import plain_json, write_json
+from poil_drake.recording.run_comparison import (
+    ANGULAR_VELOCITY,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY,
+    TRACKED_POINTS,
+    RunComparison,
+)
+
+_SIGNALS = {
+    # Signal             in words                        unit, and how many of it are one SI unit
+    JOINT_VELOCITY: ("joint velocities", "rad/s", 1.0),
+    ANGULAR_VELOCITY: ("angular velocities", "rad/s", 1.0),
+    LINEAR_VELOCITY: ("linear velocities", "mm/s", 1e3),
+    TRACKED_POINTS: ("tracked points", "mm", 1e3),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySummary:
+    """What a replay came to.
+
+    Attributes:
+        log: The log that was replayed.
+        station: What had written it: simulated, hardware or dry_run.
+        tracker: Which tracker followed the points in the replay; "recorded" repeats the tracks.
+        changed: Whether it was replayed with other settings than it was run with.
+        comparison: How the replay differs from the run.
+        replayed: Time that was replayed [s].
+        wall: Wall-clock time that it took [s].
+        notes: What to know about the log, a clause each.
+        outputs: What was written, kind -> path.
+        versions: Library -> version.
+    """
+
+    log: str
+    station: str
+    tracker: str
+    changed: bool
+    comparison: RunComparison
+    replayed: float
+    wall: float
+    notes: Sequence[str] = ()
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=library_versions)
+
+    @property
+    def same(self) -> bool:
+        """Whether the replay did what the run did, within tolerances."""
+        return self.comparison.same
+
+    @property
+    def reason(self) -> str:
+        """What the two have in common, or where they part, in one clause."""
+        first, phases = self.comparison.first, self.comparison.phases
+        if first is None:
+            if not self.same:
+                return "the log holds no commands to compare with"
+            return f"the same {len(phases)} phases"
+        when = f"from {first.time:.2f} s on, in phase '{first.phase}'"
+        if first.what == "phase":
+            parts = [p for p in phases if first.time in (p.recorded, p.replayed)]
+            return f"{when}, the phases differ: {_parting(parts[0])}"
+        name, unit, scale = _SIGNALS[first.what]
+        tolerance = scale * self.comparison.tolerances.of(first.what)
+        return f"{when}, {name} differ by more than {tolerance:g} {unit}"
+
+    def closing_line(self) -> str:
+        """Returns the one line that ends a replay's output."""
+        clauses = [self.reason]
+        for signal in (JOINT_VELOCITY, TRACKED_POINTS):
+            name, unit, scale = _SIGNALS[signal]
+            found = self.comparison.statistics(signal)
+            if found.count:
+                clauses.append(
+                    f"{name} differ by {scale * found.median:.2g} {unit} (median), "
+                    f"{scale * found.maximum:.2g} {unit} (most)"
+                )
+        clauses += self.notes
+        clauses.append(f"{self.replayed:.1f} s replayed in {self.wall:.1f} s")
+        return f"{'SAME' if self.same else 'DIFFERENT'}: {'; '.join(clauses)}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything as JSON can hold it; what is not finite becomes None."""
+        comparison = self.comparison
+        signals = {
+            signal: {
+                **dataclasses.asdict(comparison.statistics(signal)),
+                "tolerance": comparison.tolerances.of(signal),
+                "phases": {
+                    name: dataclasses.asdict(found)
+                    for name, found in comparison.statistics_by_phase(signal).items()
+                },
+            }
+            for signal in comparison.differences
+        }
+        first = comparison.first
+        return plain_json(
+            {
+                "same": self.same,
+                "reason": self.reason,
+                "log": self.log,
+                "station": self.station,
+                "tracker": self.tracker,
+                "changed": self.changed,
+                "phases_agree": comparison.phases_agree,
+                "phases": [dataclasses.asdict(phase) for phase in comparison.phases],
+                "phase_start_tolerance": comparison.tolerances.phase_start,
+                "signals": signals,
+                "first_difference": None if first is None else dataclasses.asdict(first),
+                "unmatched_tracks": comparison.unmatched_tracks,
+                "points_seen_by_one_only": comparison.visibility,
+                "timing": {"replayed": self.replayed, "wall": self.wall},
+                "notes": list(self.notes),
+                "outputs": dict(self.outputs),
+                "versions": dict(self.versions),
+            }
+        )
+
+    def write_json(self, path: str | Path) -> Path:
+        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        write_json(self.to_dict(), Path(path))
+        return Path(path)
+
+
+def _parting(phase: Any) -> str:
+    if phase.replayed != phase.replayed:
+        return f"'{phase.name}' began in the run only"
+    if phase.recorded != phase.recorded:
+        return f"'{phase.name}' began in the replay only"
+    return f"'{phase.name}' began at {phase.recorded:.2f} s and again at {phase.replayed:.2f} s"

@@ -1,0 +1,1 @@
+"""Cameras that are read in this process, each on a thread of its own."""

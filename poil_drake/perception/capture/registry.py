@@ -1,0 +1,47 @@
+"""Which device reads a camera, by the type of its configuration."""
+
+from importlib import import_module
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.capture.config import (
+    DeviceConfig,
+    OpenCvStreams,
+    RealSense,
+    Zed,
+)
+from poil_drake.perception.capture.device import CaptureDevice, Clock
+
+# By name, so that only what is used is loaded. `McapPlayback` is read by `CameraPlayback`, which
+# stands with the recordings, a floor above this one.
+_DEVICES: dict[type, tuple[str, str]] = {
+    RealSense: ("poil_drake.perception.capture.real_sense", "RealSenseDevice"),
+    Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
+    OpenCvStreams: ("poil_drake.perception.capture.opencv_streams", "OpenCvStreamsDevice"),
+}
+
+
+def make_device(
+    config: DeviceConfig, *, camera: str, size: tuple[int, int], clock: Clock
+) -> CaptureDevice:
+    """Returns what reads a camera; nothing is opened yet.
+
+    Args:
+        config: Where its images come from.
+        camera: Its name in the scenario.
+        size: (height, width) of its images [px].
+        clock: The time now [s since the epoch].
+
+    Raises:
+        MissingDependencyError: if the library that it needs is not installed.
+        InvalidValueError: if the configuration lacks something, or is of no known type.
+    """
+    if type(config) not in _DEVICES:
+        raise InvalidValueError(
+            f"Camera '{camera}' is configured by a {type(config).__name__}.",
+            remedy=f"Use one of: {', '.join(kind.__name__ for kind in _DEVICES)}.",
+        )
+    module, name = _DEVICES[type(config)]
+    device: CaptureDevice = getattr(import_module(module), name)(
+        config, camera=camera, size=size, clock=clock
+    )
+    return device

@@ -1,0 +1,109 @@
+"""A recorded camera, played back in real time."""
+
+import time
+
+import numpy as np
+
+from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError
+from poil_drake.perception.capture.config import McapPlayback
+from poil_drake.perception.capture.device import PATIENCE, Clock
+from poil_drake.perception.images import RgbdImage
+from poil_drake.recording.demonstration import Demonstration, load_demonstration
+from poil_drake.recording.frame_grouping import median_period
+
+
+class CameraPlayback:
+    """One camera of a demonstration or of a run's log; a `CaptureDevice`.
+
+    Images are decoded when they are due, and those that were missed meanwhile are left out. See
+    `McapPlayback` for what the stamps mean.
+    """
+
+    def __init__(self, config: McapPlayback, *, camera: str, size: tuple[int, int], clock: Clock):
+        """Remembers what to play; the file is not opened.
+
+        Args:
+            config: The file, and how to play it.
+            camera: The camera's name in the scenario.
+            size: (height, width) of its images [px].
+            clock: The time now [s since the epoch].
+
+        Raises:
+            InvalidValueError: if no file is given.
+        """
+        if not config.file:
+            raise InvalidValueError(
+                f"McapPlayback.file of camera '{camera}' is empty.",
+                remedy="Give a demonstration or the log of a run.",
+            )
+        self._config, self._size, self._clock = config, size, clock
+        self._camera = camera
+        self._recording: Demonstration | None = None
+        self._offsets = np.zeros(0)
+        self._cycle = 0.0
+        self._start: float | None = None
+        self._played = -1
+
+    def open(self) -> None:
+        """See `CaptureDevice.open`."""
+        if self._start is None:
+            self._start = self._clock() + self._config.lead_in
+        try:
+            recording = load_demonstration(
+                self._config.file, cameras=[self._config.camera or self._camera]
+            )
+        except DemonstrationError as error:
+            raise self._failed(error) from error
+        model = recording.cameras[0]
+        if (model.height, model.width) != self._size:
+            raise CaptureError(
+                f"Camera '{self._camera}': {self._config.file} holds {model.width} x "
+                f"{model.height} pixels, but {self._size[1]} x {self._size[0]} are needed.",
+                remedy="Give the camera in the scenario the size and the calibration of the "
+                "recording.",
+            )
+        stamps = recording.stamps
+        self._offsets = (stamps - stamps[0]) / self._config.rate
+        self._cycle = float(self._offsets[-1] + median_period(self._offsets))
+        self._recording = recording
+
+    def read(self) -> RgbdImage | None:
+        """See `CaptureDevice.read`."""
+        if self._recording is None or self._start is None:
+            raise CaptureError(f"Camera '{self._camera}' is not open.", remedy="Open it first.")
+        number = self._due(self._clock() - self._start)
+        if number <= self._played:
+            ahead = self._start + self._time_of(number + 1) - self._clock()
+            time.sleep(min(max(ahead, 0.0), PATIENCE))
+            number = self._due(self._clock() - self._start)
+        if number <= self._played:
+            return None
+        self._played = number
+        try:
+            image = self._recording.frames[number % len(self._offsets)].images[0]
+        except DemonstrationError as error:
+            raise self._failed(error) from error
+        return RgbdImage(
+            image.rgb, image.depth, self._start + self._time_of(number), label=image.label
+        )
+
+    def close(self) -> None:
+        """See `CaptureDevice.close`."""
+        self._recording = None
+
+    def _due(self, elapsed: float) -> int:
+        """Returns the number of the latest image at this time [s], counted through all rounds."""
+        count = len(self._offsets)
+        rounds = max(int(elapsed // self._cycle), 0) if self._config.loop else 0
+        within = elapsed - rounds * self._cycle
+        return rounds * count + int(np.searchsorted(self._offsets, within, side="right")) - 1
+
+    def _time_of(self, number: int) -> float:
+        """Returns when an image is due [s from the start]; never, after the end."""
+        rounds, index = divmod(number, len(self._offsets))
+        if rounds > 0 and not self._config.loop:
+            return np.inf
+        return rounds * self._cycle + float(self._offsets[index])
+
+    def _failed(self, error: DemonstrationError) -> CaptureError:
+        return CaptureError(f"Camera '{self._camera}': {error.problem}", remedy=error.remedy)

@@ -1,0 +1,20 @@
+"""The topics and names of a run log that a replay reads again, see docs/replaying_a_run.md."""
+
+PLAN_ATTACHMENT = "plan.npz"
+STATION_KEY = "station"
+"""Metadata: what was run, one of the three below."""
+
+SIMULATED, HARDWARE, DRY_RUN = "simulated", "hardware", "dry_run"
+
+JOINT_STATES_TOPIC = "/robot/joint_states"
+JOINT_COMMANDS_TOPIC = "/robot/joint_commands"
+ROBOT_STATUS_TOPIC = "/robot/status"
+HAND_STATUS_TOPIC = "/hand/status"
+TWIST_TOPIC = "/controller/twist"
+PHASE_TOPIC = "/phase"
+TRACKED_TOPIC = "/points/tracked"
+TRACKER_STATUS_TOPIC = "/tracker/status"
+TRACKER_TIMES_TOPIC = "/tracker/times"
+DETECTOR_TIMES_TOPIC = "/detector/times"
+CAMERAS_STATUS_TOPIC = "/cameras/status"
+STOPS_TOPIC = "/stop_requests/status"

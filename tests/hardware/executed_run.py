@@ -1,0 +1,35 @@
+"""Runs the hardware loop as the command line does: `executed_run.py SCENARIO.yaml FOLDER`."""
+
+import signal
+import sys
+from pathlib import Path
+
+from hardware_bench import swinging_plan
+
+from poil_drake.cli import Stopped, _stop
+from poil_drake.diagrams.load_scenario import LoadScenario
+from poil_drake.diagrams.run_report import OutputPaths
+from poil_drake.diagrams.skill_run import ExecutePlan
+from poil_drake.systems.held_signals import ENDING
+
+
+def main(scenario: Path, folder: Path) -> int:
+    for number in ENDING:
+        signal.signal(number, _stop)
+    try:
+        summary = ExecutePlan(
+            swinging_plan(),
+            LoadScenario(filename=scenario),
+            outputs=OutputPaths(mcap=folder / "run.mcap", json=folder / "run.json"),
+            hardware=True,
+            show=False,
+            show_progress=False,
+            check=False,
+        )
+    except Stopped as stop:
+        return 128 + stop.number
+    return 0 if summary.success else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))

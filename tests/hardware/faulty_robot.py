@@ -1,0 +1,109 @@
+"""A stand-in robot that misbehaves once its arm has moved for a while."""
+
+import json
+import os
+import signal
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from poil_drake.benchmarks.stand_in_robot import StandInRobot, StandInSetup, read_setup
+from poil_drake.systems.panda_lcm_messages import (
+    HandStatus,
+    PandaStatus,
+    encode_hand_status,
+    encode_panda_status,
+)
+from poil_drake.systems.statuses import RobotMode
+
+MOVING = 0.02  # [rad/s]: faster than this is no rest.
+
+
+class FaultyRobot(StandInRobot):
+    def __init__(self, setup: StandInSetup):
+        super().__init__(setup)
+        self.moved_at: float | None = None
+        self.fault_at: float | None = None
+        self.last_message = b""
+
+    def faulty(self, *names: str) -> bool:
+        return self.fault_at is not None and self.setup.fault in names
+
+    def now(self) -> float:
+        if self.faulty("clock_ahead"):
+            return super().now() + 1.0
+        if self.faulty("clock_behind"):
+            return super().now() - 1.0
+        return super().now()
+
+    def step(self, tick: int) -> None:
+        super().step(tick)
+        if self.moved_at is None and self.speeds[-1][1] > MOVING:
+            self.moved_at = time.time()
+            print("moving", flush=True)
+        due = self.moved_at is not None and time.time() - self.moved_at >= self.setup.after
+        if due and self.fault_at is None and self.setup.fault:
+            self.fault_at = time.time()
+            if self.setup.fault == "driver_killed":
+                print(json.dumps(self.seen()), flush=True)
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    def wanted(self, now: float) -> np.ndarray:
+        return np.zeros(7) if self.faulty("reflex") else super().wanted(now)
+
+    def status(self, stamp: float) -> PandaStatus:
+        status = super().status(stamp)
+        torque, mode = status.torque_external, status.mode
+        if self.faulty("pushed"):
+            torque = torque + np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        if self.faulty("reflex"):
+            mode = RobotMode.REFLEX
+        return PandaStatus(
+            stamp=stamp,
+            position=status.position,
+            velocity=status.velocity,
+            torque_external=torque,
+            mode=mode,
+            success_rate=0.3 if self.faulty("packets_lost") else status.success_rate,
+        )
+
+    def say(self, now: float) -> None:
+        message = encode_panda_status(self.status(now), self.velocity)
+        channel = self.channels.status
+        if self.faulty("status_stopped"):
+            return
+        if self.faulty("all_malformed", "some_bad"):
+            self.lcm.Publish(channel, b"\x01garbage")
+        if self.faulty("all_foreign", "some_bad"):
+            foreign = HandStatus(stamp=now, width=0.0)
+            self.lcm.Publish(channel, encode_hand_status(foreign, False))
+        if self.faulty("all_late", "some_bad"):
+            late = self.status(now - 0.3)
+            self.lcm.Publish(channel, encode_panda_status(late, self.velocity))
+        if self.faulty("all_repeated", "some_bad"):
+            self.lcm.Publish(channel, self.last_message)
+        if not self.faulty("all_malformed", "all_foreign", "all_late", "all_repeated"):
+            self.lcm.Publish(channel, message)
+            self.last_message = message
+
+    def show(self) -> None:
+        stamp = self.now()
+        first = next(iter(self.pictures))
+        for name in self.pictures:
+            message = self.picture(name, stamp)
+            if name == first and self.faulty("camera_unplugged"):
+                continue
+            if name == first and self.faulty("camera_garbage"):
+                message = b"garbage"
+            if name == first and self.faulty("camera_frozen"):
+                message = self.picture(name, self.fault_at or stamp)
+            self.images.Publish(self.image_channel(name), message)
+
+    def seen(self) -> dict[str, Any]:
+        return {**super().seen(), "fault_at": self.fault_at, "moved_at": self.moved_at}
+
+
+if __name__ == "__main__":
+    FaultyRobot(read_setup(sys.argv[1])).run()

@@ -1,0 +1,73 @@
+"""A tracker that sees what forward kinematics foretells, and can misbehave in its process."""
+
+import os
+import signal
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from poil_drake.geometry.rigid_transform import transform_points
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.protocol import TrackerOutput
+
+
+@dataclass(frozen=True)
+class PriorState:
+    """Where the points are (N, 3) [m], and how many steps led there."""
+
+    points: np.ndarray
+    steps: int = 0
+    carried: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorTracker:
+    """Moves the points along with the held object.
+
+    Attributes:
+        stall: For how long one step takes, once the object is carried [s].
+        grave: If not empty, the process is killed once the object is carried, and leaves this file.
+        rises: Whether a new process works; else it is killed as soon as it starts to track.
+    """
+
+    stall: float = 0.0
+    grave: str = ""
+    rises: bool = True
+
+    def start(
+        self,
+        frame: MultiViewFrame,
+        query_points: np.ndarray,
+        object_masks: tuple[np.ndarray, ...],
+    ) -> TrackerOutput:
+        if self._died and not self.rises:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self._output(PriorState(query_points), frame)
+
+    def step(
+        self, state: PriorState, frame: MultiViewFrame, motion_prior: np.ndarray | None = None
+    ) -> TrackerOutput:
+        X_M = np.eye(4) if motion_prior is None else motion_prior
+        moves = not np.allclose(X_M, np.eye(4), atol=1e-5)
+        carried = state.carried + moves
+        if self.grave and carried > 1 and not self._died:
+            Path(self.grave).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.stall and moves and carried == 3:
+            time.sleep(self.stall)
+        points = transform_points(X_M, state.points)
+        return self._output(
+            replace(state, points=points, steps=state.steps + 1, carried=carried), frame
+        )
+
+    @property
+    def _died(self) -> bool:
+        return bool(self.grave) and Path(self.grave).exists()
+
+    def _output(self, state: PriorState, frame: MultiViewFrame) -> TrackerOutput:
+        confidence = np.ones(len(state.points))
+        points = TrackedPoints(positions=state.points, confidence=confidence, stamp=frame.stamp)
+        return TrackerOutput(state, points, False)

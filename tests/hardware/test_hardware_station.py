@@ -1,0 +1,92 @@
+"""The real robot's station against a stand-in robot in another process."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hardware_bench import HOME, hardware_scenario, stand_in
+
+from poil_drake.diagrams.hardware_config import LcmImages
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.station import CaptureFrame, HardwareStation, MakeStation, RequireLabels
+from poil_drake.errors import ScenarioError, StationError
+
+pytestmark = pytest.mark.render
+
+
+@pytest.fixture
+def robot_scenario(scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[Scenario]:
+    """A scenario whose robot stands by."""
+    scenario = hardware_scenario(scenario)
+    with stand_in(scenario, pictures, tmp_path):
+        yield scenario
+
+
+def test_it_sees_what_stands_there(robot_scenario: Scenario, pictures: Path) -> None:
+    with MakeStation(robot_scenario, hardware=True) as dut:
+        context = dut.CreateDefaultContext()
+        frame = CaptureFrame(dut, context, labels=True)
+        position = dut.ArmPosition(context)
+
+    truth = np.load(pictures)
+    np.testing.assert_array_equal(position, HOME)
+    for camera, image in zip(frame.cameras, frame.images, strict=True):
+        np.testing.assert_array_equal(image.rgb, truth[f"{camera.name}.rgb"])
+        np.testing.assert_array_equal(image.depth, truth[f"{camera.name}.depth"])
+        np.testing.assert_array_equal(image.label, truth[f"{camera.name}.label"])
+    assert {"mug", "mug/handle", "rack"} <= frame.label_ids.keys()
+    assert dut.Problems() == ()
+
+
+def test_cameras_stand_where_they_do_in_simulation(robot_scenario: Scenario) -> None:
+    hardware = MakeStation(robot_scenario, hardware=True)
+    simulated = MakeStation(robot_scenario, ignore_output_delay=True)
+
+    for mine, other in zip(hardware.camera_models, simulated.camera_models, strict=True):
+        np.testing.assert_array_equal(mine.X_WC, other.X_WC)
+        np.testing.assert_array_equal(mine.K, other.K)
+    assert hardware.label_ids == simulated.label_ids
+    assert hardware.robot_base_pose().IsExactlyEqualTo(simulated.robot_base_pose())
+
+
+def waiting(scenario: Scenario, seconds: float) -> Scenario:
+    hardware = dataclasses.replace(scenario.poil.hardware, ready_timeout=seconds)
+    return dataclasses.replace(scenario, poil=dataclasses.replace(scenario.poil, hardware=hardware))
+
+
+def test_all_that_is_missing_is_named(scenario: Scenario) -> None:
+    dut = MakeStation(waiting(hardware_scenario(scenario), 0.1), hardware=True)
+
+    with pytest.raises(StationError) as said, dut:
+        pass
+
+    for missing in ("the robot's status", "the hand's status", "'left'", "'right'"):
+        assert missing in str(said.value)
+
+
+def test_a_camera_that_sends_no_labels_does_not_suit_a_detector_that_reads_them(
+    scenario: Scenario,
+) -> None:
+    hardware = dataclasses.replace(
+        scenario.poil.hardware, cameras={"right": LcmImages(labels=False)}
+    )
+    poil = dataclasses.replace(scenario.poil, hardware=hardware)
+    dut = MakeStation(dataclasses.replace(scenario, poil=poil), hardware=True)
+
+    with pytest.raises(ScenarioError, match="camera 'right' does not give"):
+        RequireLabels(dut)
+    assert dut.HasOutputPort("left.label_image")
+    assert not dut.HasOutputPort("right.label_image")
+
+
+def test_looking_does_not_command(scenario: Scenario, pictures: Path, tmp_path: Path) -> None:
+    scenario = hardware_scenario(scenario)
+    with stand_in(scenario, pictures, tmp_path) as robot:
+        with MakeStation(scenario, hardware=True) as dut:
+            CaptureFrame(dut, dut.CreateDefaultContext())
+        seen = robot.finish()
+
+    assert isinstance(dut, HardwareStation)
+    assert seen["commanded"] == []

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from capture_bench import SettableClock
+
+from poil_drake.errors import CaptureError, InvalidValueError
+from poil_drake.perception.capture.config import McapPlayback
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.camera_playback import CameraPlayback
+from poil_drake.recording.image_messages import ColorEncoding
+from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+
+SIZE = (24, 32)
+K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])
+COUNT, PERIOD = 4, 0.125
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Four images of one camera; the k-th has colour and depth k + 1."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    config = RunLogConfig(color=ColorEncoding(format="raw"))
+    with RunLogWriter(path, config=config) as writer:
+        writer.write_calibration(CameraModel("left", 32, 24, K, np.eye(4)), time=10.0)
+        for k in range(COUNT):
+            time = 10.0 + k * PERIOD
+            writer.write_image("left", np.full((*SIZE, 3), k + 1, np.uint8), time=time)
+            writer.write_depth("left", np.full(SIZE, float(k + 1)), time=time)
+    return str(path)
+
+
+def play(
+    file: str, *, steps: int, step: float = PERIOD, **config: object
+) -> list[tuple[int, float]]:
+    """Returns which images come, and their stamps from the start, one read every `step` [s]."""
+    clock = SettableClock(1000.0)
+    dut = CameraPlayback(
+        McapPlayback(file=file, lead_in=1.0, **config),  # type: ignore[arg-type]
+        camera="left",
+        size=SIZE,
+        clock=clock,
+    )
+    dut.open()
+    clock.now = 1001.0
+    found = []
+    for _ in range(steps):
+        image = dut.read()
+        if image is not None:
+            assert image.depth[0, 0] == image.rgb[0, 0, 0]
+            found.append((int(image.rgb[0, 0, 0]), image.stamp - 1001.0))
+        clock.now += step
+    dut.close()
+    dut.close()
+    return found
+
+
+def test_it_plays_in_real_time_once(log: str) -> None:
+    assert play(log, steps=8) == [(1, 0.0), (2, 0.125), (3, 0.25), (4, 0.375)]
+
+
+def test_in_a_loop_it_begins_again_one_period_after_its_end(log: str) -> None:
+    found = play(log, steps=6, loop=True)
+
+    assert found[3:] == [(4, 0.375), (1, 0.5), (2, 0.625)]
+
+
+def test_twice_as_fast_it_takes_half_the_time(log: str) -> None:
+    assert play(log, steps=4, step=PERIOD / 2, rate=2.0)[-1] == (4, 0.1875)
+
+
+def test_what_is_late_is_left_out(log: str) -> None:
+    assert play(log, steps=2, step=2 * PERIOD) == [(1, 0.0), (3, 0.25)]
+
+
+@pytest.mark.parametrize(
+    ("config", "size", "problem"),
+    [
+        ({"camera": "top"}, SIZE, "'top'"),
+        ({"file": "none.mcap"}, SIZE, "none.mcap"),
+        ({}, (4, 4), "32 x 24"),
+    ],
+)
+def test_what_cannot_be_played_is_said(
+    log: str, config: dict, size: tuple[int, int], problem: str
+) -> None:
+    given = McapPlayback(**{"file": log, **config})
+    dut = CameraPlayback(given, camera="left", size=size, clock=SettableClock())
+
+    with pytest.raises(CaptureError, match=problem):
+        dut.open()
+
+
+def test_a_file_is_needed() -> None:
+    with pytest.raises(InvalidValueError, match=r"McapPlayback\.file"):
+        CameraPlayback(McapPlayback(), camera="left", size=SIZE, clock=SettableClock())

@@ -1,0 +1,31 @@
+import sys
+
+import pytest
+from capture_bench import SIZE, SettableClock
+
+from poil_drake.errors import InvalidValueError, MissingDependencyError
+from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
+from poil_drake.perception.capture.registry import make_device
+
+
+def test_the_configuration_chooses_the_device() -> None:
+    config = OpenCvStreams(rgb="0", depth="1")
+
+    device = make_device(config, camera="left", size=SIZE, clock=SettableClock())
+
+    assert type(device).__name__ == "OpenCvStreamsDevice"
+
+
+@pytest.mark.parametrize(("config", "module"), [(RealSense(), "pyrealsense2"), (Zed(), "pyzed.sl")])
+def test_a_library_that_is_missing_is_named_before_anything_is_opened(
+    monkeypatch: pytest.MonkeyPatch, config: RealSense | Zed, module: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+
+    with pytest.raises(MissingDependencyError, match=module.split(".")[0]):
+        make_device(config, camera="left", size=SIZE, clock=SettableClock())
+
+
+def test_an_unknown_configuration_is_refused() -> None:
+    with pytest.raises(InvalidValueError, match=r"'left'.*object"):
+        make_device(object(), camera="left", size=SIZE, clock=SettableClock())  # type: ignore[arg-type]

@@ -1,0 +1,260 @@
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
+
+from poil_drake.errors import CaptureError, InvalidValueError
+from poil_drake.perception.capture.capture_thread import CaptureThread
+
+UNPLUGGED = CaptureError("Camera 'left' is unplugged.", remedy="Plug it in.")
+
+
+@pytest.fixture
+def device() -> ScriptedDevice:
+    return ScriptedDevice()
+
+
+@pytest.fixture
+def dut(device: ScriptedDevice) -> Iterator[CaptureThread]:
+    thread = CaptureThread(device, name="left", size=SIZE, reopen_period=0.01)
+    yield thread
+    thread.close()
+
+
+def test_before_the_first_image_there_is_none(device: ScriptedDevice, dut: CaptureThread) -> None:
+    dut.start()
+    device.wait_until_opened(1)
+
+    assert (dut.newest, dut.count, dut.problem) == (None, 0, "")
+
+
+def test_the_newest_image_wins(device: ScriptedDevice, dut: CaptureThread) -> None:
+    images = [image(1.0), image(2.0), image(3.0)]
+    dut.start()
+
+    device.feed(*images)
+
+    assert dut.newest is images[-1]
+    assert (dut.count, dut.problem) == (3, "")
+
+
+def test_all_calls_come_from_one_daemon_thread_with_the_cameras_name(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.start()
+    device.feed(image(1.0), UNPLUGGED, image(2.0))
+    dut.close()
+
+    (thread,) = device.threads
+    assert thread is not threading.current_thread()
+    assert (thread.name, thread.daemon, thread.is_alive()) == ("capture_left", True, False)
+
+
+def test_a_camera_that_freezes_keeps_its_last_image_and_stamp(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.start()
+    device.feed(image(1.0))
+
+    device.feed(image(1.0), image(1.0))
+
+    assert dut.newest is not None
+    assert (dut.newest.stamp, dut.count) == (1.0, 1)
+    assert "frozen" in dut.problem
+
+
+def test_stamps_that_run_backwards_are_not_new(device: ScriptedDevice, dut: CaptureThread) -> None:
+    dut.start()
+    device.feed(image(5.0), image(4.0))
+
+    assert dut.newest is not None
+    assert dut.newest.stamp == 5.0
+    assert "4.000 s came after one stamped 5.000 s" in dut.problem
+
+
+@pytest.mark.parametrize("stamp", [float("nan"), float("inf")])
+def test_stamps_that_are_not_finite_are_not_new(
+    device: ScriptedDevice, dut: CaptureThread, stamp: float
+) -> None:
+    dut.start()
+    device.feed(image(stamp))
+
+    assert dut.newest is None
+    assert "stamp" in dut.problem
+
+
+def test_an_image_of_another_size_is_not_shown(device: ScriptedDevice, dut: CaptureThread) -> None:
+    dut.start()
+    device.feed(image(1.0), image(2.0, size=(3, 4)))
+
+    assert dut.newest is not None
+    assert dut.newest.stamp == 1.0
+    assert "4 x 3 pixels, but the scenario says 8 x 6" in dut.problem
+
+
+def test_an_image_without_any_depth_is_not_shown(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.start()
+    device.feed(image(1.0), image(2.0, depth=0.0))
+
+    assert dut.newest is not None
+    assert dut.newest.stamp == 1.0
+    assert "empty" in dut.problem
+
+
+def test_the_next_good_image_clears_the_problem(device: ScriptedDevice, dut: CaptureThread) -> None:
+    dut.start()
+    device.feed(image(1.0), image(2.0, depth=0.0), image(3.0))
+
+    assert dut.newest is not None
+    assert (dut.newest.stamp, dut.count, dut.problem) == (3.0, 2, "")
+    assert device.opened == 1
+
+
+def test_an_unplugged_camera_is_reported_and_opened_again(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.start()
+    device.feed(image(1.0))
+    device.fail_to_open(UNPLUGGED, UNPLUGGED)
+
+    device.feed(UNPLUGGED)
+    device.wait_until_opened(3)
+
+    assert dut.newest is not None
+    assert dut.newest.stamp == 1.0
+    assert dut.problem == "Camera 'left' is unplugged. Plug it in"
+
+    device.feed(image(2.0))
+
+    assert (dut.newest.stamp, dut.problem) == (2.0, "")
+    assert (device.opened, device.closed) == (4, 3)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        RuntimeError("USB\n  gone"),
+        OSError(19, "No such device"),
+        AttributeError("x"),
+        MemoryError(),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_no_error_of_whatever_type_ends_the_thread(
+    device: ScriptedDevice, dut: CaptureThread, error: Exception
+) -> None:
+    dut.start()
+
+    device.feed(error)
+
+    assert dut.problem.startswith(type(error).__name__)
+    assert "\n" not in dut.problem
+
+    device.fail_to_open(error)
+    device.feed(error, image(1.0))
+
+    assert (dut.count, dut.problem) == (1, "")
+
+
+def test_something_that_is_no_image_does_not_end_the_thread(
+    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "read", lambda: np.zeros(3))
+        dut.start()
+        device.wait_until_opened(2)
+
+    device.feed(image(1.0))
+
+    assert (dut.count, dut.problem) == (1, "")
+
+
+def test_a_device_that_cannot_be_closed_is_opened_again(
+    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def close() -> None:
+        raise RuntimeError("stuck")
+
+    monkeypatch.setattr(device, "close", close)
+    dut.start()
+
+    device.feed(UNPLUGGED, image(1.0))
+
+    assert (dut.count, dut.problem) == (1, "")
+
+
+def test_close_ends_the_thread_and_closes_the_device(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.start()
+    device.feed(image(1.0))
+
+    dut.close()
+    dut.close()
+
+    assert not any(thread.is_alive() for thread in device.threads)
+    assert device.closed == 1
+    assert dut.newest is not None
+
+
+def test_close_does_not_wait_for_the_next_try_to_open() -> None:
+    device = ScriptedDevice()
+    device.fail_to_open(UNPLUGGED)
+    dut = CaptureThread(device, name="left", size=SIZE, reopen_period=1e6)
+    dut.start()
+    device.wait_until_opened(1)
+
+    dut.close()
+
+    assert not any(thread.is_alive() for thread in device.threads)
+
+
+def test_close_before_start_leaves_the_device_alone(
+    device: ScriptedDevice, dut: CaptureThread
+) -> None:
+    dut.close()
+    dut.start()
+    dut.close()
+
+    assert device.threads == set()
+
+
+def test_close_leaves_a_thread_behind_that_hangs_in_its_device(
+    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside, go_on = threading.Event(), threading.Event()
+
+    def hang() -> None:
+        inside.set()
+        go_on.wait(TIMEOUT)
+
+    monkeypatch.setattr(device, "open", hang)
+    dut.start()
+    assert inside.wait(TIMEOUT)
+
+    dut.close()
+
+    assert device.closed == 0
+    go_on.set()
+    (thread,) = [t for t in threading.enumerate() if t.name == "capture_left"]
+    thread.join(TIMEOUT)
+    assert device.closed == 1
+
+
+def test_images_are_read_only(device: ScriptedDevice, dut: CaptureThread) -> None:
+    dut.start()
+    device.feed(image(1.0))
+
+    assert dut.newest is not None
+    for pixels in (dut.newest.rgb, dut.newest.depth):
+        with pytest.raises(ValueError, match="read-only"):
+            pixels[0, 0] = 1
+
+
+def test_a_period_that_is_not_positive_is_refused(device: ScriptedDevice) -> None:
+    with pytest.raises(InvalidValueError, match="reopen_period is 0"):
+        CaptureThread(device, name="left", size=SIZE, reopen_period=0.0)

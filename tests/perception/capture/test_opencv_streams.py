@@ -1,0 +1,108 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from capture_bench import SettableClock
+
+from poil_drake.errors import CaptureError, InvalidValueError
+from poil_drake.perception.capture.config import OpenCvStreams
+from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
+
+SIZE = (24, 32)
+COLORS = [np.random.default_rng(k).integers(0, 256, (*SIZE, 3), np.uint8) for k in range(2)]
+# Up to 46 081: more than 8 bit, and with low bits that matter.
+STEPS = [np.arange(24 * 32, dtype=np.uint16).reshape(SIZE) * 60 + k for k in range(2)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"rgb_{k:04d}.png"), COLORS[k][..., ::-1])
+        cv2.imwrite(str(tmp_path / f"depth_{k:04d}.png"), STEPS[k])
+    return tmp_path
+
+
+def make(
+    folder: Path, clock: SettableClock, *, rgb: str = "rgb", depth: str = "depth"
+) -> OpenCvStreamsDevice:
+    config = OpenCvStreams(
+        rgb=str(folder / f"{rgb}_%04d.png"),
+        depth=str(folder / f"{depth}_%04d.png"),
+        latency=0.25,
+        fps=10.0,
+    )
+    return OpenCvStreamsDevice(config, camera="left", size=SIZE, clock=clock)
+
+
+def test_colour_is_rgb_and_16_bit_depth_survives(folder: Path) -> None:
+    clock = SettableClock(1000.0)
+    dut = make(folder, clock)
+    dut.open()
+
+    for k in range(2):
+        image = dut.read()
+        assert image is not None
+        np.testing.assert_array_equal(image.rgb, COLORS[k])
+        np.testing.assert_allclose(image.depth, STEPS[k] / 1000.0, rtol=1e-6)
+        assert image.stamp == clock.now - 0.25
+        clock.now += 0.125
+
+
+def test_files_are_read_at_their_rate(folder: Path) -> None:
+    clock = SettableClock(1000.0)
+    dut = make(folder, clock)
+    dut.open()
+    assert dut.read() is not None
+
+    assert dut.read() is None
+    clock.now += 0.125
+    assert dut.read() is not None
+
+
+def test_after_its_end_nothing_comes(folder: Path) -> None:
+    clock = SettableClock(1000.0)
+    dut = make(folder, clock)
+    dut.open()
+    for _ in range(2):
+        dut.read()
+        clock.now += 0.125
+
+    assert dut.read() is None
+
+
+@pytest.mark.parametrize(
+    ("sources", "problem"),
+    [({"depth": "rgb"}, "depth of shape"), ({"rgb": "depth"}, "colour of shape")],
+)
+def test_images_of_the_wrong_kind_are_refused(
+    folder: Path, sources: dict[str, str], problem: str
+) -> None:
+    dut = make(folder, SettableClock(), **sources)
+    dut.open()
+
+    with pytest.raises(CaptureError, match=f"'left' delivers {problem}"):
+        dut.read()
+
+
+def test_a_source_that_does_not_open_is_named(folder: Path) -> None:
+    with pytest.raises(CaptureError, match=r"nothing_%04d\.png"):
+        make(folder, SettableClock(), depth="nothing").open()
+
+
+@pytest.mark.parametrize("missing", ["rgb", "depth"])
+def test_both_sources_are_needed(missing: str) -> None:
+    config = OpenCvStreams(**{"rgb": "0", "depth": "1", missing: ""})  # type: ignore[arg-type]
+
+    with pytest.raises(InvalidValueError, match=f"OpenCvStreams.{missing}"):
+        OpenCvStreamsDevice(config, camera="left", size=SIZE, clock=SettableClock())
+
+
+def test_it_closes_twice(folder: Path) -> None:
+    dut = make(folder, SettableClock())
+    dut.open()
+    dut.close()
+    dut.close()
+
+    with pytest.raises(CaptureError, match="not open"):
+        dut.read()

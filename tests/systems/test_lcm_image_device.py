@@ -1,0 +1,78 @@
+import socket
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+
+from poil_drake.errors import CaptureError
+from poil_drake.perception.images import RgbdImage
+from poil_drake.systems.lcm_image_device import LcmImageDevice
+from poil_drake.systems.lcm_image_messages import encode_images
+
+H, W = 4, 6
+
+
+def free_url() -> str:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        port = taken.getsockname()[1]
+    return f"udpm://239.255.76.67:{port}?ttl=0"
+
+
+def image(stamp: float) -> RgbdImage:
+    rgb = np.zeros((H, W, 3), np.uint8)
+    return RgbdImage(rgb=rgb, depth=np.ones((H, W), np.float32), stamp=stamp)
+
+
+@pytest.fixture
+def url() -> str:
+    return free_url()
+
+
+@pytest.fixture
+def dut(url: str) -> LcmImageDevice:
+    return LcmImageDevice(url=url, channel="CAMERA", size=(H, W))
+
+
+def test_the_newest_image_of_the_channel_is_read(dut: LcmImageDevice, url: str) -> None:
+    dut.open()
+    sender = DrakeLcm(url)
+    sender.Publish("OTHER", encode_images(image(9.0), camera="other"))
+    sender.Publish("CAMERA", encode_images(image(1.0), camera="left"))
+
+    found = dut.read()
+
+    assert found is not None
+    assert found.stamp == 1.0
+
+
+def test_nothing_comes_from_a_silent_channel(dut: LcmImageDevice) -> None:
+    dut.open()
+
+    assert dut.read() is None
+
+
+def test_garbage_is_said(dut: LcmImageDevice, url: str) -> None:
+    dut.open()
+    DrakeLcm(url).Publish("CAMERA", b"garbage")
+
+    with pytest.raises(CaptureError, match="no lcmt_image_array"):
+        dut.read()
+
+
+def test_it_can_be_opened_again(dut: LcmImageDevice, url: str) -> None:
+    dut.open()
+    dut.close()
+    dut.close()
+    dut.open()
+    DrakeLcm(url).Publish("CAMERA", encode_images(image(2.0), camera="left"))
+
+    found = dut.read()
+
+    assert found is not None
+    assert found.stamp == 2.0
+
+
+def test_it_must_be_open_to_be_read(dut: LcmImageDevice) -> None:
+    with pytest.raises(CaptureError, match="CAMERA is not open"):
+        dut.read()

@@ -1,0 +1,409 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
+
+from poil_drake.control.velocity_limiter import JointMotion, VelocityLimiter
+from poil_drake.errors import InvalidValueError
+from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.grasping.posture_guard import PostureGuard, PostureGuardConfig
+from poil_drake.grasping.robot_model import NOMINAL_POSTURE
+from poil_drake.grasping.robot_spheres import make_robot_spheres
+from poil_drake.systems.safety_faults import SafetyConfig, SafetyFault
+from poil_drake.systems.safety_supervisor import SafetySupervisor
+from poil_drake.systems.statuses import RobotMode
+
+MOVE = float(RobotMode.MOVE)
+CONFIG = SafetyConfig()
+SLOW = SafetyConfig(limiter=replace(CONFIG.limiter, velocity_scale=0.2))
+WANTED = 0.1 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
+LOW = np.array([0.0, 0.5, 0.0, -2.2, 0.0, 2.7, np.pi / 4])
+"""The hand hangs straight down, its finger tips 4 cm above the table."""
+DOWN = np.eye(7)[1]
+"""The shoulder turns forward, which lowers the hand."""
+FOLDING = np.array([0.0, -0.2, 0.0, -2.6, 0.0, 0.5, 0.0])
+"""The hand is bent back towards the shoulder, which turning the elbow further brings nearer."""
+
+
+def moving_bench(*, wanted: np.ndarray = WANTED, **arguments) -> SupervisorBench:
+    """Returns a bench that has been moving for half a second."""
+    bench = SupervisorBench(NOMINAL_POSTURE, **arguments)
+    bench.tick(128, velocity=wanted)
+    assert bench.fault is SafetyFault.NONE
+    return bench
+
+
+def test_before_the_first_update_the_arm_rests() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    assert not dut.output("velocity").any()
+    assert dut.output("velocity_time")[0] == -np.inf
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_before_the_first_status_the_arm_rests() -> None:
+    dut = SupervisorBench(np.full(7, np.nan))
+
+    nothing = {"panda.status": [0.0, np.inf, 0.0], "panda.torque_external": dut.q}
+    dut.tick(50, velocity=WANTED, **nothing)
+
+    assert not np.any(dut.velocities)
+    assert dut.output("velocity_time")[0] == -np.inf
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_what_is_wanted_goes_through() -> None:
+    dut = moving_bench()
+
+    np.testing.assert_allclose(dut.output("velocity"), WANTED, atol=1e-12)
+    assert dut.output("velocity_time")[0] == pytest.approx(dut.time - PERIOD)
+    assert dut.scale == 1.0
+
+
+def test_a_step_is_that_of_the_limiter() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+    limiter = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
+    expected = limiter.step(JointMotion.at_rest(np.array(NOMINAL_POSTURE)), WANTED)
+
+    dut.tick(velocity=WANTED)
+
+    np.testing.assert_array_equal(dut.output("velocity"), expected.velocity)
+    np.testing.assert_array_equal(dut.commanded, expected.position)
+
+
+def test_the_speed_override_holds() -> None:
+    # A fifth of 2.175 rad/s is 0.435; half of what is wanted.
+    dut = moving_bench(wanted=0.87 * np.eye(7)[0], config=SLOW)
+
+    assert dut.output("velocity")[0] == pytest.approx(0.435)
+    assert dut.scale == pytest.approx(0.5)
+
+
+def fresh(now: float) -> list[float]:
+    return [now - PERIOD]
+
+
+WELL = {
+    "stop": [0.0],
+    "velocity_time": fresh,
+    "front.image_time": fresh,
+    "panda.status": [MOVE, 0.001, 1.0],
+}
+CAUSES = {
+    SafetyFault.STOP_REQUESTED: {"stop": [1.0]},
+    SafetyFault.NO_STATUS: {"panda.status": lambda now: [MOVE, now - 0.5, 1.0]},
+    SafetyFault.CLOCK_OFF: {"panda.status": [MOVE, 100.0, 1.0]},
+    SafetyFault.ROBOT_MODE: {"panda.status": [float(RobotMode.USER_STOPPED), 0.001, 1.0]},
+    SafetyFault.SUCCESS_RATE: {"panda.status": [MOVE, 0.001, 0.5]},
+    SafetyFault.COMMAND_STALE: {"velocity_time": [0.5]},
+    SafetyFault.COMMAND_NOT_FINITE: {"velocity": np.r_[WANTED[:6], np.nan]},
+    SafetyFault.EXTERNAL_TORQUE: {"panda.torque_external": -12.1 * np.eye(7)[6]},
+    SafetyFault.TRACKING_ERROR: {"panda.position_measured": np.array(NOMINAL_POSTURE)},
+    SafetyFault.CAMERA_STALE: {"front.image_time": [0.5]},
+}
+"""What happens half a second after the start. The camera's images last longest: 1 s."""
+
+
+@pytest.mark.parametrize("fault", CAUSES)
+def test_a_cause_stops_the_arm_until_a_reset(fault: SafetyFault) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front", "side"])
+    dut.tick(128, velocity=WANTED, **WELL)
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+    well = dict(dut.inputs)
+
+    dut.tick(300, **CAUSES[fault])
+    assert (dut.fault, dut.scale) == (fault, 0.0)
+    assert not dut.output("velocity").any()
+
+    dut.inputs = well | ({"stop": [1.0]} if fault is SafetyFault.STOP_REQUESTED else {})
+    dut.tick(20)
+    assert dut.fault is fault
+    assert not dut.output("velocity").any()
+    # Rest is said all the time.
+    assert dut.output("velocity_time")[0] == pytest.approx(dut.time - PERIOD)
+
+    dut.tick(60, reset=[1.0])
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+    np.testing.assert_allclose(dut.output("velocity"), WANTED, atol=1e-12)
+
+
+@pytest.mark.parametrize("fault", CAUSES)
+def test_a_reset_does_not_release_while_the_cause_is_there(fault: SafetyFault) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front", "side"])
+    dut.tick(128, velocity=WANTED, **WELL)
+    dut.tick(300, **CAUSES[fault])
+    dut.tick(20, reset=[1.0])
+
+    # A stop is over at once, and where the arm stands it cannot be off its track.
+    over = {SafetyFault.STOP_REQUESTED, SafetyFault.TRACKING_ERROR}
+    assert dut.fault is (SafetyFault.NONE if fault in over else fault)
+
+
+@pytest.mark.parametrize(
+    # All joints as fast as they get, and that alone of which braking takes longest.
+    "wanted",
+    [0.2 * LIMITS.velocity, -0.2 * LIMITS.velocity, 0.2 * LIMITS.velocity * DOWN],
+)
+def test_the_arm_rests_soon_after_a_stop(wanted: np.ndarray) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, config=SLOW)
+    dut.tick(40, velocity=wanted)
+    np.testing.assert_allclose(dut.output("velocity"), wanted, atol=1e-9)
+
+    # 0.15 s are 38.4 periods.
+    dut.tick(38, stop=[1.0])
+
+    assert not dut.output("velocity").any()
+    q = dut.q
+    dut.tick(100)
+    np.testing.assert_array_equal(dut.q, q)
+
+
+def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
+    dut, like = moving_bench(), moving_bench()
+
+    # The position that comes with an old status is somewhere else.
+    dut.tick(30, **{"panda.status": [MOVE, 3.0, 1.0], "panda.position_measured": np.ones(7)})
+    like.tick(30, velocity=np.zeros(7))
+
+    np.testing.assert_array_equal(dut.velocities, like.velocities)
+    # What stands is taken where it is measured, which rounds.
+    np.testing.assert_allclose(dut.commanded, like.commanded, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name", ["panda.position_measured", "panda.torque_external", "panda.status", "velocity"]
+)
+def test_what_is_no_number_brakes_the_arm(name: str) -> None:
+    dut = moving_bench()
+    size = dut.dut.GetInputPort(name).size()
+
+    dut.tick(60, **{name: np.full(size, np.nan)})
+
+    assert dut.fault is not SafetyFault.NONE
+    assert not dut.output("velocity").any()
+    assert np.isfinite(dut.velocities).all()
+
+
+def test_with_speeds_that_are_no_numbers_the_arm_does_not_start() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": np.full(7, np.nan)})
+
+    assert not np.any(dut.velocities)
+
+
+def test_an_arm_that_still_moves_is_not_taken_over() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": 0.06 * DOWN})
+    assert not np.any(dut.velocities)
+    dut.tick(20, **{"panda.velocity_measured": 0.04 * DOWN})
+
+    assert dut.output("velocity").any()
+
+
+def test_a_standing_arm_is_taken_where_it_is_measured() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+    dut.tick(20)
+    pushed = np.array(NOMINAL_POSTURE) + 0.5 * DOWN
+
+    dut.tick(**{"panda.position_measured": pushed})
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_array_equal(dut.commanded, pushed)
+
+
+def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
+    dut = moving_bench()
+    dut.tick(60, stop=[1.0])
+    dut.q = np.array(NOMINAL_POSTURE) + 0.3 * DOWN
+
+    dut.tick(2, reset=[1.0])
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_allclose(dut.commanded, dut.q, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("start", "towards", "config", "fault"),
+    [
+        # The gripper point is 1 cm higher than the finger tips.
+        (
+            LOW,
+            DOWN,
+            PostureGuardConfig(gripper_lower=(-0.85, -0.85, 0.03)),
+            SafetyFault.WORKSPACE,
+        ),
+        (LOW, DOWN, PostureGuardConfig(), SafetyFault.TABLE),
+        (FOLDING, -np.eye(7)[3], PostureGuardConfig(), SafetyFault.SELF_COLLISION),
+    ],
+)
+def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault) -> None:
+    dut = SupervisorBench(start, config=SafetyConfig(posture=config))
+    guard = PostureGuard(model=MODEL, config=config)
+
+    dut.tick(256, velocity=0.3 * towards)
+    assert dut.fault is fault
+    assert not dut.output("velocity").any()
+    # 2 mrad of a joint are less than 2 mm at the hand.
+    assert 0.0 <= guard.clearances(dut.q[None]).min() < 0.005
+
+    # It stays there as long as it shall go on, and may come back.
+    q = dut.q
+    dut.tick(20, reset=[1.0])
+    assert dut.fault is fault
+    np.testing.assert_array_equal(dut.q, q)
+    dut.tick(60, reset=[2.0], velocity=-0.3 * towards)
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+
+
+def test_an_arm_that_breaks_a_rule_may_come_back() -> None:
+    # The finger tips, 4 cm above the plane of the world, stand 1 cm below this table.
+    config = SafetyConfig(posture=PostureGuardConfig(table_height=0.05))
+    dut = SupervisorBench(LOW, config=config)
+
+    dut.tick(20, velocity=0.1 * DOWN)
+    assert dut.fault is SafetyFault.TABLE
+    assert not np.any(dut.velocities)
+    dut.tick(60, velocity=-0.1 * DOWN, reset=[1.0])
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_allclose(dut.output("velocity"), -0.1 * DOWN, atol=1e-12)
+
+
+def test_it_stops_at_a_joint_limit_without_a_fault() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(1500, velocity=1.0 * np.eye(7)[6])
+
+    # At the limiter's margin of 0.05 rad.
+    assert dut.q[6] == pytest.approx(LIMITS.upper[6] - 0.05, abs=0.01)
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_a_camera_that_never_showed_an_image_is_not_missed() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front"])
+
+    dut.tick(600, velocity=WANTED)
+
+    assert dut.fault is SafetyFault.NONE
+
+
+def test_a_camera_without_an_image_after_the_first_is_missed() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front"])
+    dut.tick(10, **{"front.image_time": [0.0]})
+
+    # Its image is a second old at the tick 256, not yet older.
+    dut.tick(247, **{"front.image_time": [np.nan]})
+    assert dut.fault is SafetyFault.NONE
+    dut.tick()
+
+    assert dut.fault is SafetyFault.CAMERA_STALE
+
+
+def test_nothing_feeds_through() -> None:
+    assert not SupervisorBench(NOMINAL_POSTURE, cameras=["front"]).dut.HasAnyDirectFeedthrough()
+
+
+def test_torques_and_joints_must_be_seven() -> None:
+    with pytest.raises(InvalidValueError, match="external_torque"):
+        SafetySupervisor(
+            model=MODEL,
+            limits=LIMITS,
+            period=PERIOD,
+            config=SafetyConfig(external_torque=(20.0,) * 6),
+        )
+
+
+# A cell that is narrow enough to be in the way.
+CELL = PostureGuardConfig(
+    gripper_lower=(0.1, -0.5, 0.0),
+    gripper_upper=(0.7, 0.5, 0.8),
+    body_lower=(-0.4, -0.6, 0.0),
+    body_upper=(0.8, 0.6, 1.1),
+    table_height=0.02,
+)
+SPHERES = make_robot_spheres(MODEL, finger_opening=None)
+ITSELF = RobotCollisionChecker(model=MODEL, spheres=SPHERES, scene=SceneCloud(np.zeros((0, 3))))
+
+
+def allowed_start(rng: np.random.Generator) -> np.ndarray:
+    guard = PostureGuard(model=MODEL, config=CELL)
+    while True:
+        q = rng.uniform(LIMITS.lower + 0.06, LIMITS.upper - 0.06, size=(100, 7))
+        free = q[guard.clearances(q).min(axis=1) > 0.0]
+        if len(free):
+            return free[0]
+
+
+def random_wish(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
+    """Returns a velocity that a twist, a jump of a reference or a mistake asks for."""
+    kind = rng.integers(8)
+    if kind == 0:
+        wish = rng.normal(size=7)
+        wish[rng.integers(7)] = rng.choice([np.nan, np.inf, -np.inf])
+        return wish
+    if kind == 1:
+        return 10.0 ** rng.uniform(2, 300) * rng.normal(size=7)
+    if kind < 4:
+        return rng.choice([0.1, 1.0, 10.0]) * rng.normal(size=7)
+    _, J = MODEL.gripper_pose_and_jacobian(q)
+    twist = rng.choice([0.2, 1.0, 5.0]) * rng.normal(size=6)
+    return np.linalg.pinv(J, rcond=1e-3) @ twist
+
+
+def distance_from_cell(q: np.ndarray) -> np.ndarray:
+    """Returns how far postures (K, 7) are from breaking a rule (K,) [m], from the spheres alone."""
+    poses = MODEL.link_poses(q)
+    gripper = poses[:, 8, :3, 3]
+    own = (SPHERES.links >= 2) & (SPHERES.links < 8)
+    centers, radii = SPHERES.world_centers(poses)[:, own], SPHERES.radii[own, None]
+    inside = [
+        gripper - CELL.gripper_lower,
+        CELL.gripper_upper - gripper,
+        (centers - radii - CELL.body_lower).min(axis=1),
+        (CELL.body_upper - centers - radii).min(axis=1),
+        (centers - radii)[..., 2].min(axis=1, keepdims=True) - CELL.table_height,
+    ]
+    nearest = np.concatenate(inside, axis=1).min(axis=1)
+    return np.minimum(nearest, ITSELF.self_clearance(poses))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(derandomize=True, deadline=None, max_examples=25)
+def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
+    """A thousand wishes: 25 times 40."""
+    rng = np.random.default_rng(seed)
+    dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
+    postures = [dut.q]
+    for _ in range(40):
+        # A fault of the last wish is over once the arm stands.
+        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        for _ in range(rng.integers(3, 24)):
+            dut.tick(reset=[float(len(postures))])
+            postures.append(dut.q)
+
+    q, v = np.array(postures), np.concatenate([np.zeros((1, 7)), dut.velocities])
+    a = np.diff(v, axis=0, prepend=v[:1]) / PERIOD
+    jerk = np.diff(a, axis=0, prepend=a[:1]) / PERIOD
+    limiter = CONFIG.limiter
+    assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
+    assert np.all(np.abs(v) <= LIMITS.velocity + 1e-9)
+    assert np.all(np.abs(a) <= limiter.acceleration_scale * LIMITS.acceleration + 1e-6)
+    assert np.all(np.abs(jerk) <= limiter.jerk_scale * np.array(limiter.jerk) + 1e-3)
+    print(
+        "MIN",
+        distance_from_cell(q).min(),
+        np.abs(np.diff(q, axis=0)).sum(),
+        (np.abs(a) / LIMITS.acceleration).max(),
+        (np.abs(jerk) / CONFIG.limiter.jerk).max(),
+        (np.abs(v) / LIMITS.velocity).max(),
+    )
+    # On the way between the postures that it checks, braking may bulge, by less than 1 mm.
+    assert np.all(distance_from_cell(q) > -1e-3)
