@@ -7,6 +7,7 @@ import pytest
 
 from poil_drake import cli
 from poil_drake.benchmarks.control import study
+from poil_drake.diagrams.run_report import OutputPaths
 from poil_drake.errors import InvalidValueError
 
 NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_timeout: 0.1}}}"
@@ -72,6 +73,11 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
             "udpm://no",
         ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
+        (["replay", "missing.mcap"], "missing.mcap cannot be read"),
+        (["replay", "."], "cannot be read"),
+        (["replay", "missing.mcap", "--png", "a.gif"], "a.gif"),
+        (["replay", "missing.mcap", "--json", "."], "The output '.' is a folder"),
+        (["replay", "missing.mcap", "--mcap", "missing.mcap"], "would overwrite the input"),
         (["transfer", "missing.mcap"], "missing.mcap"),
         (["execute", "missing.npz"], "missing.npz"),
         (["bench", "pipeline", "--tasks", "juggle"], "'juggle'"),
@@ -242,3 +248,35 @@ def test_help_names_every_task_and_policy(
     said = capsys.readouterr().out
     default = study.ControlStudyConfig()
     assert all(f"{name}" in said for name in (*default.tasks, *default.policies))
+
+
+@pytest.mark.parametrize(("same", "status"), [(True, 0), (False, 1)])
+def test_a_replay_ends_with_its_verdict(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], same: bool, status: int
+) -> None:
+    asked: list[tuple[Path, dict[str, object]]] = []
+
+    class Summary:
+        def __init__(self) -> None:
+            self.same = same
+
+        def closing_line(self) -> str:
+            return "SAME OR NOT: a line."
+
+    def replay(path: Path, **options: object) -> Summary:
+        asked.append((path, options))
+        return Summary()
+
+    monkeypatch.setattr("poil_drake.diagrams.replay.Replay", replay)
+    options = ["--json", "a.json", "--png", "a.png", "--mcap", "a.mcap"]
+    settings = ["--tracker", "recorded", "--scenario_text", "{poil: {eta: 2}}"]
+
+    assert run(monkeypatch, ["replay", "run.mcap", *options, *settings]) == status
+
+    assert capsys.readouterr().out == "SAME OR NOT: a line.\n"
+    ((path, given),) = asked
+    assert path == Path("run.mcap")
+    assert given["outputs"] == OutputPaths(
+        json=Path("a.json"), png=Path("a.png"), mcap=Path("a.mcap")
+    )
+    assert (given["tracker"], given["scenario_text"]) == ("recorded", "{poil: {eta: 2}}")

@@ -35,6 +35,10 @@ from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.panda_lcm_messages import Clock, Stamped
 from poil_drake.systems.statuses import RobotMode
 
+_REOPEN = 3.0
+"""A camera that failed is opened again after so long [s]: cameras' libraries may hold Python up for
+a second meanwhile, and by then the supervisor has stopped the arm."""
+
 _LISTEN = 0.05
 """For so long somebody else's commands are listened for [s]: a dozen periods of a control loop."""
 
@@ -148,7 +152,9 @@ class HardwareStation(Station):
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
             device = MakeCaptureDevice(source, self._scenario, model, clock=self._clock)
-            self._threads.append(CaptureThread(device, name=model.name, size=size))
+            self._threads.append(
+                CaptureThread(device, name=model.name, size=size, reopen_period=_REOPEN)
+            )
             self._labelled.append(isinstance(source, LcmImages) and source.labels)
         system = builder.AddNamedSystem(
             "cameras",

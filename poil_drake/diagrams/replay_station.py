@@ -33,7 +33,7 @@ from poil_drake.systems.recorded_robot import HAND, JOINTS, STATUS, RecordedCloc
 
 _ROUNDING = 1e-6
 
-_SPARSE = 1.5
+SPARSE = 1.5
 """A period longer than the control period by this factor misses what the controller saw."""
 
 _DRY_RUN_LEADS = (STATUS,)
@@ -108,7 +108,7 @@ class ReplayStation(Station):
         width = Series(hand.times, hand.values[:, 1:])
         joints = run.joints
         leading: Collection[str] = (JOINTS, HAND, STATUS)
-        sparse = joints.period > _SPARSE * self._scenario.poil.rates.control
+        sparse = joints.period > SPARSE * self._scenario.poil.rates.control
         if self._kind == DRY_RUN:
             leading = _DRY_RUN_LEADS
         if self._kind == DRY_RUN or sparse:

@@ -92,7 +92,8 @@ class FirstDifference:
         time: When [s].
         what: A signal, or "phase".
         phase: The phase of the recorded run.
-        size: How large the difference is, in the signal's unit, or [s].
+        size: How large the difference is, in the signal's unit, or [s]; infinite where only one
+            of the two has it.
     """
 
     time: float
@@ -160,8 +161,9 @@ class RunComparison:
         for phase in self.phases:
             if self._parts(phase):
                 both = (phase.recorded, phase.replayed)
-                found.append((float(np.nanmin(both)), "phase", abs(both[0] - both[1])))
-                break
+                apart = abs(both[0] - both[1])
+                size = math.inf if math.isnan(apart) else apart
+                found.append((float(np.nanmin(both)), "phase", size))
         if not found:
             return None
         time, what, size = min(found)

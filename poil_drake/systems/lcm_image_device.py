@@ -1,20 +1,15 @@
 """A camera whose images come over LCM: another process reads it, or simulates it."""
 
-import time
-
 from poil_drake.errors import CaptureError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_image_messages import decode_images
 from poil_drake.systems.lcm_network import LcmNetwork
 
-_POLL = 0.002
-"""Between two looks at the network [s]; waiting in LCM itself would hold Python up."""
-
 _WAITING = 4
 """Images that wait to be looked at, which should be one at most."""
 
-_PATIENCE = 0.1
-"""How long to wait for an image [s]."""
+_PATIENCE = 100
+"""How long to wait for an image [ms]; LCM lets other threads run meanwhile."""
 
 
 class LcmImageDevice:
@@ -48,11 +43,9 @@ class LcmImageDevice:
             raise CaptureError(
                 f"The channel {self._channel} is not open.", remedy="Open the camera first."
             )
-        patience = time.monotonic() + _PATIENCE
-        while self._lcm.HandleSubscriptions(0) == 0 or self._newest is None:
-            if time.monotonic() >= patience:
-                return None
-            time.sleep(_POLL)
+        self._lcm.HandleSubscriptions(_PATIENCE)
+        if self._newest is None:
+            return None
         message, self._newest = self._newest, None
         return decode_images(message, size=self._size)
 

@@ -100,13 +100,12 @@ def _shown(camera: RecordedCamera, time: float) -> int:
 
 def _image_time(camera: RecordedCamera, time: float) -> float:
     """Returns when the newest image was captured, as was known at a time [s]."""
-    index = _shown(camera, time)
-    if index < 0:
-        return np.nan
     if camera.times is None:
         return time
+    index = _shown(camera, time)
+    stamp = camera.stamps[index] if index >= 0 else np.nan
     # An image that was recorded was the newest when somebody looked at it.
-    return float(np.fmax(camera.stamps[index], camera.times.at(time)[0]))
+    return float(np.fmax(stamp, camera.times.at(time)[0]))
 
 
 def _label(image: RgbdImage) -> ImageLabel16I:

@@ -53,7 +53,7 @@ WATCHED: dict[str, tuple[type[LeafSystem], str, tuple[str, ...]]] = {
     "driver": (PandaVelocityDriver, "_step", ("velocity",)),
     "log": (
         McapLogger,
-        "_publish",
+        "_publish_rest",
         ("tracked_points", "points", "spatial_velocity", "panda.velocity"),
     ),
 }
@@ -170,17 +170,17 @@ def test_the_log_shows_what_was_before_the_updates_at_its_time(events: list[Even
     assert np.abs(points[RELEASED + 1 / 32] - points[RELEASED]).max() > 0.5 * JUMP[1]
 
 
-def test_the_field_reaches_the_arm_two_control_periods_after_the_release(
+def test_the_field_reaches_the_arm_three_control_periods_after_the_release(
     events: list[Event],
 ) -> None:
     twists = seen_by(events, "ik", "spatial_velocity")
     commands = seen_by(events, "driver", "velocity")
 
     # The propagator writes at the release; the inverse kinematics reads that one period later,
-    # and what it then writes the driver reads another period later. As the arm's acceleration is
-    # limited, its commands do not jump, but their changes do.
+    # what it then writes the supervisor reads another period later, and the driver a third. As the
+    # arm's acceleration is limited, its commands do not jump, but their changes do.
     assert first_jump(twists, after=BEFORE) == RELEASED + CONTROL
-    assert first_jump(changes(commands), after=BEFORE) == RELEASED + 2 * CONTROL
+    assert first_jump(changes(commands), after=BEFORE) == RELEASED + 3 * CONTROL
 
 
 def test_the_sequencer_sees_the_error_when_the_inverse_kinematics_sees_the_twist(

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from pydrake.systems.analysis import Simulator
@@ -24,6 +25,7 @@ from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import ExecutePlan, RunSkill
 from poil_drake.errors import PoilError
+from poil_drake.grasping.plan_file import plan_of
 from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.systems import skill_sequencer
 from poil_drake.systems.disturbance_injector import Pulse
@@ -137,15 +139,18 @@ def test_the_scenario_that_was_run_can_be_read_back_from_the_log(tmp_path: Path)
 
     with outputs.mcap.open("rb") as stream:
         reader = make_reader(stream)
-        (attachment,) = reader.iter_attachments()
+        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
         (metadata,) = (record.metadata for record in reader.iter_metadata())
-    assert attachment.name == "scenario.yaml"
+    attachment = attachments["scenario.yaml"]
     (tmp_path / attachment.name).write_bytes(attachment.data)
     again = LoadScenario(filename=tmp_path / attachment.name)
     assert again.poil == short_scenario().poil
     assert (again.simulation_duration, again.poil.tracker) == (2.0, "ground_truth")
     assert metadata["scenario"] == again.source.name == "HangMug"
     assert metadata["scenario_file"].endswith("hang_mug.yaml")
+    assert metadata["station"] == "simulated"
+    plan = plan_of(attachments["plan.npz"].data, name="the log")
+    np.testing.assert_array_equal(plan.target_points, short_plan().target_points)
     assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
 
 

@@ -13,9 +13,10 @@ from numpy.testing import assert_array_equal
 from poil_drake.control.joint_trajectory import JointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.grasping import plan_file
 from poil_drake.grasping.candidates import GraspCandidate
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.plan_file import FORMAT_VERSION, PlanFileError
+from poil_drake.grasping.plan_file import FORMAT_VERSION, PlanFileError, plan_bytes, plan_of
 
 
 def joint_motion(first: float, last: float) -> JointTrajectory:
@@ -282,3 +283,26 @@ def test_metadata_beyond_json_is_refused(fields, tmp_path):
 def test_descent_must_begin_where_the_approach_ends(fields):
     with pytest.raises(InvalidValueError, match="descent begins"):
         ExecutionPlan(**(fields | {"descent": joint_motion(0.3, 0.5)}))
+
+
+def test_a_plan_comes_back_from_its_bytes(fields):
+    plan = ExecutionPlan(**fields)
+
+    again = plan_of(plan_bytes(plan), name="the log")
+
+    np.testing.assert_array_equal(again.target_points, plan.target_points)
+    np.testing.assert_array_equal(again.approach.positions, plan.approach.positions)
+    assert again.metadata == plan.metadata
+
+
+def test_damaged_bytes_are_named():
+    with pytest.raises(PlanFileError, match="The plan 'the log' cannot be read"):
+        plan_of(b"PK but no plan", name="the log")
+
+
+def test_a_plan_that_unpacks_to_too_much_is_refused(fields, monkeypatch):
+    data = plan_bytes(ExecutionPlan(**fields))
+    monkeypatch.setattr(plan_file, "LARGEST_PLAN", 1000)
+
+    with pytest.raises(PlanFileError, match="unpacks to more than"):
+        plan_of(data, name="the log")

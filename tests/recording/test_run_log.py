@@ -39,6 +39,14 @@ def path(tmp_path):
     return tmp_path / "out" / "run.mcap"
 
 
+def messages_of(path, topic):
+    """Returns the times [ns] and the messages of one topic of protobuf messages."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        found = reader.iter_decoded_messages(topics=[topic])
+        return [(message.log_time, value) for _, _, message, value in found]
+
+
 def write_everything(dut, time):
     dut.write_image("left", np.full((24, 32, 3), 90, np.uint8), time=time, stamp=time - 0.0625)
     dut.write_depth("left", np.full((24, 32), 0.5, np.float32), time=time)
@@ -222,3 +230,46 @@ def test_the_same_run_gives_the_same_file(tmp_path):
                 write_everything(dut, 0.125 * (i + 1))
 
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_the_plan_and_labels_are_kept(path):
+    label = np.arange(24 * 32, dtype=np.int16).reshape(24, 32)
+    with RunLogWriter(path, scenario_text="A: {}", plan=b"a plan") as dut:
+        dut.write_label_ids({"mug": (1, 2), "mug/handle": (2,)})
+        dut.write_label("left", label, time=0.25, stamp=0.125)
+
+    with path.open("rb") as stream:
+        attachments = {a.name: a.data for a in make_reader(stream).iter_attachments()}
+    assert attachments == {"scenario.yaml": b"A: {}", "plan.npz": b"a plan"}
+    with path.open("rb") as stream:
+        metadata = {}
+        for record in make_reader(stream).iter_metadata():
+            metadata |= record.metadata
+    assert json.loads(metadata["label_ids"]) == {"mug": [1, 2], "mug/handle": [2]}
+    ((time, message),) = messages_of(path, "/camera/left/label")
+    assert (time, message.timestamp.ToNanoseconds()) == (250_000_000, 125_000_000)
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<i2").reshape(24, 32), label)
+
+
+def test_images_may_be_exact_or_left_out(path):
+    depth = np.full((24, 32), 0.12345678, np.float32)
+    with RunLogWriter(path, config=RunLogConfig(exact_depth=True)) as dut:
+        dut.write_depth("left", depth, time=0.25)
+    ((_, message),) = messages_of(path, "/camera/left/depth")
+    with RunLogWriter(path, config=RunLogConfig(images=False)) as dut:
+        dut.write_image("left", np.zeros((24, 32, 3), np.uint8), time=0.25)
+        dut.write_depth("left", depth, time=0.25)
+        dut.write_label("left", np.zeros((24, 32), np.int16), time=0.25)
+
+    assert message.encoding == "32FC1"
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(24, 32), depth)
+    with path.open("rb") as stream:
+        assert list(make_reader(stream).iter_messages()) == []
+
+
+def test_points_may_be_exact(path):
+    with RunLogWriter(path) as dut:
+        dut.write_points("tracked", np.full((2, 3), 0.1), time=0.25, exact=True)
+
+    ((_, message),) = messages_of(path, "/points/tracked")
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f8"), np.full(6, 0.1))

@@ -333,3 +333,116 @@ def test_a_real_log_takes_everything(tmp_path, reference):
         "/robot/status",
         "/tf",
     }
+
+
+def test_the_robots_signals_have_a_period_of_their_own(log):
+    config = McapLoggerConfig(period=0.5, robot_period=0.125)
+    dut = make(log, config=config, statuses={"hand": ["width_measured"], "ik": ["scale"]})
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    for name, value in {
+        "panda.position_measured": np.zeros(2),
+        "points": np.zeros(9),
+        "hand.width_measured": [0.03],
+        "ik.scale": [1.0],
+    }.items():
+        dut.GetInputPort(name).FixValue(context, value)
+
+    simulator.AdvanceTo(0.5)
+
+    def times(name, first=None):
+        return [kwargs["time"] for _, kwargs in log.of(name, first)]
+
+    often, seldom = [0.0, 0.125, 0.25, 0.375, 0.5], [0.0, 0.5]
+    assert times("write_joint_states") == often
+    assert times("write_status", "/hand/status") == often
+    assert times("write_status", "/ik/status") == seldom
+    assert times("write_points", "propagated") == seldom
+
+
+def test_the_robots_signals_may_begin_later(log):
+    dut = make(log, config=McapLoggerConfig(period=0.5, robot_period=0.25, robot_offset=0.125))
+    simulator = Simulator(dut)
+    dut.GetInputPort("panda.position_measured").FixValue(
+        simulator.get_mutable_context(), np.zeros(2)
+    )
+
+    simulator.AdvanceTo(0.5)
+
+    assert [k["time"] for _, k in log.of("write_joint_states")] == [0.125, 0.375]
+
+
+def test_labels_are_written_once_for_each_stamp_and_what_they_stand_for_once(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    camera, image = make_frame(0.25)
+    labelled = RgbdImage(image.rgb, image.depth, 0.25, label=np.ones((3, 4), np.int16))
+    for time, name, shown in (
+        (0.25, "frame", image),
+        (0.5, "detector.frame", labelled),
+        (0.75, "detector.frame", labelled),
+    ):
+        context.SetTime(time)
+        ids = {"mug": (1,)} if shown.label is not None else {}
+        frame = MultiViewFrame((camera,), (shown,), ids)
+        dut.GetInputPort(name).FixValue(context, Value[object](frame))
+        dut.ForcedPublish(context)
+
+    # The detector looked at the image that the tracker had had already.
+    assert [(k["time"], k["stamp"]) for _, k in log.of("write_image")] == [(0.25, 0.25)]
+    assert [(k["time"], k["stamp"]) for _, k in log.of("write_label", "left")] == [(0.5, 0.25)]
+    assert [dict(args[0]) for args, _ in log.of("write_label_ids")] == [{"mug": (1,)}]
+
+
+def test_times_of_perception_are_written_when_they_change(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    for time, times in (
+        (0.0, [-np.inf] * 3),
+        (0.25, [0.125, -np.inf, -np.inf]),
+        (0.5, [0.125, -np.inf, -np.inf]),
+        (0.75, [0.625, 0.5, 0.125]),
+    ):
+        context.SetTime(time)
+        dut.GetInputPort("tracker.times").FixValue(context, times)
+        dut.ForcedPublish(context)
+
+    written = [(k["time"], args[1]) for args, k in log.of("write_status", "/tracker/times")]
+    assert written == [
+        (0.25, {"begun": 0.125, "released": -np.inf, "released_of": -np.inf}),
+        (0.75, {"begun": 0.625, "released": 0.5, "released_of": 0.125}),
+    ]
+
+
+def test_requests_to_stop_are_written_when_there_are_more(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    for time, stops in ((0.0, 0.0), (0.25, 0.0), (0.5, 2.0), (0.75, 2.0)):
+        context.SetTime(time)
+        dut.GetInputPort("stop").FixValue(context, [stops])
+        dut.ForcedPublish(context)
+
+    written = [(k["time"], a[1]["requests"]) for a, k in log.of("write_status")]
+    assert written == [(0.0, 0.0), (0.5, 2.0)]
+
+
+def test_the_clock_goes_with_the_robots_status(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("panda.status").FixValue(context, [2.0, 0.0, 1.0])
+    dut.GetInputPort("clock").FixValue(context, [1.7e9])
+
+    dut.ForcedPublish(context)
+
+    assert log.of("write_status")[0][0][1]["clock"] == 1.7e9
+
+
+def test_tracks_lose_nothing(log):
+    dut = make(log)
+    context = dut.CreateDefaultContext()
+    points = TrackedPoints(np.eye(3), np.ones(3), 0.0)
+    dut.GetInputPort("tracked_points").FixValue(context, points)
+
+    dut.ForcedPublish(context)
+
+    assert log.of("write_points", "tracked")[0][1]["exact"] is True

@@ -14,6 +14,7 @@ from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.part_detector import PartDetector, find_part
+from poil_drake.systems.recorded_schedule import RecordedSchedule
 from poil_drake.systems.statuses import DetectorStatus
 
 PERIOD = 1 / 8
@@ -54,6 +55,7 @@ class Bench:
         detector: MiddleDetector | None = None,
         blocking: bool = True,
         labels: bool = False,
+        recorded: RecordedSchedule | None = None,
     ) -> None:
         self.detector = detector or MiddleDetector()
         self.dut = PartDetector(
@@ -65,6 +67,7 @@ class Bench:
             offset=offset,
             fusion=FUSION,
             blocking=blocking,
+            recorded=recorded,
             label_ids={"mug": (1,)} if labels else None,
         )
         self.simulator = Simulator(self.dut)
@@ -258,3 +261,38 @@ def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
     assert waiting is DetectorStatus.WAITING
     assert bench.status is DetectorStatus.FOUND
     assert bench.searches == [0.0]
+
+
+def test_the_times_and_the_frame_of_a_search_are_told() -> None:
+    detector = PausedDetector()
+    bench = Bench(detector=detector, blocking=False)
+    before = bench.read("frame")
+
+    bench.simulator.AdvanceTo(2.5 * PERIOD)
+    begun = bench.read("times").tolist()
+    frame = bench.read("frame")
+    detector.go.set()
+    bench.dut.close()
+    bench.simulator.AdvanceTo(3.5 * PERIOD)
+
+    assert before is ABSENT
+    assert begun == [0.0, -np.inf, -np.inf]
+    assert isinstance(frame, MultiViewFrame)
+    assert frame.stamp == 0.0
+    assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
+
+
+def test_a_replay_searches_and_answers_when_the_run_did() -> None:
+    schedule = RecordedSchedule(captures=(0.25, 0.5), releases=((0.4375, 0), (0.8, 1)))
+    bench = Bench(recorded=schedule)
+    seen = []
+    for tick in range(8):
+        bench.simulator.AdvanceTo((tick + 0.5) * PERIOD)
+        seen.append(bench.status.name)
+        if tick == 3:
+            bench.show(brightness=10)
+
+    # Requests or not: the first result is taken at the first tick after 0.4375 s, and the second
+    # search, in the dark, is answered at the first one after 0.8 s.
+    assert bench.searches == [0.25, 0.5]
+    assert seen == ["WAITING"] * 4 + ["FOUND"] * 3 + ["NOT_FOUND"]

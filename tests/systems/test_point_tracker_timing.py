@@ -11,6 +11,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.point_tracker import PointTrackerConfig
+from poil_drake.systems.recorded_schedule import RecordedSchedule
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
 
@@ -173,3 +174,62 @@ def test_points_may_be_looked_for_only_until_they_are_found() -> None:
 def test_a_tracker_that_is_not_awaited_runs_in_parallel() -> None:
     with pytest.raises(InvalidValueError, match="parallel"):
         PointTrackerConfig(blocking=False, parallel=False)
+
+
+def test_the_times_of_captures_and_releases_are_told() -> None:
+    bench = Bench(config=PointTrackerConfig(latency=0.1875))
+    port = bench.dut.GetOutputPort("times")
+    told = []
+    for time in (0.0, 0.1875, 0.25, 0.3125):
+        bench.advance_to(time + AFTER)
+        told.append(port.Eval(bench.context).tolist())
+
+    assert told == [
+        [0.0, -np.inf, -np.inf],
+        [0.125, 0.1875, 0.0],
+        [0.25, 0.1875, 0.0],
+        [0.25, 0.3125, 0.125],
+    ]
+
+
+class SlowTracker(SummingTracker):
+    """Takes its time, so that a replay which does not await it is caught."""
+
+    def start(self, *arguments) -> TrackerOutput:
+        threading.Event().wait(0.05)
+        return super().start(*arguments)
+
+
+def test_a_replay_captures_and_releases_when_the_run_did() -> None:
+    # Captures in unequal steps, and the second one was never released.
+    schedule = RecordedSchedule(
+        captures=(1 / 64, 10 / 64, 20 / 64), releases=((9 / 64, 0), (31 / 64, 2))
+    )
+    config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
+    bench = Bench(config=config, tracker=SlowTracker(), with_stamps=True)
+    stamps = []
+    for tick in range(33):
+        bench.advance_to(tick / 64 + AFTER)
+        stamps.append(bench.points.stamp)
+
+    assert bench.scene.looks == [1 / 64, 10 / 64, 20 / 64]
+    assert stamps == [-np.inf] * 9 + [1 / 64] * 22 + [20 / 64] * 2
+
+
+def test_a_replay_skips_what_its_log_lacks() -> None:
+    schedule = RecordedSchedule(captures=(0.125, 0.25), releases=((0.1875, 0), (0.3125, 1)))
+    config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
+    bench = Bench(config=config, scene=Scene(frozen_from=0.125), with_stamps=True)
+
+    bench.advance_to(0.5)
+
+    # The image of the second capture is not there, so that its track is that of the first.
+    assert bench.scene.looks == [0.125]
+    assert bench.points.stamp == 0.125
+
+
+def test_a_replay_is_awaited() -> None:
+    schedule = RecordedSchedule(captures=(), releases=())
+
+    with pytest.raises(InvalidValueError, match="blocking"):
+        PointTrackerConfig(recorded=schedule, blocking=False)

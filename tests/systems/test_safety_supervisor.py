@@ -407,3 +407,30 @@ def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
     )
     # On the way between the postures that it checks, braking may bulge, by less than 1 mm.
     assert np.all(distance_from_cell(q) > -1e-3)
+
+
+def test_what_is_commanded_can_be_read_off() -> None:
+    bench = moving_bench()
+
+    np.testing.assert_array_equal(bench.output("position"), bench.commanded)
+    # Half a second at 0.1 rad/s, less the time to get there; where the arm is, it is told to be.
+    np.testing.assert_allclose(bench.output("position"), bench.q, atol=1e-3)
+    assert np.isnan(bench.output("updated_at")[0])
+
+
+def test_in_a_replay_the_arm_need_not_go_where_it_is_told() -> None:
+    still = np.array(NOMINAL_POSTURE)
+    held = {"panda.position_measured": still, "panda.velocity_measured": np.zeros(7)}
+    live, replay = SupervisorBench(still), SupervisorBench(still)
+    live.tick(1, **held)
+    replay.tick(1, **held)
+
+    # Two seconds at 0.1 rad/s are more than the leash of 0.1 rad.
+    live.tick(512, velocity=WANTED)
+    replay.tick(512, velocity=WANTED, replayed_position=still)
+
+    assert live.fault is SafetyFault.TRACKING_ERROR
+    assert replay.fault is SafetyFault.NONE
+    np.testing.assert_allclose(replay.output("velocity"), WANTED, atol=1e-12)
+    # One step from the posture of the run, not from where its own commands would have led.
+    np.testing.assert_allclose(replay.output("position"), still + PERIOD * WANTED, atol=1e-9)

@@ -113,14 +113,15 @@ def test_nobody_listens_any_more_after_it(keyboard) -> None:
     assert switch.requests == 0
 
 
-def test_a_terminal_that_goes_away_is_no_error(keyboard) -> None:
+def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
     with TerminalStopKey(switch, stream=terminal), open(os.devnull) as elsewhere:
         os.dup2(elsewhere.fileno(), typing)
+        assert switch.pressed.acquire(timeout=10.0)
 
-    assert switch.requests == 0
+    assert switch.requests == 1
 
 
 def test_what_is_no_terminal_is_left_alone(tmp_path) -> None:

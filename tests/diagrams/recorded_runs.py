@@ -1,0 +1,92 @@
+"""Runs of the closed loop, recorded for replays; and logs that are not what was recorded."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+
+from poil_drake.diagrams.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.open_run_log import OpenRunLog
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.simulator import MakeSimulator
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.recording.run_log import RunLogConfig
+from poil_drake.systems.stop_requests import StopSwitch
+
+
+def record(
+    path: Path,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    duration: float,
+    *,
+    config: RunLogConfig | None = None,
+    stop_at: float | None = None,
+) -> Path:
+    """Runs the simulated loop for some time [s], and returns its log."""
+    switch = StopSwitch()
+    with (
+        OpenRunLog(path, plan=plan, scenario=scenario, config=config) as log,
+        MakeClosedLoop(scenario, plan, log=log, stop_switch=switch) as loop,
+    ):
+        simulator = MakeSimulator(loop.diagram, scenario, realtime_rate=0.0)
+        if stop_at is not None:
+            simulator.AdvanceTo(stop_at)
+            switch.request()
+        simulator.AdvanceTo(duration)
+    return path
+
+
+def with_rates(scenario: Scenario, **rates: float) -> Scenario:
+    """Returns the scenario with other periods [s]."""
+    poil = scenario.poil
+    poil = dataclasses.replace(poil, rates=dataclasses.replace(poil.rates, **rates))
+    return dataclasses.replace(scenario, poil=poil)
+
+
+def rewritten(
+    source: Path,
+    target: Path,
+    *,
+    message: Callable[[str, Message], bytes | None] = lambda topic, message: message.data,
+    attachment: Callable[[Attachment], bool] = lambda attachment: True,
+    metadata: Callable[[dict[str, str]], dict[str, str]] = lambda values: values,
+) -> Path:
+    """Copies a log, and changes it on the way.
+
+    Args:
+        source: The log.
+        target: The copy.
+        message: Returns the data of a message of a topic; None leaves it out.
+        attachment: Whether to keep an attachment.
+        metadata: Returns the metadata.
+    """
+    schemas: dict[int, int] = {}
+    channels: dict[int, tuple[int, str]] = {}
+    with source.open("rb") as read, target.open("wb") as written:
+        writer = Writer(written)
+        writer.start()
+        for record in StreamReader(read).records:
+            if isinstance(record, Schema) and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
+            elif isinstance(record, Channel) and record.id not in channels:
+                number = writer.register_channel(
+                    record.topic, record.message_encoding, schemas[record.schema_id]
+                )
+                channels[record.id] = (number, record.topic)
+            elif isinstance(record, Message):
+                number, topic = channels[record.channel_id]
+                data = message(topic, record)
+                if data is not None:
+                    writer.add_message(number, record.log_time, data, record.publish_time)
+            elif isinstance(record, Attachment) and attachment(record):
+                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
+            elif isinstance(record, Metadata):
+                writer.add_metadata(record.name, metadata(dict(record.metadata)))
+        writer.finish()
+    return target

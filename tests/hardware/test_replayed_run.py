@@ -1,0 +1,63 @@
+"""The log of a real robot's run is replayed without the robot."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from hardware_bench import hardware_scenario, stand_in, swinging_plan
+
+from poil_drake.diagrams.replay import Replay
+from poil_drake.diagrams.run_report import OutputPaths
+from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.skill_run import ExecutePlan
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.recording.run_comparison import JOINT_VELOCITY, TRACKED_POINTS
+from poil_drake.recording.run_log_reader import load_recorded_run
+
+pytestmark = pytest.mark.render
+
+DURATION = 3.0
+
+
+@pytest.fixture(scope="module")
+def log(
+    scenario: Scenario, pictures: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, str]:
+    """The log of a run against the stand-in robot that ends by the clock, and its reason."""
+    folder = tmp_path_factory.mktemp("hardware")
+    limited = dataclasses.replace(hardware_scenario(scenario), simulation_duration=DURATION)
+    with stand_in(limited, pictures, folder):
+        summary = ExecutePlan(
+            swinging_plan(),
+            limited,
+            outputs=OutputPaths(mcap=folder / "run.mcap"),
+            hardware=True,
+            show=False,
+            show_progress=False,
+            check=False,
+        )
+    return folder / "run.mcap", summary.reason
+
+
+@pytest.mark.parametrize("tracker", ["recorded", None])
+def test_a_replay_commands_what_the_run_commanded(
+    log: tuple[Path, str], tracker: str | None
+) -> None:
+    path, reason = log
+    run = load_recorded_run(path, joint_names=ARM_JOINTS)
+    assert "approach" in {phase.name for phase in run.phases}, reason
+
+    summary = Replay(path, tracker=tracker, show_progress=False)
+
+    assert summary.station == "hardware"
+    assert summary.comparison.phases_agree, summary.closing_line()
+    # In an approach the points decide when it begins, and nothing else; all else is in the log as
+    # it was, also when each message came.
+    commands = summary.comparison.statistics(JOINT_VELOCITY)
+    assert commands.count > 256
+    assert commands.maximum == 0.0, summary.closing_line()
+    assert run.commands.values[:, 0].max() > 0.02
+    assert summary.comparison.unmatched_tracks == 0
+    tracks = summary.comparison.statistics(TRACKED_POINTS)
+    assert tracks.count > 0
+    assert tracks.maximum < 0.005

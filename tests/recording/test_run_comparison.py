@@ -1,0 +1,196 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.recorded_run import LoggedTrack, PhaseStart, RecordedRun
+from poil_drake.recording.run_comparison import (
+    ANGULAR_VELOCITY,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY,
+    TRACKED_POINTS,
+    DifferenceStatistics,
+    ReplayTolerances,
+    compare_runs,
+)
+from poil_drake.recording.series import Series
+
+TOLERANCES = ReplayTolerances(
+    joint_velocity=0.1,
+    angular_velocity=0.1,
+    linear_velocity=0.1,
+    tracked_points=0.001,
+    phase_start=0.01,
+)
+TIMES = [0.0, 0.25, 0.5, 0.75]
+
+
+def make_run(
+    *,
+    commands=((0.0, 0.0),) * 4,
+    twists=((0.0,) * 6,) * 4,
+    phases=((0.0, "wait"), (0.5, "follow")),
+    tracks=(),
+    times=TIMES,
+):
+    return RecordedRun(
+        Path("run.mcap"),
+        ("j1", "j2"),
+        joints=Series.of([(time, [0.0] * 6) for time in times], 6),
+        commands=Series.of(list(zip(times, commands, strict=True)), 2),
+        twist=Series.of(list(zip(times, twists, strict=True)), 6),
+        phases=[PhaseStart(time, name, "") for time, name in phases],
+        tracks=list(tracks),
+    )
+
+
+def make_track(stamp, positions):
+    positions = np.array(positions, dtype=float)
+    seen = np.isfinite(positions).all(axis=1).astype(float)
+    return LoggedTrack(stamp + 0.1, TrackedPoints(positions, seen, stamp))
+
+
+def compare(recorded, replayed):
+    return compare_runs(recorded, replayed, TOLERANCES)
+
+
+def test_a_run_is_the_same_as_itself():
+    run = make_run(tracks=[make_track(0.125, np.eye(3))])
+
+    dut = compare(run, run)
+
+    assert (dut.same, dut.phases_agree, dut.first) == (True, True, None)
+    assert all(dut.statistics(signal).maximum == 0.0 for signal in dut.differences)
+
+
+def test_the_largest_difference_of_the_joints_counts():
+    other = make_run(commands=[(0.0, 0.0), (0.05, -0.2), (0.0, 0.0), (0.0, 0.0)])
+
+    dut = compare(make_run(), other)
+
+    np.testing.assert_allclose(dut.differences[JOINT_VELOCITY].values[:, 0], [0.0, 0.2, 0.0, 0.0])
+    assert not dut.same
+    assert dut.first is not None
+    assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, JOINT_VELOCITY, "wait")
+    assert dut.first.size == pytest.approx(0.2)
+
+
+def test_turning_and_moving_are_compared_by_length():
+    twist = [0.03, 0.04, 0.0, 0.0, 0.06, 0.08]
+
+    dut = compare(make_run(), make_run(twists=[twist, [0.0] * 6, [0.0] * 6, [0.0] * 6]))
+
+    assert dut.statistics(ANGULAR_VELOCITY).maximum == pytest.approx(0.05)
+    assert dut.statistics(LINEAR_VELOCITY).maximum == pytest.approx(0.1)
+
+
+def test_only_common_times_are_compared():
+    other = make_run(commands=[(9.0, 9.0), (0.0, 0.0)], twists=[[0.0] * 6] * 2, times=[0.1, 0.5])
+
+    dut = compare(make_run(), other)
+
+    assert dut.statistics(JOINT_VELOCITY).count == 1
+    assert dut.same
+
+
+def test_where_there_is_nothing_to_compare_nothing_is_the_same():
+    other = make_run(commands=[], twists=[], times=[])
+
+    assert not compare(make_run(), other).same
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "size"),
+    [(math.nan, math.nan, 0.0), (math.nan, 0.0, math.inf), (0.0, math.nan, math.inf)],
+)
+def test_what_only_one_of_them_knows_is_a_difference(ours, theirs, size):
+    runs = [make_run(commands=[(value, 0.0), *[(0.0, 0.0)] * 3]) for value in (ours, theirs)]
+
+    dut = compare(*runs)
+
+    assert dut.differences[JOINT_VELOCITY].values[0, 0] == size
+    assert dut.same is (size == 0.0)
+
+
+def test_tracks_are_paired_by_their_stamps():
+    nowhere = [np.nan] * 3
+    ours = [
+        make_track(0.125, [[0, 0, 0], [1, 0, 0], [0, 1, 0]]),
+        make_track(0.25, [[0, 0, 0], [1, 0, 0], nowhere]),
+        make_track(0.375, np.eye(3)),
+    ]
+    others = [
+        make_track(0.125, [[0, 0, 0.0005], [1, 0, 0], [0, 1, 0]]),
+        make_track(0.25, [[0, 0, 0], nowhere, [0, 1, 0]]),
+        make_track(0.5, np.eye(3)),
+    ]
+
+    dut = compare(make_run(tracks=ours), make_run(tracks=others))
+
+    distances = dut.differences[TRACKED_POINTS]
+    np.testing.assert_allclose(distances.values[:, 0], [0.0005, 0.0])
+    np.testing.assert_allclose(distances.times, [0.225, 0.35])
+    assert (dut.unmatched_tracks, dut.visibility) == (2, 2)
+
+
+def test_tracks_without_a_common_point_have_no_distance():
+    ours, others = ([[0, 0, 0], [np.nan] * 3], [[np.nan] * 3, [0, 0, 0]])
+
+    dut = compare(
+        make_run(tracks=[make_track(0.125, ours)]), make_run(tracks=[make_track(0.125, others)])
+    )
+
+    assert dut.statistics(TRACKED_POINTS).count == 0
+
+
+def test_tracks_of_other_points_differ():
+    dut = compare(
+        make_run(tracks=[make_track(0.125, np.eye(3))]),
+        make_run(tracks=[make_track(0.125, np.zeros((4, 3)))]),
+    )
+
+    assert not dut.same
+
+
+def test_statistics_are_told_by_the_runs_phases():
+    commands = [(0.0, 0.0), (0.01, 0.0), (0.02, 0.0), (0.03, 0.0)]
+
+    by_phase = compare(make_run(), make_run(commands=commands)).statistics_by_phase(JOINT_VELOCITY)
+
+    assert {name: found.count for name, found in by_phase.items()} == {"wait": 2, "follow": 2}
+    assert by_phase["wait"].maximum == pytest.approx(0.01)
+    assert by_phase["follow"].median == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(("delay", "agree"), [(0.005, True), (0.02, False)])
+def test_phases_agree_that_begin_at_about_the_same_time(delay, agree):
+    other = make_run(phases=[(0.0, "wait"), (0.5 + delay, "follow")])
+
+    dut = compare(make_run(), other)
+
+    assert (dut.phases_agree, dut.same) == (agree, agree)
+
+
+def test_a_phase_that_only_one_of_them_has_is_the_first_difference():
+    other = make_run(phases=[(0.0, "wait"), (0.25, "fault")])
+
+    dut = compare(make_run(), other)
+
+    assert [phase.name for phase in dut.phases] == ["wait", "follow", "fault"]
+    assert dut.first is not None
+    assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, "phase", "wait")
+
+
+def test_percentiles_are_samples():
+    found = DifferenceStatistics.of(np.array([0.0, 0.0, 1.0, np.inf, np.nan]))
+
+    assert (found.count, found.median, found.maximum) == (4, 1.0, np.inf)
+
+
+def test_statistics_of_nothing_are_unknown():
+    found = DifferenceStatistics.of(np.array([np.nan]))
+
+    assert found.count == 0
+    assert math.isnan(found.maximum)
