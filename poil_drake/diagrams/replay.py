@@ -42,8 +42,8 @@ that another processor rounds otherwise, and not another decision."""
 
 PERCEPTION_TOLERANCES = ReplayTolerances(
     joint_velocity=0.25,
-    angular_velocity=0.15,
-    linear_velocity=0.03,
+    angular_velocity=0.2,
+    linear_velocity=0.05,
     tracked_points=0.006,
     phase_start=0.25,
 )

@@ -119,7 +119,8 @@ class Report:
         problems: What was wrong with the station's cameras, a sentence each.
         loop_timing: How well the loop kept its pace; None in simulation.
         fault_time: When the fault came [s]; NaN without one.
-        epoch: What the station's clock showed at the time 0 [s since the epoch]; NaN in simulation.
+        epoch: What the station's clock would have shown at the time 0, by the end of the run [s
+            since the epoch]; NaN in simulation.
     """
 
     plan: ExecutionPlan

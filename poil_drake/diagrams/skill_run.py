@@ -231,7 +231,7 @@ def _simulate(
     root = simulator.get_mutable_context()
     expected = _expected_duration(plan, scenario, loop.speed)
     rates = scenario.poil.rates
-    pace = _pace(loop, simulator)
+    pace, clock = _pace(loop, simulator), scenario.poil.hardware.clock()
     advance = simulator.AdvanceTo if pace is None else pace.AdvanceTo
     stopped: BaseException | None = None
     epoch = math.nan
@@ -247,7 +247,7 @@ def _simulate(
             if pace is not None:
                 loop.station.WarmUp()  # What came before all this was built is old.
                 CheckArmStands(plan, loop.station)
-                epoch = scenario.poil.hardware.clock()()
+                epoch = clock()
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
             while recorder.phase < Phase.DONE and root.get_time() < scenario.simulation_duration:
@@ -257,6 +257,9 @@ def _simulate(
                 if pace is not None and log is not None:
                     log.write_status("/loop/status", pace.timing.latest(), time=root.get_time())
                 progress("closed loop", min(root.get_time() / expected, 0.99))
+            if pace is not None:
+                # Now, as the loop may have fallen behind since; its last tick has just been.
+                epoch = clock() - (root.get_time() - rates.control)
             if pace is not None and recorder.phase is Phase.FAULT:
                 # The supervisor brakes the arm more gently than a stop would.
                 advance(root.get_time() + _BRAKING)

@@ -23,8 +23,10 @@ class ReplayTolerances:
         joint_velocity: Of each joint's commanded velocity [rad/s].
         angular_velocity: Of the gripper's angular velocity asked for [rad/s].
         linear_velocity: Of its linear velocity asked for [m/s].
-        tracked_points: Of each tracked point [m].
+        tracked_points: Of each tracked point [m], in the phases in which they move the arm.
         phase_start: Of the time at which a phase begins [s].
+        point_phases: The phases in which the points move the arm. In others nothing depends on
+            them, and a hand that lets go hides them.
     """
 
     joint_velocity: float
@@ -32,6 +34,7 @@ class ReplayTolerances:
     linear_velocity: float
     tracked_points: float
     phase_start: float
+    point_phases: tuple[str, ...] = ("follow",)
 
     def of(self, signal: str) -> float:
         """Returns the tolerance of a signal."""
@@ -150,19 +153,31 @@ class RunComparison:
         return found
 
     def _parts(self, phase: PhaseComparison) -> bool:
+        end = self.spans[-1][2] if self.spans else math.inf
+        if math.isnan(phase.replayed) and phase.recorded > end - self.tolerances.phase_start:
+            return False  # It may yet have come.
         return not abs(phase.recorded - phase.replayed) <= self.tolerances.phase_start
+
+    def _judged(self, signal: str) -> np.ndarray:
+        """Returns which samples (T,) of a signal must be within its tolerance."""
+        times = self.differences[signal].times
+        if signal != TRACKED_POINTS:
+            return np.full(len(times), True)
+        wanted = self.tolerances.point_phases
+        return np.array([self._phase_at(time) in wanted for time in times], dtype=bool)
 
     def _first(self) -> FirstDifference | None:
         found = []
         for signal, series in self.differences.items():
-            above = np.flatnonzero(series.values[:, 0] > self.tolerances.of(signal))
+            apart = series.values[:, 0] > self.tolerances.of(signal)
+            above = np.flatnonzero(apart & self._judged(signal))
             if above.size:
                 found.append((series.times[above[0]], signal, series.values[above[0], 0]))
         for phase in self.phases:
             if self._parts(phase):
                 both = (phase.recorded, phase.replayed)
-                apart = abs(both[0] - both[1])
-                size = math.inf if math.isnan(apart) else apart
+                gap = abs(both[0] - both[1])
+                size = math.inf if math.isnan(gap) else gap
                 found.append((float(np.nanmin(both)), "phase", size))
         if not found:
             return None

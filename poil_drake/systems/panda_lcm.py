@@ -23,6 +23,9 @@ from poil_drake.systems.statuses import RobotMode
 
 _UNKNOWN, _REST = np.full(NUM_JOINTS, np.nan), np.zeros(NUM_JOINTS)
 
+_HAND_GRACE = 0.1
+"""A hand's opening is believed for so long after its status is not any more [s]."""
+
 _BRAKING = 5.0
 """How fast the arm is brought to rest on the way out [rad/s^2]: each of its joints can do that."""
 
@@ -197,8 +200,8 @@ class HandStatusReceiver(LeafSystem):
         - width_measured
 
     `width_measured` (1,) [m] is state, taken from the mailbox once every period, in an unrestricted
-    update. It is NaN before the first status, and while the newest is more than `max_age` old by
-    its stamp.
+    update. It is NaN before the first status, and once the newest has been more than `max_age` off
+    the clock by its stamp for a while: what stops the whole robot is for others to say first.
     """
 
     def __init__(
@@ -219,7 +222,8 @@ class HandStatusReceiver(LeafSystem):
         """
         super().__init__()
         self._mailbox, self._max_age, self._clock = mailbox, max_age, clock
-        self._width = self.DeclareAbstractState(Value[object](np.nan))
+        # The width, and when it was last known.
+        self._width = self.DeclareAbstractState(Value[object]((np.nan, -np.inf)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
         self.DeclareVectorOutputPort(
             "width_measured", 1, self._calc_width, {self.abstract_state_ticket(self._width)}
@@ -228,11 +232,15 @@ class HandStatusReceiver(LeafSystem):
     def _look(self, context: Context, state: State) -> None:
         status = self._mailbox.newest
         known = status is not None and abs(self._clock() - status.stamp) <= self._max_age
-        width = status.width if status is not None and known else np.nan
-        state.get_mutable_abstract_state(self._width).set_value(width)
+        width, known_at = context.get_abstract_state(self._width).get_value()
+        if status is not None and known:
+            width, known_at = status.width, context.get_time()
+        elif context.get_time() - known_at > _HAND_GRACE:
+            width = np.nan
+        state.get_mutable_abstract_state(self._width).set_value((width, known_at))
 
     def _calc_width(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([context.get_abstract_state(self._width).get_value()])
+        output.SetFromVector([context.get_abstract_state(self._width).get_value()[0]])
 
 
 class HandCommandSender(LeafSystem):

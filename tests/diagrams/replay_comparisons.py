@@ -16,6 +16,7 @@ TOLERANCES = ReplayTolerances(
     linear_velocity=0.1,
     tracked_points=0.001,
     phase_start=0.01,
+    point_phases=("wait",),
 )
 
 

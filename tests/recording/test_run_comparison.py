@@ -23,6 +23,7 @@ TOLERANCES = ReplayTolerances(
     linear_velocity=0.1,
     tracked_points=0.001,
     phase_start=0.01,
+    point_phases=("wait",),
 )
 TIMES = [0.0, 0.25, 0.5, 0.75]
 
@@ -132,6 +133,7 @@ def test_tracks_are_paired_by_their_stamps():
     distances = dut.differences[TRACKED_POINTS]
     np.testing.assert_allclose(distances.values[:, 0], [0.0005, 0.0])
     np.testing.assert_allclose(distances.times, [0.225, 0.35])
+    assert dut.same  # Half a millimetre is tolerated.
     assert (dut.unmatched_tracks, dut.visibility) == (2, 2)
 
 
@@ -194,3 +196,21 @@ def test_statistics_of_nothing_are_unknown():
 
     assert found.count == 0
     assert math.isnan(found.maximum)
+
+
+@pytest.mark.parametrize(("stamp", "same"), [(0.125, False), (0.5, True)])
+def test_points_are_judged_while_they_move_the_arm(stamp, same):
+    ours, others = (make_track(stamp, shift + np.eye(3)) for shift in (0.0, 0.01))
+
+    dut = compare(make_run(tracks=[ours]), make_run(tracks=[others]))
+
+    assert dut.same is same
+    assert dut.statistics(TRACKED_POINTS).maximum == pytest.approx(0.01 * 3**0.5)
+
+
+def test_a_phase_at_the_very_end_may_be_late():
+    phases = [(0.0, "wait"), (0.745, "follow")]
+
+    assert compare(make_run(phases=phases), make_run(phases=phases[:1])).same
+    earlier = [(0.0, "wait"), (0.7, "follow")]
+    assert not compare(make_run(phases=earlier), make_run(phases=earlier[:1])).same
