@@ -1,6 +1,6 @@
 """What goes wrong in a laboratory: the arm rests soon, the reason is right, nothing is lost.
 
-Each run is in real time against a stand-in robot in another process, which misbehaves 0.8 s after
+Each run is in real time against a stand-in robot in another process, which misbehaves 0.6 s after
 its arm began to move. The last test compares what was found with the table in the documentation.
 """
 

@@ -42,7 +42,7 @@ class Run:
         """Waits for the stand-in's word, and then until its arm is fast."""
         assert self.robot.process.stdout is not None
         assert self.robot.process.stdout.readline() == "moving\n", self.process.stderr
-        time.sleep(0.8)
+        time.sleep(0.5)
 
     def send(self, number: int) -> float:
         """Sends a signal and returns when [s since the epoch]."""
