@@ -29,9 +29,9 @@ _SHADE = 0.3
 class HardwareView:
     """Shows a scenario's models, the robot as it is measured, and not the object.
 
-    Where that stands is for the cameras to say. In a dry run the robot that moves is the one of the
-    rehearsal, and the real one is a shade beside it. To be kept as long as the diagram: Drake only
-    refers to the plants.
+    In a dry run the robot that moves is the one of the rehearsal, and the real one stands beside it;
+    a slider on the page fades it. To be kept as long as the diagram: Drake only refers to the
+    plants.
     """
 
     def __init__(
@@ -71,8 +71,9 @@ class HardwareView:
             )
         else:
             shown = arm, hand
-        shown_object = self._plant.GetModelInstanceByName(self._scenario.poil.object)
-        _hide(self._plant, scene_graph, [shown_object])
+        # Where the object stands is for the cameras to say.
+        model = self._plant.GetModelInstanceByName(self._scenario.poil.object)
+        _hide(self._plant, scene_graph, [model])
         self._pose(builder, "posture", scene_graph, *shown)
         ApplyVisualizationConfig(
             self._scenario.visualization,

@@ -397,14 +397,6 @@ def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
     assert np.all(np.abs(v) <= LIMITS.velocity + 1e-9)
     assert np.all(np.abs(a) <= limiter.acceleration_scale * LIMITS.acceleration + 1e-6)
     assert np.all(np.abs(jerk) <= limiter.jerk_scale * np.array(limiter.jerk) + 1e-3)
-    print(
-        "MIN",
-        distance_from_cell(q).min(),
-        np.abs(np.diff(q, axis=0)).sum(),
-        (np.abs(a) / LIMITS.acceleration).max(),
-        (np.abs(jerk) / CONFIG.limiter.jerk).max(),
-        (np.abs(v) / LIMITS.velocity).max(),
-    )
     # On the way between the postures that it checks, braking may bulge, by less than 1 mm.
     assert np.all(distance_from_cell(q) > -1e-3)
 
