@@ -29,8 +29,8 @@ _SHADE = 0.3
 class HardwareView:
     """Shows a scenario's models, the robot as it is measured, and not the object.
 
-    In a dry run the robot that moves is the one of the rehearsal, and the real one stands beside it;
-    a slider on the page fades it. To be kept as long as the diagram: Drake only refers to the
+    In a dry run the robot that moves is the one of the rehearsal, and the real one stands beside
+    it; a slider on the page fades it. To be kept as long as the diagram: Drake only refers to the
     plants.
     """
 
