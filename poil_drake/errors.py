@@ -63,6 +63,10 @@ class CaptureError(PoilError):
     """A camera cannot be opened, has gone, or delivers what cannot be used."""
 
 
+class NoImageError(CaptureError):
+    """A camera is there and stays open, but an image cannot be used, or no more will come."""
+
+
 class StationError(PoilError):
     """The simulation or hardware station cannot be built or has failed."""
 

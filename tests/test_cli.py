@@ -73,11 +73,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
             "udpm://no",
         ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
-        (["replay", "missing.mcap"], "missing.mcap cannot be read"),
-        (["replay", "."], "cannot be read"),
-        (["replay", "missing.mcap", "--png", "a.gif"], "a.gif"),
-        (["replay", "missing.mcap", "--json", "."], "The output '.' is a folder"),
-        (["replay", "missing.mcap", "--mcap", "missing.mcap"], "would overwrite the input"),
         (["transfer", "missing.mcap"], "missing.mcap"),
         (["execute", "missing.npz"], "missing.npz"),
         (["bench", "pipeline", "--tasks", "juggle"], "'juggle'"),
@@ -131,6 +126,32 @@ def test_mistakes_end_in_one_line(
     status = run(monkeypatch, arguments)
 
     assert status == 1
+    line = one_line(capsys)
+    assert line.startswith("poil: ")
+    assert said in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["missing.mcap"], "missing.mcap cannot be read"),
+        (["."], "cannot be read"),
+        (["missing.mcap", "--png", "a.gif"], "a.gif"),
+        (["missing.mcap", "--json", "."], "The output '.' is a folder"),
+        (["missing.mcap", "--mcap", "missing.mcap"], "would overwrite the input"),
+    ],
+)
+def test_a_log_that_cannot_be_replayed_is_told_from_one_that_differs(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    arguments: list[str],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    assert run(monkeypatch, ["replay", *arguments]) == 2
+
     line = one_line(capsys)
     assert line.startswith("poil: ")
     assert said in line

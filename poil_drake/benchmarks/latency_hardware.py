@@ -21,11 +21,13 @@ from tqdm import tqdm
 from poil_drake.benchmarks.stand_in_robot import StandInSetup, with_own_networks
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.real_time_loop import (
     LoopTiming,
     QuietInterpreter,
     RealTimeLoop,
+    RealTimeLoopConfig,
 )
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
@@ -36,6 +38,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.plain_json import write_json
 from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
 from poil_drake.systems.point_tracker import PointTracker
+from poil_drake.systems.real_time_memory import KeepMemory
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.skill_phases import Phase, SkillState
 
@@ -89,6 +92,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
         duration: Of the run [s].
         json_path: Where the figures go.
     """
+    KeepMemory()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scenario = with_own_networks(ChooseScenario())
@@ -205,13 +209,17 @@ def _run(
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
         try:
             simulator = Simulator(loop.diagram)
-            pace = RealTimeLoop(simulator, period=scenario.poil.rates.control)
+            pace = RealTimeLoop(
+                simulator,
+                period=scenario.poil.rates.control,
+                config=RealTimeLoopConfig(pause=COMMAND_SHARE),
+            )
             simulator.Initialize()
             loop.station.WarmUp()
             stall = _Stall(loop)
             with (
                 QuietInterpreter(),
-                RealTimeScheduling(scenario.poil.hardware.realtime_priority),
+                RealTimeScheduling(scenario.poil.hardware.realtime_priority, followers=True),
                 tqdm(total=round(duration), desc="seconds") as bar,
             ):
                 pace.AdvanceTo(_WARM_UP)

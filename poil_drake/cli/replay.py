@@ -4,6 +4,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
+
+from poil_drake.errors import PoilError
+
+
+class _NotReplayed(TyperException):
+    """A log that cannot be replayed, which is neither the same nor different."""
+
+    exit_code = 2
 
 
 def replay(
@@ -20,15 +29,25 @@ def replay(
         typer.Option("--scenario_text", help="YAML laid over the run's scenario."),
     ] = None,
 ) -> None:
-    """Feed a run's log through perception and control again, and compare the commands."""
-    from poil_drake.diagrams.replay import Replay
-    from poil_drake.diagrams.run_report import OutputPaths
+    """Feed a run's log through perception and control again, and compare the commands.
 
-    summary = Replay(
-        log,
-        tracker=tracker,
-        scenario_text=scenario_text,
-        outputs=OutputPaths(mcap=mcap, png=png, json=json),
-    )
+    The exit status is 0 if they are the same, 1 if they differ, and 2 if the log cannot be
+    replayed.
+    """
+    from poil_drake.diagrams.output_paths import OutputPaths
+    from poil_drake.diagrams.replay import Replay
+
+    try:
+        summary = Replay(
+            log,
+            tracker=tracker,
+            scenario_text=scenario_text,
+            outputs=OutputPaths(mcap=mcap, png=png, json=json),
+        )
+    except PoilError as error:
+        raise _NotReplayed(str(error)) from error
+    except OSError as error:
+        where = "" if error.filename is None else f"'{error.filename}': "
+        raise _NotReplayed(f"{where}{error.strerror or error}.") from error
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.same else 1)

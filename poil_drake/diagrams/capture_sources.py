@@ -1,9 +1,12 @@
 """What reads each camera of the hardware station, and on which networks."""
 
+from collections.abc import Mapping
+from itertools import combinations
+
 from poil_drake.diagrams.hardware_config import IMAGE_BUS_URL, CameraSource, LcmImages
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.capture.config import McapPlayback
+from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice
 from poil_drake.perception.capture.registry import make_device
 from poil_drake.perception.images import CameraModel
@@ -37,27 +40,47 @@ def MakeCaptureDevice(
     Raises:
         PoilError: if it cannot be used.
     """
-    size = (camera.height, camera.width)
     if isinstance(source, LcmImages):
         return LcmImageDevice(
             url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
             channel=ImageChannel(source, camera.name),
-            size=size,
+            size=(camera.height, camera.width),
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera.name, size=size, clock=clock)
-    return make_device(source, camera=camera.name, size=size, clock=clock)
+        return CameraPlayback(source, camera=camera, clock=clock)
+    return make_device(source, camera=camera, clock=clock)
+
+
+def SendsLabels(source: CameraSource) -> bool:
+    """Returns whether label images come along with a camera's images."""
+    return isinstance(source, LcmImages | McapPlayback) and source.labels
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that every camera for which a source is named is one of the scenario's.
+    """Checks that every source is that of one of the scenario's cameras, and is told from others.
 
     Raises:
-        ScenarioError: naming one that is not.
+        ScenarioError: naming a camera that is none of the scenario's, or two of one kind that may
+            be the same device.
     """
+    _check_serials(scenario.poil.hardware.cameras)
     for name in scenario.poil.hardware.cameras:
         if name not in scenario.cameras:
             raise ScenarioError(
                 f"poil.hardware.cameras names '{name}', which is not among the cameras.",
                 remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
+            )
+
+
+def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
+    for kind in (RealSense, Zed):
+        same = {name: source for name, source in cameras.items() if isinstance(source, kind)}
+        for (first, one), (second, other) in combinations(same.items(), 2):
+            if one.serial and other.serial and one.serial != other.serial:
+                continue
+            raise ScenarioError(
+                f"poil.hardware.cameras gives '{first}' the serial number '{one.serial}' and "
+                f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
+                "cannot be told from each other.",
+                remedy="Give each the serial number printed on it.",
             )

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from poil_drake.diagrams.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
@@ -20,9 +21,6 @@ from poil_drake.systems.part_detector import PartDetector
 from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
 from poil_drake.systems.recorded_tracker import RecordedTrack, RecordedTracker
 from poil_drake.systems.stopwatch import Stopwatch
-
-_AFTER_COMMAND = 1 / 2
-"""On hardware, images are looked at this share of a control period after its update."""
 
 _SOONEST = 0.9
 """Images that come this share of the tracker's period after the last are tracked: cameras are not
@@ -128,7 +126,7 @@ def AddPerception(
         # Images come when they come, and so do their tracks. They are looked at within a control
         # period, after its command has gone out; and in each other one, as the log, which takes as
         # long, is written in those between.
-        delay = _AFTER_COMMAND * poil.rates.control
+        delay = IMAGES_SHARE * poil.rates.control
         times = PointTrackerConfig(
             period=2.0 * poil.rates.control,
             offset=delay,
@@ -140,8 +138,8 @@ def AddPerception(
         )
     detector_period, recorded = times.period, station.recorded
     if recorded is not None:
-        # Looked at within the control periods in which they happened.
-        delay = delay if hardware else 0.0
+        # Looked at within the control periods in which they happened, when they did.
+        delay = recorded.offset(poil.rates.control)
         detector_period = poil.rates.control
         times = PointTrackerConfig(
             period=poil.rates.control,

@@ -1,6 +1,5 @@
 """The real robot's station: a Franka behind its driver, and cameras that are read in-process."""
 
-import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from poil_drake.diagrams.cameras import MakeCameraModels
-from poil_drake.diagrams.capture_sources import BusUrl, CheckHardwareCameras, MakeCaptureDevice
+from poil_drake.diagrams.capture_sources import (
+    BusUrl,
+    CheckHardwareCameras,
+    MakeCaptureDevice,
+    SendsLabels,
+)
 from poil_drake.diagrams.hardware_config import (
     ROBOT_BUS_URL,
     HardwareConfig,
@@ -128,6 +132,7 @@ class HardwareStation(Station):
             channels=self._config.channels,
             dry_run=dry_run,
             clock=self._clock,
+            time_scale=self._config.time_scale,
         )
         self._foreign_commands = 0
         self._lcm.Subscribe(self._config.channels.command, self._hear_command)
@@ -155,7 +160,7 @@ class HardwareStation(Station):
             self._threads.append(
                 CaptureThread(device, name=model.name, size=size, reopen_period=_REOPEN)
             )
-            self._labelled.append(isinstance(source, LcmImages) and source.labels)
+            self._labelled.append(SendsLabels(source))
         system = builder.AddNamedSystem(
             "cameras",
             CapturedCameras(
@@ -301,12 +306,14 @@ class HardwareStation(Station):
             for name, thread in zip(self.camera_names, self._threads, strict=True)
             if thread.problem
         ]
-        now = self._clock()
+        now, oldest = self._clock(), self._scenario.poil.safety.image_age_limit
         for name, thread in zip(self.camera_names, self._threads, strict=True):
-            ahead = -math.inf if thread.newest is None else thread.newest.stamp - now
-            if ahead > _AHEAD:
+            age = 0.0 if thread.newest is None else now - thread.newest.stamp
+            if age > oldest:
+                found.append(f"camera '{name}': no new image for {age:.1f} s")
+            if age < -_AHEAD:
                 found.append(
-                    f"camera '{name}': its images are stamped {ahead:.2f} s in the future: are the "
+                    f"camera '{name}': its images are stamped {-age:.2f} s in the future: are the "
                     "clocks in step?"
                 )
         return tuple(found)

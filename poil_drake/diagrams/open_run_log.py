@@ -1,5 +1,6 @@
 """Opens the log of a run, with all that a replay needs to begin."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from poil_drake.diagrams.dump_scenario import DumpScenario
@@ -16,6 +17,7 @@ def OpenRunLog(
     plan: ExecutionPlan,
     scenario: Scenario,
     station: str = SIMULATED,
+    metadata: Mapping[str, str] | None = None,
     config: RunLogConfig | None = None,
 ) -> RunLogWriter:
     """Opens the log of a run; whoever opens it closes it.
@@ -25,10 +27,11 @@ def OpenRunLog(
         plan: What is executed; it is kept in the log.
         scenario: Where; likewise.
         station: What executes it: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
+        metadata: What else to say about the run.
         config: How to log.
     """
     poil = scenario.poil
-    metadata = {
+    about = {
         **{key: str(value) for key, value in plan.metadata.items()},
         "scenario": scenario.source.name,
         "scenario_file": scenario.source.file,
@@ -38,10 +41,11 @@ def OpenRunLog(
         "tracker": poil.tracker,
         "seed": str(scenario.random_seed),
         STATION_KEY: station,
+        **(metadata or {}),
     }
     return RunLogWriter(
         path,
-        metadata=metadata,
+        metadata=about,
         scenario_text=DumpScenario(scenario),
         plan=plan_bytes(plan),
         config=config,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder
 
+from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.systems.kinematic_robot import KinematicRobot
 from poil_drake.systems.lcm_network import LcmPump, MessageNetwork
 from poil_drake.systems.panda_lcm import (
@@ -23,10 +24,6 @@ from poil_drake.systems.panda_lcm_messages import (
     decode_hand_status,
     decode_panda_status,
 )
-
-_AT_ONCE = 1 / 4
-"""Commands go out this share of a period after the update that made them, in the time of the
-context: by the clock, at once, before images are looked at and anything is published."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +50,7 @@ def AddPandaHardware(
     channels: PandaChannels | None = None,
     dry_run: bool = False,
     clock: Clock = time.time,
+    time_scale: float = 1.0,
 ) -> PandaHardware:
     """Adds what talks to the Franka drivers, and exports the ports that the simulation has, too.
 
@@ -70,6 +68,7 @@ def AddPandaHardware(
         dry_run: Whether nothing is sent: what would be commanded moves a `KinematicRobot`, which is
             what the outputs show, and which starts where the real one stands.
         clock: The time now [s since the epoch].
+        time_scale: Seconds of that clock per second.
     """
     channels = channels or PandaChannels()
     arm = LcmMailbox(lcm, channels.status, decode_panda_status, clock=clock)
@@ -91,8 +90,8 @@ def AddPandaHardware(
             channel=channels.command,
             mailbox=arm,
             period=period,
-            offset=_AT_ONCE * period,
-            update_age=lambda: time.monotonic() - pump.handled_at,
+            offset=COMMAND_SHARE * period,
+            update_age=lambda: time_scale * (time.monotonic() - pump.handled_at),
             clock=clock,
         ),
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
@@ -26,10 +27,13 @@ class RealTimeLoopConfig:
         time_scale: Seconds of the simulator per second.
         give_up: A loop that is so many periods late does not catch up: what it would do late, and
             hurriedly, is of no use. From then on it keeps its pace from where it is.
+        pause: Share of the period after which it waits once more, so that what happens from then on
+            in the period is not done early; 0: it does not.
     """
 
     time_scale: float = 1.0
     give_up: int = 3
+    pause: float = 0.0
 
 
 @dataclass
@@ -39,7 +43,7 @@ class LoopTiming:
     Attributes:
         starts: When each began [s], by a clock of its own.
         lateness: How long after it was due each began [s].
-        durations: How long each took [s].
+        durations: How long each took, without waiting [s].
         missed: Ticks that were due while an earlier one was still to begin.
     """
 
@@ -79,8 +83,9 @@ class RealTimeLoop:
     """Calls a simulator's AdvanceTo once a period, when it is due.
 
     Drake's own `target_realtime_rate` waits in C++ after each of its steps. This waits before each
-    period, so that what arrives meanwhile is known to the update which follows, and commands go out
-    right after it; and it leaves the interpreter to other threads while it waits.
+    period, so that what arrives meanwhile is known to the update which follows, and, if it shall,
+    within a period, so that commands go out at an even pace however long the update took. It leaves
+    the interpreter to other threads while it waits.
 
     Attributes:
         timing: Of all ticks so far.
@@ -110,15 +115,14 @@ class RealTimeLoop:
     def AdvanceTo(self, boundary: float) -> None:
         """Ticks until the simulator's time is `boundary` [s], a multiple of the period."""
         step = self._period / self._config.time_scale
+        pause = self._config.pause
         now = time.perf_counter()
         due = now if self._due is None else self._due
         ticks = round((boundary - self._context.get_time()) / self._period)
         first = round(self._context.get_time() / self._period) + 1
         timing = self.timing
         for tick in range(first, first + ticks):
-            while now < due:
-                time.sleep(due - now)
-                now = time.perf_counter()
+            now = _wait_until(due, now)
             late = now - due
             behind = int(late / step)
             # Those that were missed before are late still, while it catches up.
@@ -126,11 +130,17 @@ class RealTimeLoop:
             if behind >= self._config.give_up:
                 due, behind = now, 0
             self._behind = behind
+            waited = 0.0
+            if pause:
+                # To some time before: all that is due by then, and not what is due at it.
+                self._simulator.AdvanceTo((tick - 1.0 + 0.5 * pause) * self._period)
+                computed = time.perf_counter()
+                waited = _wait_until(due + pause * step, computed) - computed
             self._simulator.AdvanceTo(tick * self._period)
             after = time.perf_counter()
             timing.starts.append(now)
             timing.lateness.append(late)
-            timing.durations.append(after - now)
+            timing.durations.append(after - now - waited)
             if after - self._tidied > _TIDY_PERIOD:
                 gc.collect(0)
                 self._tidied = after
@@ -139,26 +149,38 @@ class RealTimeLoop:
             self._due = due
 
 
+def _wait_until(due: float, now: float) -> float:
+    """Returns the time when the wait was over."""
+    while now < due:
+        time.sleep(due - now)
+        now = time.perf_counter()
+    return now
+
+
 @contextmanager
 def QuietInterpreter(*, collecting: bool = False) -> Iterator[None]:
     """Keeps garbage collection, and long turns of other threads, out of a loop.
 
     Imported libraries and the diagram stay; scanning them for garbage again and again is waste.
+    OpenCV works on the thread that asks it to: its own would not have the loop's priority.
 
     Args:
         collecting: Whether what is new is scanned as ever, and threads take turns as ever: for a
             loop that nobody waits for.
     """
     interval, enabled = sys.getswitchinterval(), gc.isenabled()
+    threads = cv2.getNumThreads()
     gc.collect()
     gc.freeze()
     if not collecting:
         gc.disable()
         sys.setswitchinterval(_SWITCH_INTERVAL)
+        cv2.setNumThreads(1)
     try:
         yield
     finally:
         sys.setswitchinterval(interval)
+        cv2.setNumThreads(threads)
         if enabled:
             gc.enable()
         gc.unfreeze()

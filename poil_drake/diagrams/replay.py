@@ -1,5 +1,6 @@
 """Replays a recorded run: the same diagram again, with the sensors' messages out of its log."""
 
+import hashlib
 import math
 import tempfile
 import time
@@ -9,46 +10,32 @@ from pydrake.systems.analysis import Simulator
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.open_run_log import OpenRunLog
+from poil_drake.diagrams.output_paths import OutputPaths
 from poil_drake.diagrams.progress import ProgressBar
 from poil_drake.diagrams.real_time_loop import QuietInterpreter
+from poil_drake.diagrams.replay_cameras import CameraNotes
 from poil_drake.diagrams.replay_picture import ReplayPictureData, make_replay_picture
 from poil_drake.diagrams.replay_setup import RECORDED, ReplaySetup, SetUpReplay
 from poil_drake.diagrams.replay_station import ReplayStation
 from poil_drake.diagrams.replay_summary import ReplaySummary
-from poil_drake.diagrams.run_report import OutputPaths
 from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.recorded_run import RecordedRun
-from poil_drake.recording.run_comparison import ReplayTolerances, compare_runs
+from poil_drake.recording.replay_tolerances import ReplayTolerances
+from poil_drake.recording.run_comparison import compare_runs
 from poil_drake.recording.run_log import RunLogConfig
 from poil_drake.recording.run_log_layout import (
     DRY_RUN,
+    REPLAY_OF_DIGEST_KEY,
+    REPLAY_OF_KEY,
+    REPLAY_TEXT_KEY,
+    REPLAY_TRACKER_KEY,
     SIMULATED,
     STOPS_TOPIC,
 )
 from poil_drake.recording.run_log_reader import load_recorded_run
 from poil_drake.systems.arm_plant import MakePandaKinematics
 from poil_drake.systems.stop_requests import StopSwitch
-
-CONTROL_TOLERANCES = ReplayTolerances(
-    joint_velocity=1e-3,
-    angular_velocity=1e-3,
-    linear_velocity=1e-4,
-    tracked_points=1e-6,
-    phase_start=1e-3,
-)
-"""Where the tracks are repeated, all inputs are the same to the last bit; what is tolerated is
-that another processor rounds otherwise, and not another decision."""
-
-PERCEPTION_TOLERANCES = ReplayTolerances(
-    joint_velocity=0.25,
-    angular_velocity=0.2,
-    linear_velocity=0.05,
-    tracked_points=0.006,
-    phase_start=0.25,
-)
-"""Where images are tracked again, they are not quite those that were tracked: colours are
-compressed, depth is rounded to millimetres. Several times what that makes in the usual run."""
 
 
 def Replay(
@@ -72,31 +59,37 @@ def Replay(
         scenario_text: YAML laid over the run's scenario, to see what another setting would do.
         outputs: Where the log, the picture and the figures of the replay go.
         tolerances: What counts as the same; None: `CONTROL_TOLERANCES` where tracks are repeated,
-            else `PERCEPTION_TOLERANCES`.
+            else `PERCEPTION_TOLERANCES` at the run's speed.
         show_progress: Whether to draw a progress bar.
 
     Raises:
         RunLogError: when the log is missing or damaged, or lacks what is needed.
+        OutputError: when an output cannot be written; all older ones are still there then.
         PoilError: when the loop cannot be built with these settings.
     """
     path, outputs = Path(path), outputs or OutputPaths()
-    outputs.remove(inputs=(path,))
+    outputs.check(inputs=(path,))
     setup = SetUpReplay(path, tracker=tracker, scenario_text=scenario_text)
-    default = CONTROL_TOLERANCES if setup.tracker == RECORDED else PERCEPTION_TOLERANCES
+    repeat_tracks = setup.tracker == RECORDED
+    station = ReplayStation(setup.scenario, setup.run, repeat_tracks=repeat_tracks)
+    notes = setup.notes
+    if not repeat_tracks and not setup.cameras_moved:
+        notes += CameraNotes(setup.run, station.camera_models)
+    outputs.unlink()
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         log = outputs.mcap or Path(folder) / "replay.mcap"
         with ProgressBar(disable=not show_progress) as progress:
-            wall = _run(setup, log, images=outputs.mcap is not None, progress=progress)
+            wall = _run(setup, station, log, images=outputs.mcap is not None, progress=progress)
         replayed = load_recorded_run(log, joint_names=ARM_JOINTS)
     summary = ReplaySummary(
         log=str(path),
         station=setup.station,
         tracker=setup.tracker,
         changed=setup.changed,
-        comparison=compare_runs(setup.run, replayed, tolerances or default),
+        comparison=compare_runs(setup.run, replayed, tolerances or setup.tolerances),
         replayed=setup.run.end,
         wall=wall,
-        notes=setup.notes,
+        notes=notes,
         outputs={kind: str(file) for kind, file in vars(outputs).items() if file is not None},
     )
     if outputs.png is not None:
@@ -112,10 +105,16 @@ def Replay(
     return summary
 
 
-def _run(setup: ReplaySetup, log: Path, *, images: bool, progress: ProgressBar) -> float:
+def _run(
+    setup: ReplaySetup,
+    station: ReplayStation,
+    log: Path,
+    *,
+    images: bool,
+    progress: ProgressBar,
+) -> float:
     """Simulates the loop over the time of the log, and returns how long that took [s]."""
     switch = StopSwitch()
-    station = ReplayStation(setup.scenario, setup.run, repeat_tracks=setup.tracker == RECORDED)
     start = time.perf_counter()
     with (
         OpenRunLog(
@@ -123,6 +122,7 @@ def _run(setup: ReplaySetup, log: Path, *, images: bool, progress: ProgressBar) 
             plan=setup.plan,
             scenario=setup.scenario,
             station=setup.station,
+            metadata=_origin(setup),
             config=RunLogConfig(images=images),
         ) as writer,
         MakeClosedLoop(
@@ -140,6 +140,18 @@ def _run(setup: ReplaySetup, log: Path, *, images: bool, progress: ProgressBar) 
             _advance(loop, simulator, setup.run, switch, progress)
     progress("replay", 1.0)
     return time.perf_counter() - start
+
+
+def _origin(setup: ReplaySetup) -> dict[str, str]:
+    """Returns what the log of a replay says of where it comes from."""
+    with setup.run.path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {
+        REPLAY_OF_KEY: setup.run.path.name,
+        REPLAY_OF_DIGEST_KEY: digest,
+        REPLAY_TRACKER_KEY: setup.tracker,
+        REPLAY_TEXT_KEY: setup.scenario_text,
+    }
 
 
 def _advance(

@@ -16,7 +16,7 @@ from poil_drake.diagrams.summary_panels import (
     draw_phase_names,
 )
 from poil_drake.recording.recorded_run import RecordedRun
-from poil_drake.recording.run_comparison import JOINT_VELOCITY, TRACKED_POINTS
+from poil_drake.recording.replay_tolerances import JOINT_VELOCITY, TRACKED_POINTS
 from poil_drake.recording.series import Series
 
 _SIZE = (12.0, 7.2)  # [in]
@@ -154,7 +154,7 @@ def _draw_velocity_difference(axes: Any, data: ReplayPictureData) -> None:
     _draw_difference(
         axes,
         comparison.differences[JOINT_VELOCITY],
-        comparison.tolerances.joint_velocity,
+        comparison.limits(JOINT_VELOCITY),
         color=COLORS["points"],
     )
     axes.set_ylabel("their difference\n[rad/s]")
@@ -166,19 +166,26 @@ def _draw_track_distance(axes: Any, data: ReplayPictureData) -> None:
     _draw_difference(
         axes,
         Series(distances.times, 1e3 * distances.values),
-        1e3 * comparison.tolerances.tracked_points,
+        1e3 * comparison.limits(TRACKED_POINTS),
         color=COLORS["truth"],
         marker=".",
     )
     axes.set_ylabel("tracked points'\ndistance [mm]")
 
 
-def _draw_difference(axes: Any, series: Series, tolerance: float, **style: Any) -> None:
-    values = np.where(np.isfinite(series.values[:, 0]), series.values[:, 0], np.nan)
-    axes.plot(series.times, values, linewidth=1.0, **style)
-    axes.axhline(
-        tolerance, color=COLORS["failure"], linewidth=1.0, linestyle="--", label="tolerance"
+def _draw_difference(axes: Any, series: Series, limits: np.ndarray, **style: Any) -> None:
+    values, tolerance = (
+        np.where(np.isfinite(drawn), drawn, np.nan) for drawn in (series.values[:, 0], limits)
     )
-    largest = float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
-    axes.set_ylim(0.0, 1.15 * max(largest, tolerance))
+    axes.plot(series.times, values, linewidth=1.0, **style)
+    axes.plot(
+        series.times,
+        tolerance,
+        color=COLORS["failure"],
+        linewidth=1.0,
+        linestyle="--",
+        label="tolerance",
+    )
+    largest = np.nanmax(np.concatenate([values, tolerance, [1e-9]]))
+    axes.set_ylim(0.0, 1.15 * largest)
     axes.legend(loc="upper right")

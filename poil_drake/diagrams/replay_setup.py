@@ -4,18 +4,32 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pydrake.common.yaml import yaml_load
+
+from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.load_scenario import LoadScenario
-from poil_drake.diagrams.replay_station import SPARSE
+from poil_drake.diagrams.replay_contents import (
+    IsSparse,
+    NotesOn,
+    RequireAttachments,
+    RequireImages,
+    RequireTimes,
+    RequireTopics,
+)
 from poil_drake.diagrams.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
-from poil_drake.errors import PoilError, RunLogError
+from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.plan_file import plan_of
 from poil_drake.models.panda_model import ARM_JOINTS
-from poil_drake.perception.detectors.registry import LABEL_IMAGE, make_detector
-from poil_drake.recording.library_versions import version_metadata
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.recorded_run import RecordedRun
+from poil_drake.recording.replay_tolerances import (
+    CONTROL_TOLERANCES,
+    PERCEPTION_TOLERANCES,
+    ReplayTolerances,
+)
 from poil_drake.recording.run_log_layout import PLAN_ATTACHMENT, SIMULATED, STATION_KEY
 from poil_drake.recording.run_log_reader import load_recorded_run
 
@@ -33,6 +47,9 @@ class ReplaySetup:
         plan: The plan that was executed.
         tracker: What follows the points: a tracker of images, or `RECORDED`.
         changed: Whether the replay is made with other settings than the run.
+        scenario_text: What was laid over the run's scenario; empty for nothing.
+        tolerances: What counts as the same.
+        cameras_moved: Whether its cameras are to stand elsewhere than they did.
         notes: What to know about the log, a clause each.
     """
 
@@ -41,6 +58,9 @@ class ReplaySetup:
     plan: ExecutionPlan
     tracker: str
     changed: bool
+    scenario_text: str
+    tolerances: ReplayTolerances
+    cameras_moved: bool
     notes: tuple[str, ...]
 
     @property
@@ -64,11 +84,12 @@ def SetUpReplay(
         PoilError: when there is no such tracker, detector or setting.
     """
     run = load_recorded_run(path, joint_names=ARM_JOINTS)
-    _require_contents(run)
+    RequireAttachments(run)
     recorded, plan = _recorded_scenario(run), _recorded_plan(run)
     scenario = recorded
     if scenario_text is not None:
         scenario = LoadScenario(data=scenario_text, defaults=recorded)
+        _keep_times(recorded, scenario)
     used = scenario.poil.tracker if tracker is None else tracker
     if used == GROUND_TRUTH:
         if recorded.poil.tracker != GROUND_TRUTH:
@@ -81,7 +102,9 @@ def SetUpReplay(
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
         make_detector(scenario.poil.detector)
-        _require_images(run, scenario)
+        RequireImages(run, scenario, remedy=f"Repeat the run's own tracks: --tracker {RECORDED}.")
+    RequireTopics(run, repeat_tracks=used == RECORDED)
+    RequireTimes(run, recorded)
     changed = scenario_text is not None or (
         used not in (RECORDED, recorded.poil.tracker) and tracker is not None
     )
@@ -91,23 +114,11 @@ def SetUpReplay(
         plan=plan,
         tracker=used,
         changed=changed,
-        notes=_notes(run, recorded),
+        scenario_text=scenario_text or "",
+        tolerances=_tolerances(run, recorded, used),
+        cameras_moved=_moves_cameras(recorded, scenario),
+        notes=NotesOn(run, recorded, repeat_tracks=used == RECORDED),
     )
-
-
-def _require_contents(run: RecordedRun) -> None:
-    missing = {
-        "scenario": run.scenario_text is None,
-        f"plan (the attachment '{PLAN_ATTACHMENT}')": run.plan is None,
-        "joint states": not len(run.joints),
-    }
-    for what, lacks in missing.items():
-        if lacks:
-            why = run.cut_off or "An older version wrote it, or something else than poil run"
-            raise RunLogError(
-                f"The log '{run.path}' holds no {what}.",
-                remedy=f"{why}. Replay a log that poil run or poil execute writes.",
-            )
 
 
 def _recorded_scenario(run: RecordedRun) -> Scenario:
@@ -133,35 +144,46 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
         raise RunLogError(error.problem, remedy="Copy the log again.") from error
 
 
-def _require_images(run: RecordedRun, scenario: Scenario) -> None:
-    """Checks that the log has what detector and tracker look at."""
-    for camera in scenario.cameras:
-        images = [image for image in run.images.get(camera, []) if image.depth is not None]
-        labelled = any(image.label is not None for image in images)
-        kind = "" if not images else "label "
-        if not images or (scenario.poil.detector == LABEL_IMAGE and not labelled):
-            raise RunLogError(
-                f"The log '{run.path}' holds no {kind}images of the camera '{camera}'.",
-                remedy=f"Repeat the run's own tracks: --tracker {RECORDED}.",
+def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
+    """Returns what counts as the same, unless somebody says otherwise."""
+    if tracker == RECORDED:
+        return CONTROL_TOLERANCES
+    simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
+    tolerances = PERCEPTION_TOLERANCES.at_speed(1.0 if simulated else recorded.poil.hardware.speed)
+    # Where the log lacks samples, what points do not move is not the same, either.
+    lacking = IsSparse(run, recorded) or "dropped_messages" in run.metadata
+    return replace(tolerances, elsewhere=None) if lacking else tolerances
+
+
+def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
+    """Checks that nothing is asked for that the times in the log decide.
+
+    Raises:
+        ScenarioError: if something is.
+    """
+    for key, was in _times(recorded).items():
+        wanted = _times(scenario).get(key, was)
+        if wanted != was:
+            raise ScenarioError(
+                f"{key} is {wanted:g} s, but it was {was:g} s in the run: a replay keeps the run's "
+                "times.",
+                remedy=f"Leave {key} out of --scenario_text.",
             )
 
 
-def _notes(run: RecordedRun, scenario: Scenario) -> tuple[str, ...]:
-    """Returns what to know about a log, a clause each."""
-    notes = []
-    if run.cut_off:
-        notes.append(f"the log is cut off, its last sample is of {run.end:.2f} s")
-    if run.joints.period > SPARSE * scenario.poil.rates.control:
-        notes.append(
-            f"the robot's signals were logged every {run.joints.period:g} s only, and are held in "
-            "between"
-        )
-    if dropped := run.metadata.get("dropped_messages"):
-        notes.append(f"the log lacks {dropped} messages that its disk was too slow for")
-    versions = version_metadata()
-    for key in ("poil_drake_version", "drake_version"):
-        written = run.metadata.get(key, "")
-        if written and written != versions.get(key):
-            name = key.removesuffix("_version")
-            notes.append(f"written with {name} {written}, replayed with {versions.get(key)}")
-    return tuple(notes)
+def _times(scenario: Scenario) -> dict[str, float]:
+    """Returns the settings of which the log holds the consequences [s], by their keys."""
+    poil = scenario.poil
+    return {
+        "poil.rates.plant": poil.rates.plant,
+        "poil.rates.control": poil.rates.control,
+        "poil.rates.tracker": poil.rates.tracker,
+        "poil.latency": poil.latency,
+        **{f"cameras.{n}.output_delay": c.output_delay for n, c in scenario.cameras.items()},
+    }
+
+
+def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
+    """Returns whether a user has put cameras elsewhere than they stood in the run."""
+    nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
+    return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from poil_drake.diagrams.cameras import CameraDelay, MakeCameraModels
 from poil_drake.diagrams.recorded_perception import PerceptionOf, RecordedPerception
+from poil_drake.diagrams.replay_contents import IsSparse
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario_fit import CheckScenarioFits
@@ -32,9 +33,6 @@ from poil_drake.systems.recorded_cameras import RecordedCamera, RecordedCameras
 from poil_drake.systems.recorded_robot import HAND, JOINTS, STATUS, RecordedClock, RecordedRobot
 
 _ROUNDING = 1e-6
-
-SPARSE = 1.5
-"""A period longer than the control period by this factor misses what the controller saw."""
 
 _DRY_RUN_LEADS = (STATUS,)
 """In a dry run, arm and hand are a `KinematicRobot`, which moves with the other updates."""
@@ -108,10 +106,9 @@ class ReplayStation(Station):
         width = Series(hand.times, hand.values[:, 1:])
         joints = run.joints
         leading: Collection[str] = (JOINTS, HAND, STATUS)
-        sparse = joints.period > SPARSE * self._scenario.poil.rates.control
         if self._kind == DRY_RUN:
             leading = _DRY_RUN_LEADS
-        if self._kind == DRY_RUN or sparse:
+        if self._kind == DRY_RUN or IsSparse(run, self._scenario):
             # Before the robot is known, nothing is; its first measurements pass right through.
             joints, width = _known_early(joints), _known_early(width)
         robot = builder.AddNamedSystem(
@@ -189,9 +186,16 @@ class ReplayStation(Station):
 
 
 def _known_early(series: Series) -> Series:
-    """Returns a series that is known a sample before the first one that is finite."""
+    """Returns a series that is known a sample before the first one that is finite.
+
+    Where there is none before it, it is known from the beginning.
+    """
+    known = np.isfinite(series.values).all(axis=1)
+    if not known.any():
+        return series
+    first = int(np.argmax(known))
     values = series.values.copy()
-    first = int(np.argmax(np.isfinite(values).all(axis=1))) if len(values) else 0
     if first > 0:
         values[first - 1] = values[first]
-    return Series(series.times, values)
+        return Series(series.times, values)
+    return Series(np.insert(series.times, 0, -np.inf), np.insert(values, 0, values[0], axis=0))

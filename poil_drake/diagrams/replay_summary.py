@@ -1,6 +1,7 @@
 """What a replay came to: one line for people, one JSON file for programs."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,13 +9,13 @@ from typing import Any
 
 from poil_drake.recording.library_versions import library_versions
 from poil_drake.recording.plain_json import plain_json, write_json
-from poil_drake.recording.run_comparison import (
+from poil_drake.recording.replay_tolerances import (
     ANGULAR_VELOCITY,
     JOINT_VELOCITY,
     LINEAR_VELOCITY,
     TRACKED_POINTS,
-    RunComparison,
 )
+from poil_drake.recording.run_comparison import TRACKS, PhaseComparison, RunComparison
 
 _SIGNALS = {
     # Signal             in words                        unit, and how many of it are one SI unit
@@ -61,18 +62,20 @@ class ReplaySummary:
     @property
     def reason(self) -> str:
         """What the two have in common, or where they part, in one clause."""
-        first, phases = self.comparison.first, self.comparison.phases
+        first = self.comparison.first
         if first is None:
-            if not self.same:
-                return "the log holds no commands to compare with"
-            return f"the same {len(phases)} phases"
+            if self.same:
+                return f"the same {len(self.comparison.phases)} phases"
+            if self.comparison.commands:
+                return "no command of the log is of a time of the replay's"
+            return "the log holds no commands to compare with"
         when = f"from {first.time:.2f} s on, in phase '{first.phase}'"
-        if first.what == "phase":
-            parts = [p for p in phases if first.time in (p.recorded, p.replayed)]
-            return f"{when}, the phases differ: {_parting(parts[0])}"
+        if first.began is not None:
+            return f"{when}, the phases differ: {_parting(first.began)}"
+        if first.what == TRACKS:
+            return f"{when}, {100.0 * first.size:.2g} % of the tracks show no point that both saw"
         name, unit, scale = _SIGNALS[first.what]
-        tolerance = scale * self.comparison.tolerances.of(first.what)
-        return f"{when}, {name} differ by more than {tolerance:g} {unit}"
+        return f"{when}, {name} differ by more than {scale * first.tolerance:g} {unit}"
 
     def closing_line(self) -> str:
         """Returns the one line that ends a replay's output."""
@@ -85,6 +88,11 @@ class ReplaySummary:
                     f"{name} differ by {scale * found.median:.2g} {unit} (median), "
                     f"{scale * found.maximum:.2g} {unit} (most)"
                 )
+        tracks = self.comparison.tracks
+        clauses.append(
+            f"{tracks.unmatched} of {len(tracks.pairs)} tracks and {tracks.visibility} of "
+            f"{tracks.points} points in one of the two only"
+        )
         clauses += self.notes
         clauses.append(f"{self.replayed:.1f} s replayed in {self.wall:.1f} s")
         return f"{'SAME' if self.same else 'DIFFERENT'}: {'; '.join(clauses)}."
@@ -117,8 +125,8 @@ class ReplaySummary:
                 "phase_start_tolerance": comparison.tolerances.phase_start,
                 "signals": signals,
                 "first_difference": None if first is None else dataclasses.asdict(first),
-                "unmatched_tracks": comparison.unmatched_tracks,
-                "points_seen_by_one_only": comparison.visibility,
+                "unmatched_tracks": comparison.tracks.unmatched,
+                "points_seen_by_one_only": comparison.tracks.visibility,
                 "timing": {"replayed": self.replayed, "wall": self.wall},
                 "notes": list(self.notes),
                 "outputs": dict(self.outputs),
@@ -132,9 +140,9 @@ class ReplaySummary:
         return Path(path)
 
 
-def _parting(phase: Any) -> str:
-    if phase.replayed != phase.replayed:
+def _parting(phase: PhaseComparison) -> str:
+    if math.isnan(phase.replayed):
         return f"'{phase.name}' began in the run only"
-    if phase.recorded != phase.recorded:
+    if math.isnan(phase.recorded):
         return f"'{phase.name}' began in the replay only"
     return f"'{phase.name}' began at {phase.recorded:.2f} s and again at {phase.replayed:.2f} s"

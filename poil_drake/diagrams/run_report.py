@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from poil_drake.diagrams.output_files import OutputError, require_writable
+from poil_drake.diagrams.output_paths import OutputPaths
 from poil_drake.diagrams.real_time_loop import LoopTiming
 from poil_drake.diagrams.run_recorder import RunRecorder
 from poil_drake.diagrams.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
@@ -25,11 +24,18 @@ from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, Phase
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.stopwatch import Stopwatch
 
+__all__ = [
+    "REQUIRED_HANGING_TIME",
+    "FreshOutputs",
+    "OutputPaths",
+    "Report",
+    "WriteReport",
+    "failure_reason",
+    "summarize",
+]
+
 REQUIRED_HANGING_TIME = 2.0
 """For how long [s, simulated] an object must hang, after release and retreat, to count."""
-
-PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
-"""What the picture's name may end in, which tells its format."""
 
 _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
 """What one thread does in turn, so that these and what is left add up to the whole."""
@@ -47,57 +53,6 @@ _PICTURED_PHASES = (
     Phase.RELEASE,
     Phase.SETTLE,
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class OutputPaths:
-    """Where the outputs of a run go; None leaves one out.
-
-    Attributes:
-        html: The Meshcat recording.
-        mcap: The log.
-        png: The one-page picture.
-        json: The figures.
-    """
-
-    html: Path | None = None
-    mcap: Path | None = None
-    png: Path | None = None
-    json: Path | None = None
-
-    @classmethod
-    def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns the usual files in a directory, but for those given."""
-        usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
-        return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
-
-    def remove(self, *, inputs: Sequence[str | Path | None] = ()) -> None:
-        """Removes the files, where there are any, so that all can be written.
-
-        Args:
-            inputs: Files that are read and must stay; None stands for none.
-
-        Raises:
-            OutputError: when one cannot be written, is an input, or two are the same; then nothing
-                was removed.
-        """
-        paths = {kind: path for kind, path in vars(self).items() if path is not None}
-        for kind, path in paths.items():
-            place = path.resolve()
-            twins = [k for k, other in paths.items() if k != kind and other.resolve() == place]
-            if twins:
-                raise OutputError(
-                    f"The outputs '{kind}' and '{twins[0]}' both go to '{path}'.",
-                    remedy="Name a file of its own for each.",
-                )
-            require_writable(path, inputs=inputs)
-        if self.png is not None and self.png.suffix not in PICTURE_SUFFIXES:
-            raise OutputError(
-                f"The picture '{self.png}' ends in '{self.png.suffix}'.",
-                remedy=f"Let it end in one of: {', '.join(PICTURE_SUFFIXES)}.",
-            )
-        for path in paths.values():
-            path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, kw_only=True)

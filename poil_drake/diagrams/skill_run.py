@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
+from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.open_run_log import OpenRunLog
 from poil_drake.diagrams.plan_fit import CheckArmStands, CheckPlanFits
@@ -44,6 +45,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
 from poil_drake.recording.run_log_layout import DRY_RUN, HARDWARE, SIMULATED
+from poil_drake.systems.real_time_memory import KeepMemory
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.skill_phases import Phase
 from poil_drake.systems.snapshot_recorder import SnapshotAlbum
@@ -164,6 +166,8 @@ def ExecutePlan(
             were written.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
+    if hardware:
+        KeepMemory()
     with FreshOutputs(outputs, scenario, stages, inputs=inputs), ExitStack() as stack:
         if not show:
             outputs = dataclasses.replace(outputs, html=None)
@@ -240,7 +244,7 @@ def _simulate(
     try:
         with (
             QuietInterpreter(collecting=pace is None),
-            RealTimeScheduling(priority),
+            RealTimeScheduling(priority, followers=True),
             _resting(loop.station),
         ):
             simulator.Initialize()
@@ -306,7 +310,7 @@ def _pace(loop: ClosedLoop, simulator: Simulator) -> RealTimeLoop | None:
     return RealTimeLoop(
         simulator,
         period=station.scenario.poil.rates.control,
-        config=RealTimeLoopConfig(time_scale=station.config.time_scale),
+        config=RealTimeLoopConfig(time_scale=station.config.time_scale, pause=COMMAND_SHARE),
     )
 
 

@@ -102,8 +102,9 @@ def RequireLabels(station: Station) -> None:
             raise ScenarioError(
                 f"The detector '{LABEL_IMAGE}' reads label images, which camera '{name}' does not "
                 "give.",
-                remedy="Let a segmentation node send them over LCM along with the images "
-                f"(poil.hardware.cameras.{name}: !LcmImages {{}}), or choose another detector.",
+                remedy="There is no detector yet that needs none. Let a segmentation node send "
+                f"them over LCM along with the images (poil.hardware.cameras.{name}: "
+                "!LcmImages {}), or play a recording that holds them (!McapPlayback).",
             )
 
 

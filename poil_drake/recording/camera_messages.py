@@ -77,9 +77,26 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
     return Calibration(message.frame_id, message.width, message.height, K.reshape(3, 3), distortion)
 
 
-def encode_transform(X_PC: np.ndarray, *, parent: str, child: str, stamp: int) -> FrameTransform:
-    """Returns the (4, 4) pose of frame `child` in frame `parent` [m] as a message."""
-    message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+def encode_transform(
+    X_PC: np.ndarray,
+    *,
+    parent: str,
+    child: str,
+    stamp: int,
+    message: FrameTransform | None = None,
+) -> FrameTransform:
+    """Returns the (4, 4) pose of frame `child` in frame `parent` [m] as a message.
+
+    Args:
+        X_PC: The pose.
+        parent: The frame that it is in.
+        child: The frame that it is of.
+        stamp: When it was there [ns].
+        message: One of an earlier call for the same frames, which is filled again and returned;
+            None: a new one.
+    """
+    if message is None:
+        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
     set_timestamp(message, stamp)
     for axis, value in zip("xyz", X_PC[:3, 3], strict=True):
         setattr(message.translation, axis, value)

@@ -4,12 +4,14 @@ import time
 
 import numpy as np
 
-from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError
+from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.recording.demonstration import Demonstration, load_demonstration
 from poil_drake.recording.frame_grouping import median_period
+from poil_drake.recording.recorded_frames import RecordedFrames
 
 
 class CameraPlayback:
@@ -19,13 +21,12 @@ class CameraPlayback:
     `McapPlayback` for what the stamps mean.
     """
 
-    def __init__(self, config: McapPlayback, *, camera: str, size: tuple[int, int], clock: Clock):
+    def __init__(self, config: McapPlayback, *, camera: CameraModel, clock: Clock):
         """Remembers what to play; the file is not opened.
 
         Args:
             config: The file, and how to play it.
-            camera: The camera's name in the scenario.
-            size: (height, width) of its images [px].
+            camera: The camera's model in the scenario, with the intrinsics of the recording.
             clock: The time now [s since the epoch].
 
         Raises:
@@ -33,11 +34,11 @@ class CameraPlayback:
         """
         if not config.file:
             raise InvalidValueError(
-                f"McapPlayback.file of camera '{camera}' is empty.",
+                f"McapPlayback.file of camera '{camera.name}' is empty.",
                 remedy="Give a demonstration or the log of a run.",
             )
-        self._config, self._size, self._clock = config, size, clock
-        self._camera = camera
+        self._config, self._camera, self._clock = config, camera, clock
+        self._source = f"Camera '{camera.name}'"
         self._recording: Demonstration | None = None
         self._offsets = np.zeros(0)
         self._cycle = 0.0
@@ -50,18 +51,11 @@ class CameraPlayback:
             self._start = self._clock() + self._config.lead_in
         try:
             recording = load_demonstration(
-                self._config.file, cameras=[self._config.camera or self._camera]
+                self._config.file, cameras=[self._config.camera or self._camera.name]
             )
         except DemonstrationError as error:
-            raise self._failed(error) from error
-        model = recording.cameras[0]
-        if (model.height, model.width) != self._size:
-            raise CaptureError(
-                f"Camera '{self._camera}': {self._config.file} holds {model.width} x "
-                f"{model.height} pixels, but {self._size[1]} x {self._size[0]} are needed.",
-                remedy="Give the camera in the scenario the size and the calibration of the "
-                "recording.",
-            )
+            raise CaptureError(f"{self._source}: {error.problem}", remedy=error.remedy) from error
+        self._check(recording)
         stamps = recording.stamps
         self._offsets = (stamps - stamps[0]) / self._config.rate
         self._cycle = float(self._offsets[-1] + median_period(self._offsets))
@@ -70,19 +64,24 @@ class CameraPlayback:
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
         if self._recording is None or self._start is None:
-            raise CaptureError(f"Camera '{self._camera}' is not open.", remedy="Open it first.")
+            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         number = self._due(self._clock() - self._start)
         if number <= self._played:
             ahead = self._start + self._time_of(number + 1) - self._clock()
             time.sleep(min(max(ahead, 0.0), PATIENCE))
             number = self._due(self._clock() - self._start)
         if number <= self._played:
+            if self._time_of(number + 1) == np.inf:
+                raise NoImageError(
+                    f"{self._source}: {self._config.file} has ended.",
+                    remedy="Play it in a loop (loop: true), or take a longer recording.",
+                )
             return None
         self._played = number
         try:
             image = self._recording.frames[number % len(self._offsets)].images[0]
         except DemonstrationError as error:
-            raise self._failed(error) from error
+            raise NoImageError(f"{self._source}: {error.problem}", remedy=error.remedy) from error
         return RgbdImage(
             image.rgb, image.depth, self._start + self._time_of(number), label=image.label
         )
@@ -90,6 +89,24 @@ class CameraPlayback:
     def close(self) -> None:
         """See `CaptureDevice.close`."""
         self._recording = None
+
+    def _check(self, recording: Demonstration) -> None:
+        """Raises a CaptureError where a recording is not what the scenario says."""
+        file, wanted, model = self._config.file, self._camera, recording.cameras[0]
+        if (model.height, model.width) != (wanted.height, wanted.width):
+            raise CaptureError(
+                f"{self._source}: {file} holds {model.width} x {model.height} pixels, but "
+                f"{wanted.width} x {wanted.height} are needed.",
+                remedy="Give the camera in the scenario the size and the calibration of the "
+                "recording.",
+            )
+        check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
+        frames = recording.frames
+        if self._config.labels and isinstance(frames, RecordedFrames) and not frames.labelled:
+            raise CaptureError(
+                f"{self._source}: {file} holds no label images of it.",
+                remedy="Write labels: false, or take a recording that has them.",
+            )
 
     def _due(self, elapsed: float) -> int:
         """Returns the number of the latest image at this time [s], counted through all rounds."""
@@ -104,6 +121,3 @@ class CameraPlayback:
         if rounds > 0 and not self._config.loop:
             return np.inf
         return rounds * self._cycle + float(self._offsets[index])
-
-    def _failed(self, error: DemonstrationError) -> CaptureError:
-        return CaptureError(f"Camera '{self._camera}': {error.problem}", remedy=error.remedy)

@@ -9,6 +9,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.recording.message_parts import MessageParts
 from poil_drake.recording.timestamps import set_timestamp
 
 ImageMessage: TypeAlias = RawImage | CompressedImage
@@ -49,37 +50,77 @@ class ColorEncoding:
 
 
 def encode_color(
-    rgb: np.ndarray, *, stamp: int, frame_id: str, encoding: ColorEncoding
-) -> ImageMessage:
-    """Returns an (H, W, 3) uint8 colour image, captured at `stamp` [ns], as a message."""
+    rgb: np.ndarray,
+    *,
+    stamp: int,
+    frame_id: str,
+    encoding: ColorEncoding,
+    message: ImageMessage | None = None,
+) -> MessageParts[ImageMessage]:
+    """Returns an (H, W, 3) uint8 colour image, captured at `stamp` [ns], as a message.
+
+    Args:
+        rgb: The image.
+        stamp: When it was captured [ns].
+        frame_id: The frame of its camera.
+        encoding: How it is encoded.
+        message: One of an earlier call for such an image, which is filled again; None: a new one.
+    """
     if encoding.format == "raw":
-        return _raw_image(rgb, "rgb8", stamp=stamp, frame_id=frame_id)
+        return _raw_image(rgb, "rgb8", stamp=stamp, frame_id=frame_id, message=message)
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     if encoding.format == "jpeg":
         _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, encoding.jpeg_quality])
     else:
         _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    message = CompressedImage(frame_id=frame_id, format=encoding.format, data=data.tobytes())
+    if message is None:
+        message = CompressedImage(frame_id=frame_id, format=encoding.format)
     set_timestamp(message, stamp)
-    return message
+    return MessageParts(message, data.tobytes())
 
 
-def encode_depth(depth: np.ndarray, *, stamp: int, frame_id: str, exact: bool = False) -> RawImage:
+def encode_depth(
+    depth: np.ndarray,
+    *,
+    stamp: int,
+    frame_id: str,
+    exact: bool = False,
+    message: ImageMessage | None = None,
+) -> MessageParts[ImageMessage]:
     """Returns an (H, W) depth image [m] as 16UC1 millimetres; 0 stands for invalid.
 
     The rounding adds 0.29 mm rms, below the noise of a depth camera. What is not finite, negative
-    or beyond 65.535 m becomes invalid. An `exact` image is 32FC1 metres, and takes twice as much.
+    or beyond 65.535 m becomes invalid.
+
+    Args:
+        depth: The image.
+        stamp: When it was captured [ns].
+        frame_id: The frame of its camera.
+        exact: Whether to write 32FC1 metres instead, which takes twice as much.
+        message: One of an earlier call for such an image, which is filled again; None: a new one.
     """
     if exact:
-        return _raw_image(depth.astype("<f4"), "32FC1", stamp=stamp, frame_id=frame_id)
-    millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
-    millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0
-    return _raw_image(millimetres.astype("<u2"), "16UC1", stamp=stamp, frame_id=frame_id)
+        pixels, kind = depth.astype("<f4"), "32FC1"
+    else:
+        millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
+        millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0
+        pixels, kind = millimetres.astype("<u2"), "16UC1"
+    return _raw_image(pixels, kind, stamp=stamp, frame_id=frame_id, message=message)
 
 
-def encode_label(label: np.ndarray, *, stamp: int, frame_id: str) -> RawImage:
-    """Returns an (H, W) int16 label image as 16UC1."""
-    return _raw_image(label.astype("<i2").view("<u2"), "16UC1", stamp=stamp, frame_id=frame_id)
+def encode_label(
+    label: np.ndarray, *, stamp: int, frame_id: str, message: ImageMessage | None = None
+) -> MessageParts[ImageMessage]:
+    """Returns an (H, W) int16 label image as 16UC1.
+
+    Args:
+        label: The image.
+        stamp: When it was captured [ns].
+        frame_id: The frame of its camera.
+        message: One of an earlier call for such an image, which is filled again; None: a new one.
+    """
+    pixels = label.astype("<i2").view("<u2")
+    return _raw_image(pixels, "16UC1", stamp=stamp, frame_id=frame_id, message=message)
 
 
 def decode_color(message: ImageMessage) -> np.ndarray:
@@ -142,19 +183,21 @@ def _pixels_16_bit(message: ImageMessage, kind: str) -> np.ndarray:
     return _raw_pixels(message, np.dtype("<u2"), 1)[..., 0].astype(np.uint16)
 
 
-def _raw_image(pixels: np.ndarray, encoding: str, *, stamp: int, frame_id: str) -> RawImage:
+def _raw_image(
+    pixels: np.ndarray, encoding: str, *, stamp: int, frame_id: str, message: ImageMessage | None
+) -> MessageParts[ImageMessage]:
     height, width = pixels.shape[:2]
     data = np.ascontiguousarray(pixels).tobytes()
-    message = RawImage(
-        frame_id=frame_id,
-        width=width,
-        height=height,
-        encoding=encoding,
-        step=len(data) // height,
-        data=data,
-    )
+    if message is None:
+        message = RawImage(
+            frame_id=frame_id,
+            width=width,
+            height=height,
+            encoding=encoding,
+            step=len(data) // height,
+        )
     set_timestamp(message, stamp)
-    return message
+    return MessageParts(message, data)
 
 
 def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray:

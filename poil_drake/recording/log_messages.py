@@ -9,6 +9,7 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.recording.message_parts import MessageParts
 from poil_drake.recording.plain_json import plain_json
 from poil_drake.recording.timestamps import NANOSECONDS_PER_SECOND, set_timestamp
 
@@ -26,7 +27,8 @@ def encode_points(
     frame_id: str,
     confidence: np.ndarray | None = None,
     exact: bool = False,
-) -> PointCloud:
+    message: PointCloud | None = None,
+) -> MessageParts[PointCloud]:
     """Returns (N, 3) points [m] as a cloud of float32 x, y, z and confidence.
 
     NaN points are kept, so that a point keeps its index; viewers do not draw them.
@@ -37,25 +39,27 @@ def encode_points(
         frame_id: The frame that they are in.
         confidence: (N,) their confidence.
         exact: Whether to write float64, which loses nothing.
+        message: One of an earlier call for the same frame and columns, which is filled again; None:
+            a new one.
     """
     names = ["x", "y", "z"] + ([] if confidence is None else ["confidence"])
     columns = points if confidence is None else np.column_stack([points, confidence])
     size = 8 if exact else 4
-    kind = PackedElementField.FLOAT64 if exact else PackedElementField.FLOAT32
-    message = PointCloud(
-        frame_id=frame_id,
-        point_stride=size * len(names),
-        fields=[
-            PackedElementField(name=name, offset=size * i, type=kind)
-            for i, name in enumerate(names)
-        ],
-        data=np.ascontiguousarray(columns, dtype=f"<f{size}").tobytes(),
-    )
-    # An unset pose would be read as a rotation by the zero quaternion.
-    message.pose.orientation.w = 1.0
-    message.pose.position.SetInParent()
+    if message is None:
+        kind = PackedElementField.FLOAT64 if exact else PackedElementField.FLOAT32
+        message = PointCloud(
+            frame_id=frame_id,
+            point_stride=size * len(names),
+            fields=[
+                PackedElementField(name=name, offset=size * i, type=kind)
+                for i, name in enumerate(names)
+            ],
+        )
+        # An unset pose would be read as a rotation by the zero quaternion.
+        message.pose.orientation.w = 1.0
+        message.pose.position.SetInParent()
     set_timestamp(message, stamp)
-    return message
+    return MessageParts(message, np.ascontiguousarray(columns, dtype=f"<f{size}").tobytes())
 
 
 def decode_points(message: PointCloud) -> tuple[np.ndarray, np.ndarray]:
@@ -94,14 +98,31 @@ def encode_joint_states(
     position: np.ndarray | None = None,
     velocity: np.ndarray | None = None,
     effort: np.ndarray | None = None,
+    message: JointStates | None = None,
 ) -> JointStates:
-    """Returns the (J,) states of named joints [rad, rad/s, Nm] as a message."""
-    message = JointStates()
+    """Returns the (J,) states of named joints [rad, rad/s, Nm] as a message.
+
+    Args:
+        names: The joints.
+        stamp: When they were in these states [ns].
+        position: Where they were.
+        velocity: How fast they moved.
+        effort: With what torques.
+        message: One of an earlier call for the same joints, which is filled again and returned;
+            None: a new one.
+    """
+    if message is None:
+        message = JointStates()
+        for name in names:
+            message.joints.add(name=name)
     set_timestamp(message, stamp)
-    given = {"position": position, "velocity": velocity, "effort": effort}
-    for i, name in enumerate(names):
-        values = {key: float(array[i]) for key, array in given.items() if array is not None}
-        message.joints.add(name=name, **values)
+    for key, array in (("position", position), ("velocity", velocity), ("effort", effort)):
+        if array is None:
+            for joint in message.joints:
+                joint.ClearField(key)
+        else:
+            for joint, value in zip(message.joints, array.tolist(), strict=True):
+                setattr(joint, key, value)
     return message
 
 

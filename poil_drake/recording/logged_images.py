@@ -48,6 +48,7 @@ class ImageReader:
         given = {kind: image for kind, image in stored.items() if image is not None}
         decoders = {"image": decode_color, "depth": decode_depth, "label": decode_label}
         pixels: dict[str, np.ndarray] = {}
+        topic = ""
         try:
             data = read_messages(self._path, [image.location for image in given.values()])
             for (kind, image), content in zip(given.items(), data, strict=True):
@@ -56,7 +57,7 @@ class ImageReader:
                 self._check_size(pixels[kind])
         except (DecodeError, InvalidValueError, DemonstrationError) as error:
             problem = getattr(error, "problem", f"a message is damaged: {error}.")
-            where = f"{self._path}, topic {topic}: " if pixels else f"{self._path}: "
+            where = f"{self._path}, topic {topic}: " if topic else f"{self._path}: "
             raise RunLogError(
                 f"{where}{problem}", remedy="Copy the log again, and replay what it was run with."
             ) from error

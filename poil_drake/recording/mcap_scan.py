@@ -4,10 +4,11 @@ import io
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -24,6 +25,10 @@ _PARSE_ERRORS = (
     *(ValueError, KeyError, EOFError, RuntimeError, MemoryError, OverflowError),
 )
 _FRAMING = struct.Struct("<BQ")
+
+LARGEST_CHUNK = 256 << 20
+"""How much a chunk may hold [bytes]: an image of 8192 x 8192 pixels, and far more than recorders
+write at once."""
 
 
 @dataclass(frozen=True)
@@ -207,8 +212,25 @@ def _interpret_small(
 
 
 def _decompress(content: bytes) -> bytes:
-    """Returns the records of a chunk after checking its CRC."""
+    """Returns the records of a chunk after checking its CRC.
+
+    How large they are is asked for before: a small file must not ask for terabytes of memory.
+    """
     chunk = Chunk.read(ReadDataStream(io.BytesIO(content)))
+    sizes = [chunk.uncompressed_size]
+    if chunk.compression == "zstd":
+        sizes.append(zstandard.frame_content_size(chunk.data))
+    if max(sizes) > LARGEST_CHUNK:
+        raise _DamageError(
+            f"a chunk unfolds to {max(sizes) >> 20} MiB, of which {LARGEST_CHUNK >> 20} are allowed"
+        )
+    if chunk.compression == "lz4":
+        unpacked = lz4.frame.LZ4FrameDecompressor()
+        # With room to spare, as the end of the frame is seen after the last byte only.
+        data = unpacked.decompress(chunk.data, chunk.uncompressed_size + 1)
+        if not unpacked.eof:
+            raise _DamageError("a chunk unfolds to something else than is written on it")
+        chunk = replace(chunk, compression="", data=data)
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(size)
 

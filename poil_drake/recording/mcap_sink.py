@@ -10,6 +10,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.recording.message_parts import MessageParts
 
 
 class McapSink:
@@ -35,11 +36,15 @@ class McapSink:
         self._channels: dict[str, tuple[int, str]] = {}
 
     def write(self, topic: str, message: Any, *, time: int) -> None:
-        """Writes a protobuf message at `time` [ns]."""
-        name = type(message).DESCRIPTOR.full_name
+        """Writes a protobuf message, or the `MessageParts` of one, at `time` [ns]."""
+        if isinstance(message, MessageParts):
+            kind, data = type(message.message), message.serialized()
+        else:
+            kind, data = type(message), message.SerializeToString()
+        name = kind.DESCRIPTOR.full_name
         if name not in self._schemas:
-            self._schemas[name] = register_schema(self._writer, type(message))
-        self._add(topic, name, MessageEncoding.Protobuf, message.SerializeToString(), time)
+            self._schemas[name] = register_schema(self._writer, kind)
+        self._add(topic, name, MessageEncoding.Protobuf, data, time)
 
     def write_json(
         self, topic: str, value: Mapping[str, Any], *, schema: Mapping[str, Any], time: int

@@ -74,6 +74,11 @@ class RecordedFrames(Sequence[MultiViewFrame]):
             [min(to_seconds(view.color.stamp) for view in views) for views in self._instants]
         )
 
+    @property
+    def labelled(self) -> bool:
+        """Whether any view has a label image, known without decoding them."""
+        return any(view.label is not None for views in self._instants for view in views)
+
     def __len__(self) -> int:
         return len(self._instants)
 

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from poil_drake.errors import RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.camera_messages import Calibration
 from poil_drake.recording.demonstration_contents import StoredImage
 from poil_drake.recording.demonstration_layout import LABEL_IDS_KEY
 from poil_drake.recording.series import Series
@@ -63,6 +66,8 @@ class RecordedRun:
         twist: (T, 6) spatial velocity asked of the gripper, (ω [rad/s], v [m/s]) in the world.
         numbers: Topic -> (T, fields) of the statuses in `run_log_reader.NUMBERS`.
         camera_times: Camera -> (T, 1) when its newest image was captured [s].
+        calibrations: Camera -> its intrinsics.
+        camera_poses: Camera -> (4, 4) its pose in the world [m].
         phases: The phases of the skill.
         tracks: The tracks that were released.
         images: Camera -> its images, in order.
@@ -80,6 +85,8 @@ class RecordedRun:
     twist: Series = field(default_factory=lambda: Series.of([], 6))
     numbers: dict[str, Series] = field(default_factory=dict)
     camera_times: dict[str, Series] = field(default_factory=dict)
+    calibrations: dict[str, Calibration] = field(default_factory=dict)
+    camera_poses: dict[str, np.ndarray] = field(default_factory=dict)
     phases: list[PhaseStart] = field(default_factory=list)
     tracks: list[LoggedTrack] = field(default_factory=list)
     images: dict[str, list[LoggedImages]] = field(default_factory=dict)
@@ -100,7 +107,7 @@ class RecordedRun:
         text = self.metadata.get(LABEL_IDS_KEY, "{}")
         try:
             return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
-        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise RunLogError(
                 f"The metadata '{LABEL_IDS_KEY}' of '{self.path}' is {text[:80]}.", remedy=REMEDY
             ) from error

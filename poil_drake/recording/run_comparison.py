@@ -1,49 +1,24 @@
 """How two runs differ that had the same inputs: a run, and its replay."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from poil_drake.recording.recorded_run import PhaseStart, RecordedRun
+from poil_drake.recording.replay_tolerances import (
+    ANGULAR_VELOCITY,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY,
+    TRACKED_POINTS,
+    ReplayTolerances,
+)
 from poil_drake.recording.series import Series
+from poil_drake.recording.track_comparison import TrackComparison, compare_tracks
 
-JOINT_VELOCITY = "joint_velocity_rad_s"
-ANGULAR_VELOCITY = "angular_velocity_rad_s"
-LINEAR_VELOCITY = "linear_velocity_m_s"
-TRACKED_POINTS = "tracked_points_m"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayTolerances:
-    """Up to which differences two runs count as the same.
-
-    Attributes:
-        joint_velocity: Of each joint's commanded velocity [rad/s].
-        angular_velocity: Of the gripper's angular velocity asked for [rad/s].
-        linear_velocity: Of its linear velocity asked for [m/s].
-        tracked_points: Of each tracked point [m], in the phases in which they move the arm.
-        phase_start: Of the time at which a phase begins [s].
-        point_phases: The phases in which the points move the arm. In others nothing depends on
-            them, and a hand that lets go hides them.
-    """
-
-    joint_velocity: float
-    angular_velocity: float
-    linear_velocity: float
-    tracked_points: float
-    phase_start: float
-    point_phases: tuple[str, ...] = ("follow",)
-
-    def of(self, signal: str) -> float:
-        """Returns the tolerance of a signal."""
-        return {
-            JOINT_VELOCITY: self.joint_velocity,
-            ANGULAR_VELOCITY: self.angular_velocity,
-            LINEAR_VELOCITY: self.linear_velocity,
-            TRACKED_POINTS: self.tracked_points,
-        }[signal]
+PHASE, TRACKS = "phase", "tracks"
+"""What two runs may differ in besides signals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +61,11 @@ class PhaseComparison:
     recorded: float
     replayed: float
 
+    @property
+    def alone(self) -> bool:
+        """Whether only one of the two has it."""
+        return math.isnan(self.recorded) or math.isnan(self.replayed)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FirstDifference:
@@ -93,16 +73,20 @@ class FirstDifference:
 
     Attributes:
         time: When [s].
-        what: A signal, or "phase".
+        what: A signal, `PHASE` or `TRACKS`.
         phase: The phase of the recorded run.
         size: How large the difference is, in the signal's unit, or [s]; infinite where only one
-            of the two has it.
+            of the two has it. Of `TRACKS`, the share that cannot be compared.
+        tolerance: How large it might have been.
+        began: The phase that differs, where one does.
     """
 
     time: float
     what: str
     phase: str
     size: float
+    tolerance: float
+    began: PhaseComparison | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,16 +98,17 @@ class RunComparison:
         phases: The phases of both, in order.
         spans: Each phase of the recorded run: name, start and end [s].
         tolerances: What was tolerated.
-        unmatched_tracks: How many tracks only one of the two has.
-        visibility: How many points only one of the two saw, over all tracks.
+        tracks: How the tracks differ.
+        commands: How many samples of commands the recorded run has.
+        first: Where they part; None if nowhere.
     """
 
     differences: Mapping[str, Series]
     phases: Sequence[PhaseComparison]
     spans: Sequence[tuple[str, float, float]]
     tolerances: ReplayTolerances
-    unmatched_tracks: int = 0
-    visibility: int = 0
+    tracks: TrackComparison
+    commands: int
     first: FirstDifference | None = field(init=False)
 
     def __post_init__(self) -> None:
@@ -152,38 +137,97 @@ class RunComparison:
             found[name] = DifferenceStatistics.of(series.values[inside, 0])
         return found
 
+    def limits(self, signal: str) -> np.ndarray:
+        """Returns the tolerance (T,) of each difference of a signal; infinite where none counts.
+
+        Points count in the phases in which they move the arm. While both runs are in the same other
+        phase, which began at the same time, velocities are held to `ReplayTolerances.elsewhere`;
+        but not so soon after the points moved the arm, as what they did fades away.
+        """
+        times, tolerances = self.differences[signal].times, self.tolerances
+        usual, strict = tolerances.of(signal), tolerances.elsewhere
+        moving = [span for span in self.spans if span[0] in tolerances.point_phases]
+        if signal == TRACKED_POINTS:
+            limits, fading = np.full(len(times), math.inf), 0.0
+        else:
+            limits, fading = np.full(len(times), usual), tolerances.phase_start
+            if strict is not None:
+                for start, end in self._together(strict.phase_start):
+                    limits[(times >= start) & (times < end)] = strict.of(signal)
+        for _, start, end in moving:
+            limits[(times >= start) & (times < end + fading)] = usual
+        return limits
+
+    def _together(self, tolerance: float) -> Iterator[tuple[float, float]]:
+        """Yields from when until when [s] both are in a phase that they began together."""
+        begun = [phase for phase in self.phases if not math.isnan(phase.recorded)]
+        for k, (phase, (_, start, end)) in enumerate(zip(begun, self.spans, strict=True)):
+            if abs(phase.recorded - phase.replayed) <= tolerance:
+                left = begun[k + 1].replayed if k + 1 < len(begun) else math.nan
+                yield start, float(np.fmin(end, left))
+
     def _parts(self, phase: PhaseComparison) -> bool:
         end = self.spans[-1][2] if self.spans else math.inf
-        if math.isnan(phase.replayed) and phase.recorded > end - self.tolerances.phase_start:
+        starts = (phase.recorded, phase.replayed)
+        alone = [math.isnan(other.recorded) for other in self.phases if other.alone]
+        if phase.alone and len(set(alone)) == 1 and np.nanmin(starts) > end - self._late:
             return False  # It may yet have come.
-        return not abs(phase.recorded - phase.replayed) <= self.tolerances.phase_start
+        return not abs(starts[0] - starts[1]) <= self._late
 
-    def _judged(self, signal: str) -> np.ndarray:
-        """Returns which samples (T,) of a signal must be within its tolerance."""
-        times = self.differences[signal].times
-        if signal != TRACKED_POINTS:
-            return np.full(len(times), True)
-        wanted = self.tolerances.point_phases
-        return np.array([self._phase_at(time) in wanted for time in times], dtype=bool)
+    @property
+    def _late(self) -> float:
+        return self.tolerances.phase_start
 
     def _first(self) -> FirstDifference | None:
-        found = []
+        found = [*self._signals_apart(), *self._phases_apart(), *self._tracks_apart()]
+        return min(found, key=lambda one: one.time, default=None)
+
+    def _signals_apart(self) -> Iterator[FirstDifference]:
         for signal, series in self.differences.items():
-            apart = series.values[:, 0] > self.tolerances.of(signal)
-            above = np.flatnonzero(apart & self._judged(signal))
+            limits = self.limits(signal)
+            above = np.flatnonzero(series.values[:, 0] > limits)
             if above.size:
-                found.append((series.times[above[0]], signal, series.values[above[0], 0]))
+                k = above[0]
+                yield self._difference(
+                    series.times[k], signal, size=series.values[k, 0], tolerance=limits[k]
+                )
+
+    def _phases_apart(self) -> Iterator[FirstDifference]:
         for phase in self.phases:
             if self._parts(phase):
-                both = (phase.recorded, phase.replayed)
-                gap = abs(both[0] - both[1])
-                size = math.inf if math.isnan(gap) else gap
-                found.append((float(np.nanmin(both)), "phase", size))
-        if not found:
-            return None
-        time, what, size = min(found)
+                gap = abs(phase.recorded - phase.replayed)
+                yield self._difference(
+                    np.nanmin((phase.recorded, phase.replayed)),
+                    PHASE,
+                    size=math.inf if phase.alone else gap,
+                    tolerance=self._late,
+                    began=phase,
+                )
+
+    def _tracks_apart(self) -> Iterator[FirstDifference]:
+        wanted = self.tolerances.point_phases
+        judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
+        apart = [pair.time for pair in judged if not pair.comparable]
+        share, tolerance = len(apart) / max(len(judged), 1), self.tolerances.unmatched_tracks
+        if share > tolerance:
+            yield self._difference(min(apart), TRACKS, size=share, tolerance=tolerance)
+
+    def _difference(
+        self,
+        time: float,
+        what: str,
+        *,
+        size: float,
+        tolerance: float,
+        began: PhaseComparison | None = None,
+    ) -> FirstDifference:
         return FirstDifference(
-            time=float(time), what=what, phase=self._phase_at(time), size=float(size)
+            time=float(time),
+            what=what,
+            phase=self._phase_at(float(time)),
+            size=float(size),
+            tolerance=float(tolerance),
+            began=began,
         )
 
     def _phase_at(self, time: float) -> str:
@@ -203,19 +247,19 @@ def compare_runs(
     """
     commands = _pairs(recorded.commands, replayed.commands)
     twists = _pairs(recorded.twist, replayed.twist)
-    tracks, unmatched, visibility = _compare_tracks(recorded, replayed)
+    tracks = compare_tracks(recorded.tracks, replayed.tracks)
     return RunComparison(
         differences={
             JOINT_VELOCITY: _largest(*commands),
             ANGULAR_VELOCITY: _lengths(*twists, slice(0, 3)),
             LINEAR_VELOCITY: _lengths(*twists, slice(3, 6)),
-            TRACKED_POINTS: tracks,
+            TRACKED_POINTS: tracks.distances,
         },
         phases=_compare_phases(recorded.phases, replayed.phases),
         spans=_spans(recorded),
         tolerances=tolerances,
-        unmatched_tracks=unmatched,
-        visibility=visibility,
+        tracks=tracks,
+        commands=len(recorded.commands),
     )
 
 
@@ -241,23 +285,6 @@ def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     known = np.isfinite(a), np.isfinite(b)
     difference = np.subtract(a, b, out=np.zeros_like(a), where=known[0] & known[1])
     return np.where(known[0] != known[1], np.inf, difference)
-
-
-def _compare_tracks(recorded: RecordedRun, replayed: RecordedRun) -> tuple[Series, int, int]:
-    """Returns the largest distance (T, 1) of the points that both saw, for each pair of tracks."""
-    ours = {round(1e9 * logged.track.stamp): logged for logged in recorded.tracks}
-    others = {round(1e9 * logged.track.stamp): logged.track for logged in replayed.tracks}
-    samples, visibility = [], 0
-    for stamp in sorted(ours.keys() & others.keys()):
-        a, b = ours[stamp].track, others[stamp]
-        if len(a.positions) != len(b.positions):
-            samples.append((ours[stamp].time, [math.inf]))
-            continue
-        seen = a.confidence > 0.0, b.confidence > 0.0
-        visibility += int(np.count_nonzero(seen[0] != seen[1]))
-        distances = np.linalg.norm(a.positions - b.positions, axis=1)[seen[0] & seen[1]]
-        samples.append((ours[stamp].time, [distances.max() if distances.size else math.nan]))
-    return Series.of(samples, 1), len(ours.keys() ^ others.keys()), visibility
 
 
 def _compare_phases(

@@ -36,6 +36,7 @@ from poil_drake.recording.log_messages import (
     json_schema,
 )
 from poil_drake.recording.mcap_sink import McapSink
+from poil_drake.recording.message_parts import MessageParts
 from poil_drake.recording.run_log_layout import JOINT_STATES_TOPIC, PHASE_TOPIC, PLAN_ATTACHMENT
 from poil_drake.recording.timestamps import to_nanoseconds
 
@@ -74,11 +75,11 @@ class RunLogConfig:
 class RunLogWriter:
     """Writes what happens in a run: open, write, close; or a `with` block.
 
-    All times are simulation times [s] (epoch times on hardware); `time` is when a message was
-    logged, `stamp` when what it shows was measured, by default the same. A write copies its arrays
-    and returns; encoding, compression and disk are left to one background thread, which `close`
-    joins. The file is readable after any `close`, also one that follows an exception, and closing
-    is not forgotten when the interpreter exits.
+    All times are those of the loop's context [s], which begin at 0, on hardware, too; `time` is
+    when a message was logged, `stamp` when what it shows was measured, by default the same. A write
+    copies its arrays and returns; encoding, compression and disk are left to one background thread,
+    which `close` joins. The file is readable after any `close`, also one that follows an exception,
+    and closing is not forgotten when the interpreter exits.
 
     A write raises what an earlier write met in the background thread, e.g. a full disk.
 
@@ -102,6 +103,7 @@ class RunLogWriter:
         self._config = config or RunLogConfig()
         self._sink = McapSink(Path(path), chunk_size=self._config.chunk_size)
         self._schemas: dict[str, dict[str, Any]] = {}
+        self._messages: dict[tuple[str, ...], Any] = {}
         self._closed = False
         # Metadata first: a log that was never closed still says what it is.
         self._sink.add_metadata(METADATA_RECORD, {**version_metadata(), **(metadata or {})})
@@ -129,11 +131,17 @@ class RunLogWriter:
         if not self._config.images:
             return
         captured = to_nanoseconds(time if stamp is None else stamp)
+        topic = camera_topic(camera, "image")
         pixels, frame_id, encoding = _kept(rgb), optical_frame(camera), self._config.color
         self._write(
-            camera_topic(camera, "image"),
+            topic,
             time,
-            lambda: encode_color(pixels, stamp=captured, frame_id=frame_id, encoding=encoding),
+            lambda: self._again(
+                (topic, str(pixels.shape)),
+                lambda message: encode_color(
+                    pixels, stamp=captured, frame_id=frame_id, encoding=encoding, message=message
+                ),
+            ),
         )
 
     def write_depth(
@@ -143,11 +151,17 @@ class RunLogWriter:
         if not self._config.images:
             return
         captured = to_nanoseconds(time if stamp is None else stamp)
+        topic = camera_topic(camera, "depth")
         pixels, frame_id, exact = _kept(depth), optical_frame(camera), self._config.exact_depth
         self._write(
-            camera_topic(camera, "depth"),
+            topic,
             time,
-            lambda: encode_depth(pixels, stamp=captured, frame_id=frame_id, exact=exact),
+            lambda: self._again(
+                (topic, str(pixels.shape)),
+                lambda message: encode_depth(
+                    pixels, stamp=captured, frame_id=frame_id, exact=exact, message=message
+                ),
+            ),
         )
 
     def write_label(
@@ -157,11 +171,17 @@ class RunLogWriter:
         if not self._config.images:
             return
         captured = to_nanoseconds(time if stamp is None else stamp)
+        topic = camera_topic(camera, "label")
         pixels, frame_id = _kept(label), optical_frame(camera)
         self._write(
-            camera_topic(camera, "label"),
+            topic,
             time,
-            lambda: encode_label(pixels, stamp=captured, frame_id=frame_id),
+            lambda: self._again(
+                (topic, str(pixels.shape)),
+                lambda message: encode_label(
+                    pixels, stamp=captured, frame_id=frame_id, message=message
+                ),
+            ),
         )
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
@@ -187,11 +207,20 @@ class RunLogWriter:
         captured = to_nanoseconds(time if stamp is None else stamp)
         kept = _kept(points)
         weights = None if confidence is None else _kept(confidence)
+        topic, has_confidence = f"/points/{name}", weights is not None
         self._write(
-            f"/points/{name}",
+            topic,
             time,
-            lambda: encode_points(
-                kept, stamp=captured, frame_id=WORLD_FRAME, confidence=weights, exact=exact
+            lambda: self._again(
+                (topic, str(exact), str(has_confidence)),
+                lambda message: encode_points(
+                    kept,
+                    stamp=captured,
+                    frame_id=WORLD_FRAME,
+                    confidence=weights,
+                    exact=exact,
+                    message=message,
+                ),
             ),
         )
 
@@ -204,7 +233,12 @@ class RunLogWriter:
         self._write(
             TRANSFORM_TOPIC,
             time,
-            lambda: encode_transform(pose, parent=parent, child=child, stamp=now),
+            lambda: self._again(
+                (TRANSFORM_TOPIC, parent, child),
+                lambda message: encode_transform(
+                    pose, parent=parent, child=child, stamp=now, message=message
+                ),
+            ),
         )
 
     def write_joint_states(
@@ -221,7 +255,14 @@ class RunLogWriter:
         now = to_nanoseconds(time)
         given = {"position": position, "velocity": velocity, "effort": effort}
         kept = {key: None if array is None else _kept(array) for key, array in given.items()}
-        self._write(topic, time, lambda: encode_joint_states(names, stamp=now, **kept))
+        self._write(
+            topic,
+            time,
+            lambda: self._again(
+                (topic, *names),
+                lambda message: encode_joint_states(names, stamp=now, message=message, **kept),
+            ),
+        )
 
     def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
         """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""
@@ -278,6 +319,18 @@ class RunLogWriter:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _again(self, key: tuple[str, ...], encode: Callable[[Any], Any]) -> Any:
+        """Returns a message that is filled again each time, in the background thread.
+
+        Of every 10,000 pieces of messages that are freed, protobuf has the last one's thread go
+        through all free memory of the process and give it back (`malloc_trim`). That takes 10 ms,
+        in which no other thread gets the interpreter, and slows down who uses memory next. The
+        robot's signals alone would make it do so every few seconds.
+        """
+        encoded = encode(self._messages.get(key))
+        self._messages[key] = encoded.message if isinstance(encoded, MessageParts) else encoded
+        return encoded
 
     def _write(self, topic: str, time: float, encode: Callable[[], Any]) -> None:
         now = to_nanoseconds(time)

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
@@ -17,11 +19,15 @@ from mcap.well_known import MessageEncoding
 
 from poil_drake.errors import DemonstrationError, InvalidValueError, PoilError, RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.camera_messages import decode_calibration, decode_transform
 from poil_drake.recording.demonstration_contents import StoredImage
 from poil_drake.recording.demonstration_layout import (
     CAMERA_TOPIC,
     METADATA_RECORD,
     SCENARIO_ATTACHMENT,
+    TRANSFORM_TOPIC,
+    WORLD_FRAME,
+    optical_frame,
 )
 from poil_drake.recording.log_messages import decode_joint_states, decode_points
 from poil_drake.recording.mcap_scan import CutOffError, ScannedMessage, scan
@@ -55,12 +61,15 @@ NUMBERS = {
     ROBOT_STATUS_TOPIC: ("mode", "age", "success_rate", "clock"),
     HAND_STATUS_TOPIC: ("width_commanded", "width_measured"),
     TRACKER_STATUS_TOPIC: ("status",),
-    TRACKER_TIMES_TOPIC: ("begun", "released", "released_of"),
+    TRACKER_TIMES_TOPIC: ("begun", "released", "released_of", "status"),
     DETECTOR_TIMES_TOPIC: ("begun", "released", "released_of"),
     STOPS_TOPIC: ("requests",),
 }
 
 _IMAGES = ("image", "depth", "label")
+
+# What reading messages raises that are not what their topic holds; InvalidValueError is among them.
+_DAMAGE = (DecodeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
 
 
 def load_recorded_run(path: str | Path, *, joint_names: Sequence[str]) -> RecordedRun:
@@ -146,9 +155,12 @@ def _take(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
         if match is not None:
             if match["kind"] in _IMAGES:
                 _take_image(run, samples, scanned, match["camera"], match["kind"])
+            else:
+                message, _ = _message(scanned, CameraCalibration)
+                run.calibrations.setdefault(match["camera"], decode_calibration(message))
         elif scanned.topic in _TAKERS:
             _TAKERS[scanned.topic](run, samples, scanned)
-    except (DecodeError, InvalidValueError, ValueError, KeyError, TypeError, AttributeError) as e:
+    except _DAMAGE as e:
         problem = e.problem if isinstance(e, PoilError) else f"a message is damaged: {e!r}."
         raise RunLogError(f"{run.path}, topic {scanned.topic}: {problem}", remedy=REMEDY) from e
     except RecursionError as e:
@@ -241,6 +253,15 @@ def _take_camera_times(run: RecordedRun, samples: _Samples, scanned: ScannedMess
     samples.add(scanned.topic, to_seconds(scanned.log_time), seen)
 
 
+def _take_transform(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
+    message, _ = _message(scanned, FrameTransform)
+    child = message.child_frame_id
+    if message.parent_frame_id == WORLD_FRAME and child.endswith(optical_frame("")):
+        run.camera_poses.setdefault(
+            child.removesuffix(optical_frame("")), decode_transform(message)
+        )
+
+
 def _take_phase(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
     record = _record(scanned)
     time = to_seconds(scanned.log_time)
@@ -254,5 +275,6 @@ _TAKERS = {
     TWIST_TOPIC: _take_twist,
     CAMERAS_STATUS_TOPIC: _take_camera_times,
     PHASE_TOPIC: _take_phase,
+    TRANSFORM_TOPIC: _take_transform,
     **dict.fromkeys(NUMBERS, _take_numbers),
 }

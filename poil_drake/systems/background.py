@@ -11,16 +11,17 @@ _T = TypeVar("_T")
 
 
 class Background:
-    """Does one thing after the other on a thread, which begins with the first."""
+    """Does one thing after the other on a thread, which is there from the beginning."""
 
     def __init__(self, name: str):
-        """Starts nothing.
+        """Starts the thread.
 
         Args:
             name: What the thread is called, and the error of a use after `close`.
         """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        self._executor.submit(int)  # It would start its thread with the first work only.
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
         """Returns what will be the result of the work.

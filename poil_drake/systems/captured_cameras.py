@@ -12,7 +12,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.systems.drake_images import plane_image, rgba_image
+from poil_drake.systems.drake_images import fill_plane, fill_rgba
 
 
 class NewestImage(Protocol):
@@ -95,22 +95,23 @@ class CapturedCameras(LeafSystem):
 
     def _declare_outputs(self, view: int, name: str, labelled: bool) -> None:
         known = {self.abstract_state_ticket(self._seen)}
-        kinds: list[tuple[str, Any, Callable[[RgbdImage], Any]]] = [
-            ("rgb_image", ImageRgba8U, lambda image: rgba_image(image.rgb)),
-            ("depth_image", ImageDepth32F, lambda image: plane_image(ImageDepth32F, image.depth)),
+        kinds: list[tuple[str, Any, Callable[[Any, RgbdImage], None]]] = [
+            ("rgb_image", ImageRgba8U, lambda output, image: fill_rgba(output, image.rgb)),
+            ("depth_image", ImageDepth32F, lambda output, image: fill_plane(output, image.depth)),
         ]
         if labelled:
-            kinds.append(("label_image", ImageLabel16I, _label))
-        for kind, empty, convert in kinds:
+            kinds.append(("label_image", ImageLabel16I, _fill_label))
+        for kind, empty, fill in kinds:
 
             def allocate(empty: Any = empty) -> AbstractValue:
                 return Value(empty())
 
-            def calc(
-                context: Context, output: AbstractValue, empty: Any = empty, convert: Any = convert
-            ) -> None:
+            def calc(context: Context, output: AbstractValue, fill: Any = fill) -> None:
                 image = self._shown(context, view).image
-                output.set_value(empty() if image is None else convert(image))
+                if image is None:
+                    output.get_mutable_value().resize(0, 0)
+                else:
+                    fill(output.get_mutable_value(), image)
 
             self.DeclareAbstractOutputPort(f"{name}.{kind}", allocate, calc, known)
 
@@ -123,5 +124,8 @@ class CapturedCameras(LeafSystem):
         return context.get_abstract_state(self._seen).get_value()[view]
 
 
-def _label(image: RgbdImage) -> ImageLabel16I:
-    return ImageLabel16I() if image.label is None else plane_image(ImageLabel16I, image.label)
+def _fill_label(output: ImageLabel16I, image: RgbdImage) -> None:
+    if image.label is None:
+        output.resize(0, 0)
+    else:
+        fill_plane(output, image.label)

@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 from drake import lcmt_image, lcmt_image_array
 
-from poil_drake.errors import CaptureError
+from poil_drake.errors import NoImageError
+from poil_drake.perception.capture.depth_metres import depth_in_metres
 from poil_drake.perception.images import RgbdImage
+from poil_drake.systems.encoded_image_size import encoded_image_size
 
 _COLOUR = {
     # Pixel format: channels, and how OpenCV turns them into RGB
@@ -24,7 +26,7 @@ _DTYPES: dict[int, np.dtype] = {
     lcmt_image.CHANNEL_TYPE_UINT16: np.dtype("u2"),
     lcmt_image.CHANNEL_TYPE_FLOAT32: np.dtype("f4"),
 }
-_MILLIMETRE = np.float32(1e-3)
+_MILLIMETRE = 1e-3
 _MOST_IMAGES = 8
 _REMEDY = "Send lcmt_image_array messages as Drake's cameras do, and keep others off the channel."
 
@@ -57,14 +59,15 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     """Returns the images of a message; the stamp is that of its header.
 
     Colour may be RGB, BGR, RGBA or BGRA with 8 bits; depth 32-bit floats [m] or 16-bit integers
-    [mm]; labels 16-bit integers. All may be plain, or compressed by zlib, PNG or (colour) JPEG.
+    [mm], of which 65535 means "too far" and is invalid; labels 16-bit integers. All may be plain,
+    or compressed by zlib, PNG or (colour) JPEG.
 
     Args:
         message: An encoded `lcmt_image_array`.
         size: (height, width) [px] of every image in it.
 
     Raises:
-        CaptureError: if it is none, or holds no colour or no depth image of that size.
+        NoImageError: if it is none, or holds no colour or no depth image of that size.
     """
     try:
         said = lcmt_image_array.decode(message)
@@ -79,7 +82,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
             pixels = _pixels(image, size, channels)
             rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_DEPTH:
-            depth = _metres(_pixels(image, size, 1)[:, :, 0])
+            depth = depth_in_metres(_pixels(image, size, 1)[:, :, 0], step=_MILLIMETRE)
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_LABEL:
             label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
     if rgb is None or rgb.dtype != np.uint8 or depth is None:
@@ -139,12 +142,17 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
         raise _unusable(f"an image is compressed by method {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
         raise _unusable("a compressed image is longer than one that is not")
+    # Before it is decoded: a few bytes of zlib data may stand for very many pixels.
+    said = encoded_image_size(image.data)
+    if said != shape[:2]:
+        found = "no size" if said is None else f"{said[1]} x {said[0]} pixels"
+        raise _unusable(f"a JPEG or PNG image has {found}, not {shape[1]} x {shape[0]} pixels")
     try:
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         pixels = None
     if pixels is None or pixels.dtype != dtype or pixels.size != np.prod(shape):
-        raise _unusable("a JPEG or PNG image cannot be decoded, or has another size")
+        raise _unusable("a JPEG or PNG image cannot be decoded, or has other channels")
     pixels = pixels.reshape(shape)
     # OpenCV turns the colours of files into BGR, whatever they were called.
     if shape[2] == 3 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGB:
@@ -154,17 +162,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     return pixels
 
 
-def _metres(depth: np.ndarray) -> np.ndarray:
-    """Returns depth [m] float32, 0 where invalid."""
-    if depth.dtype == np.uint16:
-        return depth * _MILLIMETRE
-    if depth.dtype != np.float32:
-        raise _unusable(f"a depth image has the type {depth.dtype}")
-    usable = np.isfinite(depth)
-    return depth if usable.all() else np.where(usable, depth, np.float32(0.0))
-
-
-def _unusable(what: str) -> CaptureError:
-    return CaptureError(
+def _unusable(what: str) -> NoImageError:
+    return NoImageError(
         f"What came on the camera's channel cannot be used: {what}.", remedy=_REMEDY
     )

@@ -82,7 +82,9 @@ class McapLogger(LeafSystem):
 
     Inputs, N points and J joints: `tracked_points` (`TrackedPoints`) is written once for each
     stamp, `frame` and `detector.frame` (`MultiViewFrame`, anything else before the first) once for
-    each image's; the `times` (3,) of tracker and detector (see there) whenever they change;
+    each image's; the `times` (3,) of tracker and detector (see there) whenever they change, or the
+    `status` in the topics `tracker` and `detector`, with that; the topic `cameras` also whenever
+    one of its times changes;
     `points` and `target_points`
     (3N,) row-major [m, world] with `confidence` (N,); `gripper_pose` (16,) X_WG row-major;
     `spatial_velocity` (6,), (ω [rad/s], v [m/s]); the measured joint positions [rad], velocities
@@ -190,8 +192,8 @@ class McapLogger(LeafSystem):
         }
 
     def _value(self, context: Context, name: str) -> np.ndarray | None:
-        port = self._vectors[name]
-        return port.Eval(context) if port.HasValue(context) else None
+        port = self._vectors.get(name)
+        return port.Eval(context) if port is not None and port.HasValue(context) else None
 
     def _is_new(self, key: str, value: object) -> bool:
         if self._written.get(key) == value:
@@ -210,6 +212,7 @@ class McapLogger(LeafSystem):
         self._write_track(context)
         self._write_times(context, "tracker", TRACKER_TIMES_TOPIC)
         self._write_times(context, "detector", DETECTOR_TIMES_TOPIC)
+        self._write_image_times(context)
         self._write_robot(context)
         self._write_statuses(context, robot=True)
         self._write_phase(context)
@@ -241,11 +244,25 @@ class McapLogger(LeafSystem):
 
     def _write_times(self, context: Context, name: str, topic: str) -> None:
         times = self._value(context, f"{name}.times")
-        if times is None or not self._is_new(topic, tuple(times)) or not np.isfinite(times).any():
+        if times is None or not np.isfinite(times).any():
             return
         begun, released, released_of = times.tolist()
         values = {"begun": begun, "released": released, "released_of": released_of}
-        self._log.write_status(topic, values, time=context.get_time())
+        if (status := self._value(context, f"{name}.status")) is not None:
+            values["status"] = float(status[0])
+        if self._is_new(topic, np.array([*values.values()]).tobytes()):
+            self._log.write_status(topic, values, time=context.get_time())
+
+    def _write_image_times(self, context: Context) -> None:
+        """Writes the cameras' statuses in between, when an image has come."""
+        now = context.get_time()
+        fields = self._statuses.get(_CAMERAS, ())
+        found = [self._value(context, f"{_CAMERAS}.{field}") for field in fields]
+        times = np.array([value[0] for value in found if value is not None])
+        # Images of the moment, as of cameras that do not delay, come all the time.
+        came = np.any(np.isfinite(times) & (times != now))
+        if came and self._is_new(_CAMERAS, times.tobytes()):
+            self._write_status(context, _CAMERAS)
 
     def _write_stops(self, context: Context) -> None:
         stops = self._value(context, "stop")
@@ -332,19 +349,21 @@ class McapLogger(LeafSystem):
         self._log.write_phase(name, time=context.get_time(), reason=reason)
 
     def _write_statuses(self, context: Context, *, robot: bool) -> None:
-        for topic, fields in self._statuses.items():
-            if (topic in self._config.robot_topics) is not robot:
+        for topic in self._statuses:
+            if (topic in self._config.robot_topics) is robot:
+                self._write_status(context, topic)
+
+    def _write_status(self, context: Context, topic: str) -> None:
+        given: dict[str, float | str] = {}
+        for field in self._statuses[topic]:
+            value = self._value(context, f"{topic}.{field}")
+            if value is None:
                 continue
-            given: dict[str, float | str] = {}
-            for field in fields:
-                value = self._value(context, f"{topic}.{field}")
-                if value is None:
-                    continue
-                given[field] = float(value[0])
-                if texts := self._texts.get(f"{topic}.{field}"):
-                    given[f"{field}_text"] = _meaning(texts, value[0])
-            if given:
-                self._log.write_status(f"/{topic}/status", given, time=context.get_time())
+            given[field] = float(value[0])
+            if texts := self._texts.get(f"{topic}.{field}"):
+                given[f"{field}_text"] = _meaning(texts, value[0])
+        if given:
+            self._log.write_status(f"/{topic}/status", given, time=context.get_time())
 
     def _write_disturbances(self, context: Context) -> None:
         port = self.GetInputPort("applied_spatial_force")
@@ -364,6 +383,9 @@ class McapLogger(LeafSystem):
             self._log.write_status("/disturbances/status", values, time=context.get_time())
         self._written["disturbed"] = bool(applied)
 
+
+_CAMERAS = "cameras"
+"""The status topic of when images came; "/cameras/status" in the log."""
 
 _ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
 

@@ -132,11 +132,11 @@ class PandaCommandSender(LeafSystem):
             channel: The driver's channel for commands.
             mailbox: Where its statuses arrive.
             period: Between two commands [s].
-            offset: Of the first [s]: where it is a part of the period, commands go out right after
-                the update that made them, and before what else is done in the period.
+            offset: Of the first [s]: where it is a part of the period, commands go out so long
+                after the update that made them, at an even pace if the loop waits for that.
             max_age: Of a velocity that is still sent [s], by the context's time.
-            update_age: Returns how long ago the period's update began, by a clock [s]: a process
-                that was halted meanwhile knows it from that.
+            update_age: Returns how long ago the period's update began [s of the context's time]: a
+                process that was halted meanwhile knows it from that.
             max_update_age: What that may be, for a velocity that is still sent [s].
             clock: The time now [s since the epoch], on which the driver must agree.
         """

@@ -1,20 +1,37 @@
 """Runs of the closed loop, recorded for replays; and logs that are not what was recorded."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from short_skill import short_plan
 
 from poil_drake.diagrams.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.open_run_log import OpenRunLog
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.recording.run_log import RunLogConfig
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+from poil_drake.recording.run_log_layout import JOINT_COMMANDS_TOPIC
 from poil_drake.systems.stop_requests import StopSwitch
+
+
+def moving_plan() -> ExecutionPlan:
+    """The short plan, whose approach goes somewhere: the wrist turns by 0.2 rad in a second."""
+    plan = short_plan()
+    times = np.linspace(0.0, 1.0, 33)
+    turn = np.eye(7)[6]
+    way, rate = 0.1 * (1.0 - np.cos(np.pi * times)), 0.1 * np.pi * np.sin(np.pi * times)
+    start = plan.approach.positions[0]
+    approach = type(plan.approach)(times, start + way[:, None] * turn, rate[:, None] * turn)
+    end = approach.positions[-1]
+    descent = type(plan.approach)([0.0, 0.125], [end, end], np.zeros((2, 7)))
+    return dataclasses.replace(plan, approach=approach, descent=descent)
 
 
 def record(
@@ -38,6 +55,16 @@ def record(
             switch.request()
         simulator.AdvanceTo(duration)
     return path
+
+
+def write_samples(log: RunLogWriter, times: Sequence[float] = (0.0,)) -> None:
+    """Writes what every replay needs of an arm that stands still."""
+    still = np.zeros(7)
+    for time in times:
+        log.write_joint_states(ARM_JOINTS, time=time, position=still, velocity=still)
+        log.write_joint_states(
+            ARM_JOINTS, time=time, position=still, velocity=still, topic=JOINT_COMMANDS_TOPIC
+        )
 
 
 def with_rates(scenario: Scenario, **rates: float) -> Scenario:

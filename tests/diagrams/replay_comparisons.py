@@ -7,7 +7,8 @@ import numpy as np
 from poil_drake.diagrams.replay_summary import ReplaySummary
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.recorded_run import LoggedTrack, PhaseStart, RecordedRun
-from poil_drake.recording.run_comparison import ReplayTolerances, compare_runs
+from poil_drake.recording.replay_tolerances import ReplayTolerances
+from poil_drake.recording.run_comparison import compare_runs
 from poil_drake.recording.series import Series
 
 TOLERANCES = ReplayTolerances(

@@ -3,10 +3,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.capture_sources import BusUrl, ImageChannel, MakeCaptureDevice
+from poil_drake.diagrams.capture_sources import (
+    BusUrl,
+    CheckHardwareCameras,
+    ImageChannel,
+    MakeCaptureDevice,
+    SendsLabels,
+)
 from poil_drake.diagrams.hardware_config import IMAGE_BUS_URL, CameraSource, LcmImages
+from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
-from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
 from poil_drake.perception.images import CameraModel
 
 CAMERA = CameraModel(name="left", width=64, height=48, K=np.eye(3), X_WC=np.eye(4))
@@ -37,3 +45,56 @@ def test_images_come_on_drakes_own_channel_unless_another_is_named() -> None:
     assert ImageChannel(LcmImages(), "left") == "DRAKE_RGBD_CAMERA_IMAGES_left"
     named = dataclasses.replace(LcmImages(), channel="LAB_LEFT")
     assert ImageChannel(named, "left") == "LAB_LEFT"
+
+
+@pytest.mark.parametrize(
+    ("source", "labelled"),
+    [
+        (LcmImages(), True),
+        (LcmImages(labels=False), False),
+        (McapPlayback(), True),
+        (McapPlayback(labels=False), False),
+        (RealSense(), False),
+        (Zed(), False),
+        (OpenCvStreams(), False),
+    ],
+)
+def test_only_messages_and_recordings_bring_labels(source: CameraSource, labelled: bool) -> None:
+    assert SendsLabels(source) is labelled
+
+
+def with_cameras(text: str) -> Scenario:
+    return ChooseScenario(data=f"{{poil: {{hardware: {{cameras: {{{text}}}}}}}}}")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "left: !RealSense {}, right: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {serial: '1'}",
+        "left: !Zed {}, right: !Zed {serial: 7}",
+        "left: !Zed {serial: 7}, right: !Zed {serial: 7}",
+    ],
+)
+def test_two_cameras_that_may_be_one_device_are_refused(text: str) -> None:
+    with pytest.raises(ScenarioError, match=r"'left' .*'right' .*cannot be told"):
+        CheckHardwareCameras(with_cameras(text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "left: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {serial: '2'}",
+        "left: !RealSense {}, right: !Zed {}",
+        "left: !LcmImages {}, right: !LcmImages {}",
+    ],
+)
+def test_cameras_that_can_be_told_from_each_other_are_taken(text: str) -> None:
+    CheckHardwareCameras(with_cameras(text))
+
+
+def test_a_camera_that_the_scenario_does_not_have_is_named() -> None:
+    with pytest.raises(ScenarioError, match="names 'top'"):
+        CheckHardwareCameras(with_cameras("top: !LcmImages {}"))

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import pytest
@@ -64,3 +65,22 @@ def test_two_outputs_in_one_file_are_refused(tmp_path: Path) -> None:
 def test_a_picture_of_unknown_format_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"\.png, \.pdf, \.svg"):
         OutputPaths(png=tmp_path / name).remove()
+
+
+def test_outputs_can_be_checked_without_removing_them(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("{}")
+
+    OutputPaths.under(tmp_path).check()
+
+    assert (tmp_path / "run.json").exists()
+
+
+def test_only_regular_files_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    removed: list[Path] = []
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok: removed.append(path))
+
+    OutputPaths(json=pipe, mcap=Path("/dev/stdout"), png=Path("/dev/null")).unlink()
+
+    assert removed == []

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.diagrams import real_time_loop
 from poil_drake.diagrams.real_time_loop import (
@@ -43,6 +43,25 @@ class Worker(LeafSystem):
     def _work(self, context: Context) -> None:
         self.ticks += 1
         self._time.sleep(self._pause if self.ticks == self._slow_tick else 0.001)
+
+
+class TwoPhases(LeafSystem):
+    """Computes at the beginning of each period, and sends something three quarters later."""
+
+    def __init__(self, time: FakeTime, *, computing: float):
+        super().__init__()
+        self._time, self._computing = time, computing
+        self.began: list[float] = []
+        self.sent: list[float] = []
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self._compute)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.75 * PERIOD, self._send)
+
+    def _compute(self, context: Context, state: State) -> None:
+        self.began.append(self._time.now)
+        self._time.sleep(self._computing)
+
+    def _send(self, context: Context) -> None:
+        self.sent.append(self._time.now)
 
 
 @pytest.fixture
@@ -102,6 +121,32 @@ def test_after_a_long_delay_it_goes_on_from_there(fake_time: FakeTime) -> None:
     np.testing.assert_allclose(dut.timing.starts[10:], resumed + PERIOD * np.arange(54), atol=1e-9)
     # 30 ms less a period are six periods and a bit.
     assert dut.timing.missed == 6
+
+
+@pytest.mark.parametrize("computing", [0.0005, 0.002])
+def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computing: float) -> None:
+    system = TwoPhases(fake_time, computing=computing)
+    dut = RealTimeLoop(
+        Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75, time_scale=0.5)
+    )
+
+    dut.AdvanceTo(0.125)
+
+    due = 100.0 + 2.0 * PERIOD * np.arange(32)
+    np.testing.assert_allclose(system.began, due, atol=1e-9)
+    np.testing.assert_allclose(system.sent, due + 2.0 * 0.75 * PERIOD, atol=1e-9)
+    np.testing.assert_allclose(dut.timing.durations, computing, atol=1e-9)
+
+
+def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime) -> None:
+    system = TwoPhases(fake_time, computing=0.9 * PERIOD)
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75))
+
+    dut.AdvanceTo(0.125)
+
+    due = 100.0 + PERIOD * np.arange(32)
+    np.testing.assert_allclose(system.sent, due + 0.9 * PERIOD, atol=1e-9)
+    assert dut.timing.missed == 0
 
 
 def test_real_time_passes_in_between() -> None:

@@ -1,15 +1,18 @@
 """A replay of a run commands what the run commanded; where it should not, it says so."""
 
 import dataclasses
+import hashlib
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Message
-from recorded_runs import record, rewritten, with_rates
-from short_skill import short_plan, short_scenario
+from recorded_runs import moving_plan, record, rewritten, with_rates
+from short_skill import short_scenario
 
 from poil_drake.diagrams.replay import Replay
 from poil_drake.diagrams.replay_summary import ReplaySummary
@@ -19,25 +22,12 @@ from poil_drake.errors import RunLogError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.image_messages import ColorEncoding
-from poil_drake.recording.run_comparison import JOINT_VELOCITY, LINEAR_VELOCITY, TRACKED_POINTS
+from poil_drake.recording.replay_tolerances import JOINT_VELOCITY, LINEAR_VELOCITY, TRACKED_POINTS
 from poil_drake.recording.run_log import RunLogConfig
 from poil_drake.recording.run_log_layout import JOINT_COMMANDS_TOPIC, JOINT_STATES_TOPIC
 from poil_drake.recording.run_log_reader import load_recorded_run
 
 PERIOD = 1 / 256
-
-
-def moving_plan() -> ExecutionPlan:
-    """The short plan, whose approach goes somewhere: the wrist turns by 0.2 rad in a second."""
-    plan = short_plan()
-    times = np.linspace(0.0, 1.0, 33)
-    turn = np.eye(7)[6]
-    way, rate = 0.1 * (1.0 - np.cos(np.pi * times)), 0.1 * np.pi * np.sin(np.pi * times)
-    start = plan.approach.positions[0]
-    approach = type(plan.approach)(times, start + way[:, None] * turn, rate[:, None] * turn)
-    end = approach.positions[-1]
-    descent = type(plan.approach)([0.0, 0.125], [end, end], np.zeros((2, 7)))
-    return dataclasses.replace(plan, approach=approach, descent=descent)
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +73,27 @@ def test_a_plant_that_steps_more_often_than_the_controller_is_replayed_as_well(
     assert summary.same
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum == 0.0
     assert starts(summary)[-1][0] == "fault"
+
+
+def test_a_dry_run_that_is_logged_within_the_control_periods_is_replayed_from_its_beginning(
+    tmp_path: Path,
+) -> None:
+    scenario = with_rates(short_scenario(), plant=1 / 512)
+    hardware = dataclasses.replace(scenario.poil.hardware, speed=1.0)
+    poil = dataclasses.replace(scenario.poil, hardware=hardware)
+    scenario = dataclasses.replace(scenario, poil=poil)
+    path = record(tmp_path / "run.mcap", scenario, moving_plan(), 1.0)
+
+    def dry(values: dict[str, str]) -> dict[str, str]:
+        return values | {"station": "dry_run"}
+
+    summary = replay(rewritten(path, tmp_path / "dry.mcap", metadata=dry))
+
+    assert summary.station == "dry_run"
+    # A simulated arm is seen a period earlier than one that is shown only: the same but for that.
+    assert summary.comparison.phases_agree, summary.closing_line()
+    assert [name for name, _, _ in starts(summary)] == ["wait", "approach"]
+    assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 4.0 * 0.1 * np.pi / 256 + 1e-3
 
 
 def test_a_request_to_stop_is_repeated(tmp_path: Path) -> None:
@@ -191,8 +202,24 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     )
     assert figures["signals"][JOINT_VELOCITY]["phases"]["approach"]["count"] > 200
     assert (tmp_path / "again.png").stat().st_size > 10_000
-    # The log of a replay can be replayed.
-    assert replay(tmp_path / "again.mcap").same
+    # The log of a replay can be replayed, and is told from that of a run.
+    again = replay(tmp_path / "again.mcap")
+    assert again.same
+    metadata = load_recorded_run(tmp_path / "again.mcap", joint_names=ARM_JOINTS).metadata
+    digest = hashlib.sha256(log.read_bytes()).hexdigest()
+    assert (metadata["replay_of"], metadata["replay_of_sha256"]) == ("run.mcap", digest)
+    assert (metadata["replay_tracker"], metadata["replay_scenario_text"]) == ("recorded", "")
+    assert again.notes == ("this is the log of a replay, of run.mcap, and of no run",)
+
+
+def test_older_outputs_stay_until_it_is_sure_that_there_will_be_new_ones(tmp_path: Path) -> None:
+    (tmp_path / "old.json").write_text("{}")
+    (tmp_path / "damaged.mcap").write_bytes(b"no log")
+
+    with pytest.raises(RunLogError):
+        replay(tmp_path / "damaged.mcap", outputs=OutputPaths(json=tmp_path / "old.json"))
+
+    assert (tmp_path / "old.json").read_text() == "{}"
 
 
 def test_the_log_is_not_overwritten(log: Path) -> None:
@@ -223,7 +250,7 @@ def test_perception_repeats_itself_exactly_where_the_images_are_exact(
     # Captures every 1/8 s, released 3/16 s later; the last one at 1.3125 s.
     assert tracks.count == 10
     assert tracks.maximum == 0.0
-    assert summary.comparison.unmatched_tracks == 0
+    assert summary.comparison.tracks.unmatched == 0
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum == 0.0
     assert summary.same
 
@@ -241,7 +268,48 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
     # Rounded depth and compressed colours: not the same, but nearer than the tracker's own error.
     tracks = summary.comparison.statistics(TRACKED_POINTS)
     assert 0.0 < tracks.median < 0.001
+    points = summary.comparison.statistics_by_phase(TRACKED_POINTS)
+    assert points["follow"].maximum < 0.003
+    assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 0.13
     # While the field moves the arm, that goes on to the commands, and to nothing before.
     phases = summary.comparison.statistics_by_phase(LINEAR_VELOCITY)
     assert phases["follow"].maximum > 0.0
     assert phases["lift"].maximum == 0.0
+
+
+@pytest.fixture(scope="module")
+def seen(scenario: Scenario, plan: ExecutionPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a second, with images."""
+    return record(tmp_path_factory.mktemp("seen") / "run.mcap", scenario, plan, 1.0)
+
+
+@pytest.mark.render
+def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> None:
+    def elsewhere(topic: str, message: Message) -> bytes:
+        transform = FrameTransform.FromString(message.data) if topic == "/tf" else None
+        if transform is None or transform.child_frame_id != "left_optical_frame":
+            return message.data
+        transform.translation.z += 0.023
+        return transform.SerializeToString()
+
+    moved = rewritten(seen, tmp_path / "moved.mcap", message=elsewhere)
+
+    assert replay(seen).notes == ()
+    assert replay(moved).notes == ("camera 'left' stood 23 mm elsewhere in the run",)
+    # Nobody looks through it.
+    assert replay(moved, tracker="recorded").notes == ()
+
+
+@pytest.mark.render
+def test_an_image_that_is_damaged_ends_a_replay_and_is_named(seen: Path, tmp_path: Path) -> None:
+    def spoil(topic: str, message: Message) -> bytes:
+        if topic != "/camera/left/image" or message.log_time < 500_000_000:
+            return message.data
+        image = CompressedImage.FromString(message.data)
+        image.data = image.data[:100]
+        return image.SerializeToString()
+
+    spoilt = rewritten(seen, tmp_path / "spoilt.mcap", message=spoil)
+
+    with pytest.raises(RunLogError, match=r"spoilt.mcap, topic /camera/left/image: "):
+        replay(spoilt)

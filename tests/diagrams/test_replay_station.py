@@ -150,20 +150,25 @@ def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("station", "seen"),
+    ("station", "offset", "unknown", "seen"),
     [
         # What is received is seen before it is logged; what moves by itself when it is logged.
-        ("hardware", [1.0, 2.0, 3.0]),
-        ("simulated", [1.0, 2.0, 3.0]),
+        ("hardware", 0.0, 1, [1.0, 2.0, 3.0]),
+        ("simulated", 0.0, 1, [1.0, 2.0, 3.0]),
         # Known from the moment that the real arm was measured, and then its own.
-        ("dry_run", [1.0, 1.0, 2.0]),
+        ("dry_run", 0.0, 1, [1.0, 1.0, 2.0]),
+        # Logged within the periods: what the updates at their beginning left.
+        ("dry_run", PERIOD / 2, 0, [0.0, 0.0, 1.0]),
+        ("dry_run", PERIOD / 2, 1, [np.nan, 1.0, 1.0]),
     ],
 )
 def test_measurements_are_seen_when_they_were(
-    tmp_path: Path, station: str, seen: list[float]
+    tmp_path: Path, station: str, offset: float, unknown: int, seen: list[float]
 ) -> None:
     run = empty_run(tmp_path / "run.mcap", station=station)
-    samples = [(k * PERIOD, np.full(21, np.nan if k == 0 else float(k))) for k in range(4)]
+    samples = [
+        (k * PERIOD + offset, np.full(21, np.nan if k < unknown else float(k))) for k in range(4)
+    ]
     run = dataclasses.replace(run, joints=Series.of(samples, 21))
     builder = DiagramBuilder()
     dut = builder.AddSystem(ReplayStation(ChooseScenario(), run))
@@ -173,4 +178,4 @@ def test_measurements_are_seen_when_they_were(
     )
     Simulator(builder.Build()).AdvanceTo(3 * PERIOD)
 
-    assert controller.seen == seen
+    np.testing.assert_array_equal(controller.seen, seen)

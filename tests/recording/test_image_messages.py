@@ -19,7 +19,7 @@ NAMED = {"stamp": 5, "frame_id": "lens"}
 
 @given(arrays(np.float32, (3, 4), elements=st.floats(0.0, 65.0, width=32)))
 def test_depth_keeps_half_a_millimetre(depth):
-    got = decode_depth(encode_depth(depth, **NAMED))
+    got = decode_depth(encode_depth(depth, **NAMED).whole())
 
     assert got.dtype == np.float32
     # Rounding to millimetres, and that of float32 at 65 m.
@@ -29,18 +29,18 @@ def test_depth_keeps_half_a_millimetre(depth):
 def test_depth_that_means_nothing_becomes_invalid():
     depth = np.array([[np.nan, np.inf, -np.inf, -0.2, 65.54, 65.535]], dtype=np.float32)
 
-    got = decode_depth(encode_depth(depth, **NAMED))
+    got = decode_depth(encode_depth(depth, **NAMED).whole())
 
     np.testing.assert_array_equal(got, np.float32([[0, 0, 0, 0, 0, 65.535]]))
 
 
 @given(arrays(np.int16, (3, 4)))
 def test_labels_are_exact(label):
-    np.testing.assert_array_equal(decode_label(encode_label(label, **NAMED)), label)
+    np.testing.assert_array_equal(decode_label(encode_label(label, **NAMED).whole()), label)
 
 
 def test_a_depth_image_says_what_it_is():
-    message = encode_depth(np.ones((3, 4), np.float32), **NAMED)
+    message = encode_depth(np.ones((3, 4), np.float32), **NAMED).whole()
 
     assert (message.width, message.height, message.step) == (4, 3, 8)
     assert message.encoding == "16UC1"

@@ -16,7 +16,7 @@ POINTS = np.array([[0.1, 0.2, 0.3], [np.nan] * 3])
 def test_points_and_their_confidence_come_back(exact, loss):
     message = encode_points(
         POINTS, stamp=0, frame_id="world", confidence=np.array([0.7, 0.0]), exact=exact
-    )
+    ).whole()
 
     points, confidence = decode_points(message)
 
@@ -26,7 +26,7 @@ def test_points_and_their_confidence_come_back(exact, loss):
 
 
 def test_points_without_confidence_are_certain():
-    points, confidence = decode_points(encode_points(POINTS[:1], stamp=0, frame_id="world"))
+    points, confidence = decode_points(encode_points(POINTS[:1], stamp=0, frame_id="world").whole())
 
     assert points.shape == (1, 3)
     np.testing.assert_array_equal(confidence, [1.0])
@@ -44,7 +44,7 @@ def test_points_without_confidence_are_certain():
     ids=["name", "offset", "type", "stride", "data"],
 )
 def test_other_clouds_are_refused(spoil):
-    message = encode_points(POINTS, stamp=0, frame_id="world")
+    message = encode_points(POINTS, stamp=0, frame_id="world").whole()
     spoil(message)
 
     with pytest.raises(InvalidValueError, match="point cloud"):
@@ -64,3 +64,11 @@ def test_joint_states_come_back_in_the_order_asked_for():
 def test_a_missing_joint_is_named():
     with pytest.raises(InvalidValueError, match="'c'"):
         decode_joint_states(encode_joint_states(["a"], stamp=0), ["a", "c"])
+
+
+def test_a_message_that_is_filled_again_says_the_new_only():
+    message = encode_joint_states(["a"], stamp=1, position=np.ones(1), velocity=np.ones(1))
+
+    again = encode_joint_states(["a"], stamp=2, position=np.full(1, 3.0), message=message)
+
+    assert again == encode_joint_states(["a"], stamp=2, position=np.full(1, 3.0))

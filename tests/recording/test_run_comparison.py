@@ -1,3 +1,4 @@
+import dataclasses
 import math
 from pathlib import Path
 
@@ -6,13 +7,19 @@ import pytest
 
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.recorded_run import LoggedTrack, PhaseStart, RecordedRun
-from poil_drake.recording.run_comparison import (
+from poil_drake.recording.replay_tolerances import (
     ANGULAR_VELOCITY,
+    CONTROL_TOLERANCES,
     JOINT_VELOCITY,
     LINEAR_VELOCITY,
+    PERCEPTION_TOLERANCES,
     TRACKED_POINTS,
-    DifferenceStatistics,
     ReplayTolerances,
+)
+from poil_drake.recording.run_comparison import (
+    PHASE,
+    TRACKS,
+    DifferenceStatistics,
     compare_runs,
 )
 from poil_drake.recording.series import Series
@@ -23,6 +30,7 @@ TOLERANCES = ReplayTolerances(
     linear_velocity=0.1,
     tracked_points=0.001,
     phase_start=0.01,
+    unmatched_tracks=0.3,
     point_phases=("wait",),
 )
 TIMES = [0.0, 0.25, 0.5, 0.75]
@@ -120,12 +128,12 @@ def test_tracks_are_paired_by_their_stamps():
     ours = [
         make_track(0.125, [[0, 0, 0], [1, 0, 0], [0, 1, 0]]),
         make_track(0.25, [[0, 0, 0], [1, 0, 0], nowhere]),
-        make_track(0.375, np.eye(3)),
+        make_track(0.5, np.eye(3)),
     ]
     others = [
         make_track(0.125, [[0, 0, 0.0005], [1, 0, 0], [0, 1, 0]]),
         make_track(0.25, [[0, 0, 0], nowhere, [0, 1, 0]]),
-        make_track(0.5, np.eye(3)),
+        make_track(0.625, np.eye(3)),
     ]
 
     dut = compare(make_run(tracks=ours), make_run(tracks=others))
@@ -133,18 +141,43 @@ def test_tracks_are_paired_by_their_stamps():
     distances = dut.differences[TRACKED_POINTS]
     np.testing.assert_allclose(distances.values[:, 0], [0.0005, 0.0])
     np.testing.assert_allclose(distances.times, [0.225, 0.35])
-    assert dut.same  # Half a millimetre is tolerated.
-    assert (dut.unmatched_tracks, dut.visibility) == (2, 2)
+    assert dut.same  # Half a millimetre is tolerated; and from 0.5 s on points move nothing.
+    assert (dut.tracks.unmatched, dut.tracks.visibility, dut.tracks.points) == (2, 2, 6)
 
 
-def test_tracks_without_a_common_point_have_no_distance():
-    ours, others = ([[0, 0, 0], [np.nan] * 3], [[np.nan] * 3, [0, 0, 0]])
-
-    dut = compare(
-        make_run(tracks=[make_track(0.125, ours)]), make_run(tracks=[make_track(0.125, others)])
+def seen_track(stamp, *seen):
+    """A track of three points, of which some are seen."""
+    return make_track(
+        stamp, [row if k in seen else [np.nan] * 3 for k, row in enumerate(np.eye(3))]
     )
 
-    assert dut.statistics(TRACKED_POINTS).count == 0
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "share"),
+    [
+        # Of three tracks, all while points move the arm, one may be amiss.
+        ([(0, 1, 2)] * 3, [(0, 1, 2)] * 2, 0.0),
+        ([(0, 1, 2)] * 3, [(0, 1, 2)], 2 / 3),
+        ([(0, 1, 2)], [(0, 1, 2)] * 3, 2 / 3),
+        ([(0, 1)] * 3, [(1, 2)] * 3, 0.0),
+        ([(0, 1)] * 3, [(2,)] * 3, 1.0),
+        ([(0, 1)] * 3, [()] * 3, 1.0),
+        ([()] * 3, [()] * 3, 0.0),
+    ],
+)
+def test_tracks_that_cannot_be_compared_count(ours, theirs, share):
+    runs = [
+        make_run(tracks=[seen_track(k / 16, *seen) for k, seen in enumerate(tracks)])
+        for tracks in (ours, theirs)
+    ]
+    tolerances = dataclasses.replace(TOLERANCES, unmatched_tracks=0.4)
+
+    dut = compare_runs(*runs, tolerances)
+
+    assert dut.same is (share == 0.0)
+    if share:
+        assert (dut.first.what, dut.first.phase) == (TRACKS, "wait")
+        assert dut.first.size == pytest.approx(share)
 
 
 def test_tracks_of_other_points_differ():
@@ -182,7 +215,8 @@ def test_a_phase_that_only_one_of_them_has_is_the_first_difference():
 
     assert [phase.name for phase in dut.phases] == ["wait", "follow", "fault"]
     assert dut.first is not None
-    assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, "phase", "wait")
+    assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, PHASE, "wait")
+    assert dut.first.began is dut.phases[2]
 
 
 def test_percentiles_are_samples():
@@ -208,9 +242,73 @@ def test_points_are_judged_while_they_move_the_arm(stamp, same):
     assert dut.statistics(TRACKED_POINTS).maximum == pytest.approx(0.01 * 3**0.5)
 
 
-def test_a_phase_at_the_very_end_may_be_late():
-    phases = [(0.0, "wait"), (0.745, "follow")]
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_phase_at_the_very_end_may_be_late(swapped):
+    def compare_ends(time):
+        phases = [(0.0, "wait"), (time, "follow")]
+        runs = [make_run(phases=phases), make_run(phases=phases[:1])]
+        return compare(*(runs[::-1] if swapped else runs))
 
-    assert compare(make_run(phases=phases), make_run(phases=phases[:1])).same
-    earlier = [(0.0, "wait"), (0.7, "follow")]
-    assert not compare(make_run(phases=earlier), make_run(phases=earlier[:1])).same
+    assert compare_ends(0.745).same
+    assert not compare_ends(0.7).same
+
+
+def test_other_phases_at_the_very_end_are_not_late():
+    run = make_run(phases=[(0.0, "wait"), (0.745, "follow")])
+
+    assert not compare(run, make_run(phases=[(0.0, "wait"), (0.75, "fault")])).same
+
+
+PHASES = ((0.0, "wait"), (0.25, "approach"), (0.5, "follow"))
+SPEED = 0.2
+"""The usual speed on hardware."""
+
+
+def moving(*, speed=0.04, **options):
+    """A run at a fifth of the usual speed, whose joints and gripper move from 0.25 s on."""
+    moves = [0.0, 1.0, 1.0, 1.0]
+    return make_run(
+        commands=[(speed * move, 0.0) for move in moves],
+        twists=[[0.0] * 3 + [speed * move, 0.0, 0.0] for move in moves],
+        phases=PHASES,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("tolerances", [PERCEPTION_TOLERANCES, CONTROL_TOLERANCES])
+def test_a_replay_that_commands_nothing_differs_from_a_slow_run(tolerances):
+    dut = compare_runs(moving(), moving(speed=0.0), tolerances.at_speed(SPEED))
+
+    assert not dut.same
+    # The joints of an approach do what they did, whatever the speed.
+    assert (dut.first.time, dut.first.phase) == (0.25, "approach")
+
+
+def test_a_replay_that_commands_nothing_while_points_move_the_arm_differs_from_a_slow_run():
+    still = moving()
+    still.twist.values[2:] = 0.0
+
+    dut = compare_runs(moving(), still, PERCEPTION_TOLERANCES.at_speed(SPEED))
+
+    # 4 cm/s would be less than the 5 cm/s of the usual speed.
+    assert (dut.first.time, dut.first.what) == (0.5, LINEAR_VELOCITY)
+    assert dut.first.tolerance == pytest.approx(0.01)
+
+
+def test_velocities_may_differ_where_a_phase_began_a_little_later():
+    later = moving()
+    later.commands.values[1] = 0.0
+    later.phases[1] = later.phases[1]._replace(time=0.255)
+
+    assert compare_runs(moving(), later, PERCEPTION_TOLERANCES.at_speed(SPEED)).same
+
+
+def test_what_points_did_may_fade_away_after_they_moved_the_arm():
+    phases = [(0.0, "follow"), (0.25, "release")]
+    commands = [(0.0, 0.0), (0.2, 0.0), (0.0, 0.0), (0.2, 0.0)]
+    other = make_run(phases=phases, commands=commands)
+
+    dut = compare_runs(make_run(phases=phases), other, PERCEPTION_TOLERANCES)
+
+    # 0.25 rad/s are tolerated for a quarter of a second after the points let go.
+    assert (dut.first.time, dut.first.phase) == (0.75, "release")

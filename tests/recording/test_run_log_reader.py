@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import numpy as np
@@ -56,6 +57,9 @@ def test_what_was_written_is_read(path):
         log.write_status("/cameras/status", {"left.image_time": 0.125}, time=0.25)
         log.write_status("/other/status", {"anything": "goes"}, time=0.25)
         log.write_label_ids({"mug": (1, 2)})
+        log.write_calibration(CAMERA, time=0.25)
+        log.write_calibration(dataclasses.replace(CAMERA, K=np.eye(3)), time=0.5)
+        log.write_transform(np.eye(4), child="gripper", time=0.5)
 
     run = load(path)
 
@@ -76,6 +80,10 @@ def test_what_was_written_is_read(path):
     assert (logged.time, logged.track.stamp) == (0.375, 0.25)
     np.testing.assert_array_equal(logged.track.positions, np.eye(3))
     assert run.camera_times["left"].at(0.3)[0] == 0.125
+    # As it was at first.
+    np.testing.assert_array_equal(run.calibrations["left"].K, CAMERA.K)
+    np.testing.assert_array_equal(run.camera_poses["left"], np.eye(4))
+    assert list(run.camera_poses) == ["left"]
 
 
 def write_images(log, time, *, label=None):
@@ -172,6 +180,7 @@ def test_a_damaged_log_is_refused(path):
     [
         ("/robot/status", {"mode": "fast"}, "'fast' for a number"),
         ("/robot/status", {"mode": True}, "True for a number"),
+        ("/robot/status", {"mode": 10**400}, "damaged"),
         ("/controller/twist", {"angular": 3}, "damaged"),
         ("/controller/twist", {}, "damaged"),
         ("/phase", {"phase": "wait"}, "damaged"),
@@ -202,7 +211,9 @@ def test_a_message_that_is_nested_too_deeply_is_refused(path):
         load(path)
 
 
-@pytest.mark.parametrize("text", ["[1]", "{", json.dumps({"mug": 3}), json.dumps({"mug": ["a"]})])
+@pytest.mark.parametrize(
+    "text", ["[1]", "{", json.dumps({"mug": 3}), json.dumps({"mug": ["a"]}), '{"a": [Infinity]}']
+)
 def test_label_ids_that_are_none_are_refused(path, text):
     with RunLogWriter(path, metadata={"label_ids": text}):
         pass

@@ -60,3 +60,14 @@ def test_device_is_written_to_and_stays():
         file.write(b"all")
 
     assert Path("/dev/null").is_char_device()
+
+
+def test_a_pipe_is_written_to_directly():
+    read, write = os.pipe()
+
+    with dut(Path(f"/dev/fd/{write}")) as file:
+        file.write(b"new")
+
+    os.close(write)
+    assert os.read(read, 10) == b"new"
+    os.close(read)

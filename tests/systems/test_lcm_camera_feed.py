@@ -61,6 +61,11 @@ class Bench:
     def capture(self) -> None:
         self.simulator.AdvanceTo(self.context.get_time() + PERIOD)
 
+    def wait_for_renderer(self) -> None:
+        """Otherwise the next capture may find it busy still, and be left out."""
+        assert self.dut._work is not None
+        self.dut._work.result()
+
     def receive(self, count: int) -> list[RgbdImage]:
         while len(self.got) < count and self.network.HandleSubscriptions(5000):
             pass
@@ -82,13 +87,14 @@ def test_images_go_out_with_the_clock_of_their_capture(bench: Bench) -> None:
 
 
 def test_labels_come_along_every_so_often(bench: Bench) -> None:
-    for count in range(1, 5):
+    while len(bench.got) < 4:
         bench.capture()
-        bench.receive(count)
+        bench.wait_for_renderer()
+        bench.receive(len(bench.got) + 1)
 
     labelled = [image.label is not None for image in bench.receive(4)]
 
-    assert labelled == [True, False, True, False]
+    assert labelled[:4] == [True, False, True, False]
 
 
 def test_captures_are_left_out_while_images_are_rendered(bench: Bench) -> None:

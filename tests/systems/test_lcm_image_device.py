@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
 
-from poil_drake.errors import CaptureError
+from poil_drake.errors import CaptureError, NoImageError
 from poil_drake.perception.images import RgbdImage
+from poil_drake.systems import lcm_image_device
 from poil_drake.systems.lcm_image_device import LcmImageDevice
 from poil_drake.systems.lcm_image_messages import encode_images
+from poil_drake.systems.lcm_network import LcmNetwork
 
 H, W = 4, 6
 
@@ -34,7 +36,7 @@ def dut(url: str) -> LcmImageDevice:
     return LcmImageDevice(url=url, channel="CAMERA", size=(H, W))
 
 
-def test_the_newest_image_of_the_channel_is_read(dut: LcmImageDevice, url: str) -> None:
+def test_images_of_the_channel_are_read(dut: LcmImageDevice, url: str) -> None:
     dut.open()
     sender = DrakeLcm(url)
     sender.Publish("OTHER", encode_images(image(9.0), camera="other"))
@@ -44,6 +46,27 @@ def test_the_newest_image_of_the_channel_is_read(dut: LcmImageDevice, url: str) 
 
     assert found is not None
     assert found.stamp == 1.0
+
+
+def test_of_three_that_wait_the_newest_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    networks: list[LcmNetwork] = []
+
+    class Kept(LcmNetwork):
+        def __init__(self, url: str, *, queue_capacity: int):
+            super().__init__(url, queue_capacity=queue_capacity)
+            networks.append(self)
+
+    monkeypatch.setattr(lcm_image_device, "LcmNetwork", Kept)
+    # In memory, so that all three wait before the first is read.
+    dut = LcmImageDevice(url="memq://", channel="CAMERA", size=(H, W))
+    dut.open()
+    for stamp in (1.0, 2.0, 3.0):
+        networks[0].Publish("CAMERA", encode_images(image(stamp), camera="left"))
+
+    found = dut.read()
+
+    assert found is not None
+    assert found.stamp == 3.0
 
 
 def test_nothing_comes_from_a_silent_channel(dut: LcmImageDevice) -> None:
@@ -56,8 +79,22 @@ def test_garbage_is_said(dut: LcmImageDevice, url: str) -> None:
     dut.open()
     DrakeLcm(url).Publish("CAMERA", b"garbage")
 
-    with pytest.raises(CaptureError, match="no lcmt_image_array"):
+    with pytest.raises(NoImageError, match="no lcmt_image_array"):
         dut.read()
+
+
+def test_a_good_image_after_garbage_is_shown_at_once(dut: LcmImageDevice, url: str) -> None:
+    dut.open()
+    sender = DrakeLcm(url)
+    sender.Publish("CAMERA", b"garbage")
+    with pytest.raises(NoImageError):
+        dut.read()
+    sender.Publish("CAMERA", encode_images(image(2.0), camera="left"))
+
+    found = dut.read()
+
+    assert found is not None
+    assert found.stamp == 2.0
 
 
 def test_it_can_be_opened_again(dut: LcmImageDevice, url: str) -> None:

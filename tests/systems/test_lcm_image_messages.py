@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmSubscriberSystem
 from pydrake.systems.sensors import LcmImageArrayToImages
 
-from poil_drake.errors import CaptureError
+from poil_drake.errors import NoImageError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_image_messages import decode_images, encode_images
 
@@ -98,14 +98,24 @@ def test_depth_in_millimetres_becomes_metres() -> None:
     np.testing.assert_allclose(depth, DEPTH, atol=0.5e-3 + 1e-6)
 
 
-def test_depth_that_is_not_finite_becomes_invalid() -> None:
+def test_16_bit_depth_that_is_too_far_becomes_invalid() -> None:
+    millimetres = np.full((H, W), 700, "<u2")
+    millimetres[0, :2] = 65535, 0
+    sent = replaced(1, channel_type=lcmt_image.CHANNEL_TYPE_UINT16, data=millimetres.tobytes())
+
+    found = decode_images(sent, size=(H, W)).depth
+
+    assert found[0, :3].tolist() == pytest.approx([0.0, 0.0, 0.7])
+
+
+def test_depth_that_is_no_distance_becomes_invalid() -> None:
     depth = DEPTH.copy()
-    depth[0, 0], depth[1, 1] = np.inf, np.nan
+    depth[0, 0], depth[1, 1], depth[1, 2] = np.inf, np.nan, -0.5
     sent = replaced(1, data=depth.tobytes())
 
     found = decode_images(sent, size=(H, W)).depth
 
-    assert found[0, 0] == found[1, 1] == 0.0
+    assert found[0, 0] == found[1, 1] == found[1, 2] == 0.0
     assert found[2, 2] == DEPTH[2, 2]
 
 
@@ -133,7 +143,7 @@ def test_images_may_be_compressed() -> None:
         (replaced(0, data=b"\0" * 7), "holds 7 bytes instead of 45"),
         (replaced(0, channel_type=lcmt_image.CHANNEL_TYPE_FLOAT64), "channel type 7"),
         (replaced(0, pixel_format=lcmt_image.PIXEL_FORMAT_DISPARITY), "no 8-bit colour image"),
-        (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_PNG), "cannot be decoded"),
+        (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_PNG), "has no size"),
         (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_ZLIB), "no zlib data"),
         (replaced(0, compression_method=7), "compressed by method 7"),
         (
@@ -147,8 +157,35 @@ def test_images_may_be_compressed() -> None:
     ],
 )
 def test_what_cannot_be_used_is_said(sent: bytes, said: str) -> None:
-    with pytest.raises(CaptureError, match=said):
+    with pytest.raises(NoImageError, match=said):
         decode_images(sent, size=(H, W))
+
+
+@pytest.mark.parametrize("kind", [".png", ".jpg"])
+def test_a_small_message_that_stands_for_many_pixels_is_not_decoded(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    method = {
+        ".png": lcmt_image.COMPRESSION_METHOD_PNG,
+        ".jpg": lcmt_image.COMPRESSION_METHOD_JPEG,
+    }[kind]
+    large = (2048, 1024)
+    bomb = cv2.imencode(kind, np.zeros((*large, 3), np.uint8))[1].tobytes()
+    sent = bomb_message(bomb, method, size=(100, 200))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("It was decoded."))
+
+    with pytest.raises(NoImageError, match="has 1024 x 2048 pixels, not 200 x 100 pixels"):
+        decode_images(sent, size=(100, 200))
+
+
+def bomb_message(data: bytes, method: int, *, size: tuple[int, int]) -> bytes:
+    """Returns a message whose colour image says one size and holds another."""
+    rgb = np.zeros((*size, 3), np.uint8)
+    depth = np.ones(size, np.float32)
+    sent = lcmt_image_array.decode(encode_images(RgbdImage(rgb, depth, STAMP), camera="left"))
+    sent.images[0].data, sent.images[0].size = data, len(data)
+    sent.images[0].compression_method = method
+    return sent.encode()
 
 
 def test_stamps_are_kept_to_the_microsecond() -> None:

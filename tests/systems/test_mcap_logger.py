@@ -5,6 +5,7 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
@@ -412,6 +413,56 @@ def test_times_of_perception_are_written_when_they_change(log):
         (0.25, {"begun": 0.125, "released": -np.inf, "released_of": -np.inf}),
         (0.75, {"begun": 0.625, "released": 0.5, "released_of": 0.125}),
     ]
+
+
+def test_what_a_tracker_thinks_goes_with_its_times(log):
+    dut = make(log, statuses={"tracker": ["status"]}, config=McapLoggerConfig(robot_period=0.125))
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("tracker.times").FixValue(context, [0.125, 0.1875, 0.125])
+    for time, status in ((0.25, 1.0), (0.5, 1.0), (0.75, 2.0)):
+        context.SetTime(time)
+        dut.GetInputPort("tracker.status").FixValue(context, [status])
+        dut.ForcedPublish(context)
+
+    written = log.of("write_status", "/tracker/times")
+    assert [(k["time"], a[1]["status"]) for a, k in written] == [(0.25, 1.0), (0.75, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("age", "times"),
+    [
+        # The image of 0.3125 s is noticed at once, and the rest is the usual period.
+        (0.1, [0.0, 0.375, 0.5]),
+        # Cameras whose images are of the moment say nothing by that.
+        (0.0, [0.0, 0.5]),
+    ],
+)
+def test_when_images_came_is_written_as_soon_as_one_has_come(log, age, times):
+    config = McapLoggerConfig(period=0.5, robot_period=0.125)
+    dut = make(log, statuses={"cameras": ["left.image_time", "right.image_time"]}, config=config)
+    builder = DiagramBuilder()
+    builder.AddSystem(dut)
+
+    class Camera(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorOutputPort("time", 1, self._calc)
+
+        def _calc(self, context, output):
+            now = context.get_time()
+            came = now if age == 0.0 else 0.3125 if now > 0.3125 else np.nan
+            output.SetAtIndex(0, came)
+
+    camera = builder.AddSystem(Camera())
+    builder.Connect(camera.get_output_port(), dut.GetInputPort("cameras.left.image_time"))
+    simulator = Simulator(builder.Build())
+    context = dut.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    dut.GetInputPort("cameras.right.image_time").FixValue(context, [np.nan])
+
+    simulator.AdvanceTo(0.5)
+
+    written = log.of("write_status", "/cameras/status")
+    assert [kwargs["time"] for _, kwargs in written] == times
 
 
 def test_requests_to_stop_are_written_when_there_are_more(log):

@@ -37,6 +37,54 @@ def test_what_is_granted_is_taken_back() -> None:
     in_thread(work)
 
 
+def test_followers_come_right_after_it() -> None:
+    ended = threading.Event()
+    follower = threading.Thread(target=ended.wait)
+    follower.start()
+    thread = follower.native_id
+    assert thread is not None
+
+    def work() -> None:
+        with RealTimeScheduling(20, followers=True) as granted:
+            inside = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+            assert inside == (os.SCHED_RR if granted else os.SCHED_OTHER)
+            assert os.sched_getparam(thread).sched_priority == (19 if granted else 0)
+        assert os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+
+    try:
+        in_thread(work)
+    finally:
+        ended.set()
+        follower.join()
+
+
+def test_threads_with_a_priority_of_their_own_keep_it() -> None:
+    ended, begun = threading.Event(), threading.Event()
+    scheduling: list[tuple[int, int]] = []
+
+    def run() -> None:
+        with RealTimeScheduling(30):
+            scheduling.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+            begun.set()
+            ended.wait()
+            scheduling.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+
+    other = threading.Thread(target=run)
+    other.start()
+    begun.wait()
+
+    def work() -> None:
+        with RealTimeScheduling(20, followers=True):
+            pass
+
+    try:
+        in_thread(work)
+    finally:
+        ended.set()
+        other.join()
+    assert scheduling[0] == scheduling[1]
+
+
 def test_without_a_priority_nothing_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "sched_setscheduler")
 

@@ -3,7 +3,7 @@
 import math
 import threading
 
-from poil_drake.errors import InvalidValueError, PoilError
+from poil_drake.errors import InvalidValueError, NoImageError, PoilError
 from poil_drake.perception.capture.device import CaptureDevice
 from poil_drake.perception.images import RgbdImage
 
@@ -18,10 +18,12 @@ class CaptureThread:
     """Opens a camera, reads it, and keeps the newest image that can be used.
 
     What cannot be used is never shown: an image of another size, one without any depth, one whose
-    stamp is not finite or not later than the last one's. Then, and when the device fails, `problem`
-    says so, and the last image stays, so that its age grows: whoever uses it sees a frozen camera
-    by the age alone. A device that fails is closed and opened again every `reopen_period`. The next
-    image that can be used clears `problem`.
+    stamp is not finite or not later than the last one's since the device was opened, and whatever
+    the device itself refuses with a `NoImageError`. Then, and when the device fails, `problem` says
+    so, and the last image stays, so that its age grows: whoever uses it sees a frozen camera by the
+    age alone. A device that fails otherwise is closed and opened again, both after `reopen_period`:
+    some cameras' libraries hold Python up for both. The next image that can be used clears
+    `problem`.
 
     The attributes may be read by any thread, without a lock.
 
@@ -59,6 +61,7 @@ class CaptureThread:
                 f"CaptureThread.reopen_period is {reopen_period}.", remedy="It must be positive."
             )
         self.newest, self.count, self.problem = None, 0, ""
+        self._last_stamp = -math.inf
         self._device, self._size, self._reopen_period = device, size, reopen_period
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"capture_{name}", daemon=True)
@@ -82,16 +85,22 @@ class CaptureThread:
         while not self._ended.is_set():
             try:
                 self._device.open()
+                # Of an earlier opening it says nothing: the clock may have been set since.
+                self._last_stamp = -math.inf
                 self._capture()
             # Of whatever kind, e.g. from a camera's library: it is said, and tried again.
             except Exception as error:
                 self.problem = _in_one_line(error)
-            self._close_device()
             self._ended.wait(self._reopen_period)
+            self._close_device()
 
     def _capture(self) -> None:
         while not self._ended.is_set():
-            image = self._device.read()
+            try:
+                image = self._device.read()
+            except NoImageError as error:
+                self.problem = _in_one_line(error)
+                image = None
             if image is None or not self._take(image):
                 self._ended.wait(_PAUSE)
 
@@ -100,12 +109,11 @@ class CaptureThread:
         self.problem = self._flaw(image)
         if self.problem:
             return False
-        self.newest = image
+        self.newest, self._last_stamp = image, image.stamp
         self.count += 1
         return True
 
     def _flaw(self, image: RgbdImage) -> str:
-        last = self.newest
         if image.depth.shape != self._size:
             height, width = image.depth.shape
             return (
@@ -114,10 +122,10 @@ class CaptureThread:
             )
         if not math.isfinite(image.stamp):
             return f"an image has the stamp {image.stamp}"
-        if last is not None and image.stamp <= last.stamp:
+        if image.stamp <= self._last_stamp:
             return (
-                f"an image stamped {image.stamp:.3f} s came after one stamped {last.stamp:.3f} s: "
-                "the camera is frozen, or its clock has jumped"
+                f"an image stamped {image.stamp:.3f} s came after one stamped "
+                f"{self._last_stamp:.3f} s: the camera is frozen, or its clock has jumped"
             )
         if not image.depth.any():
             return "its depth images are empty: the lens is covered, or all is too near"

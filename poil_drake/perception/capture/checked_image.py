@@ -2,39 +2,47 @@
 
 import numpy as np
 
-from poil_drake.errors import CaptureError
+from poil_drake.errors import NoImageError
+from poil_drake.perception.capture.depth_metres import depth_in_metres
 from poil_drake.perception.images import RgbdImage
 
 
 def checked_image(
-    rgb: np.ndarray, depth: np.ndarray, *, stamp: float, size: tuple[int, int], source: str
+    rgb: np.ndarray,
+    depth: np.ndarray,
+    *,
+    stamp: float,
+    size: tuple[int, int],
+    source: str,
+    depth_step: float | None = None,
 ) -> RgbdImage:
-    """Returns the image; depth that is not finite or negative becomes 0, which is invalid.
+    """Returns the image, its depth as `depth_in_metres` has it.
 
     Args:
         rgb: (H, W, 3) uint8 colour. An array that owns its data is taken over, not copied: nobody
             may write to it again.
-        depth: (H, W) float32 [m], e.g. with NaN where nothing was measured.
+        depth: (H, W) float32 [m], e.g. with NaN where nothing was measured, or uint16 [steps].
         stamp: Time of capture [s].
         size: The (H, W) that are wanted [px].
         source: What to call the camera in an error.
+        depth_step: What one step of uint16 depth is [m]; None: depth is float32.
 
     Raises:
-        CaptureError: if an array has another type or size. Nothing is converted silently: colour
+        NoImageError: if an array has another type or size. Nothing is converted silently: colour
             that was cast or depth in other units would look right and be wrong.
     """
     for name, pixels, shape, dtype in (
         ("colour", rgb, (*size, 3), np.uint8),
-        ("depth", depth, size, np.float32),
+        ("depth", depth, size, np.float32 if depth_step is None else np.uint16),
     ):
         if pixels.dtype != dtype or pixels.shape != shape:
-            raise CaptureError(
+            raise NoImageError(
                 f"{source} delivers {name} of shape {pixels.shape} and type {pixels.dtype}, but "
                 f"{shape} and {np.dtype(dtype)} are needed.",
                 remedy="Give the camera in the scenario the size that it delivers, with the "
                 "calibration for that size.",
             )
-    metres = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(0.0))
+    metres = depth_in_metres(depth, step=depth_step or 0.0)
     for pixels in (rgb, metres):
         if pixels.flags.owndata:
             pixels.flags.writeable = False

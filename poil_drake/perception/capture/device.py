@@ -32,7 +32,9 @@ class CaptureDevice(Protocol):
             The image, whose arrays nobody writes to again; None where none came.
 
         Raises:
-            CaptureError: when the camera is gone, or what it delivers cannot be used.
+            NoImageError: when an image cannot be used, or none will come any more. The camera stays
+                open, and the next `read` may bring a good one.
+            CaptureError: when the camera is gone: it is to be closed and opened again.
         """
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """Intel RealSense cameras, by `pyrealsense2`."""
 
+import time
 from contextlib import suppress
 from typing import Any
 
@@ -9,38 +10,60 @@ from poil_drake.errors import CaptureError, MissingDependencyError
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.device import PATIENCE, Clock
-from poil_drake.perception.capture.host_stamps import HostStamps
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.capture.real_sense_rectification import Rectification
+from poil_drake.perception.capture.real_sense_stamps import FramePairStamps
+from poil_drake.perception.images import CameraModel, RgbdImage
 
-_SECONDS_PER_MILLISECOND = 1e-3
+_MILLISECONDS = 1e3
 
 
 class RealSenseDevice:
     """A RealSense with colour and depth, its depth aligned to colour; a `CaptureDevice`.
 
-    See `RealSense` for what the stamps mean.
+    Images are rectified where the camera's own calibration says that they are distorted, and that
+    calibration must be the scenario's. See `RealSense` for what the stamps mean.
+
+    No camera was there to try it; the library's names and types were checked.
     """
 
-    def __init__(self, config: RealSense, *, camera: str, size: tuple[int, int], clock: Clock):
+    def __init__(
+        self,
+        config: RealSense,
+        *,
+        camera: CameraModel,
+        clock: Clock,
+        host_clock: Clock = time.time,
+    ):
         """Loads the library; the camera is not touched.
 
         Args:
             config: Which camera, and how it is run.
-            camera: Its name in the scenario.
-            size: (height, width) of its colour images [px].
+            camera: Its model in the scenario.
             clock: The time now [s since the epoch].
+            host_clock: This computer's clock, by which the library stamps.
 
         Raises:
             MissingDependencyError: if `pyrealsense2` is not installed.
         """
         self._rs = _load()
-        self._config, self._size, self._clock = config, size, clock
-        self._source = f"Camera '{camera}' (RealSense {config.serial or 'without a serial number'})"
-        self._stamps = HostStamps(clock, source=self._source)
+        self._config, self._camera, self._clock = config, camera, clock
+        self._size = (camera.height, camera.width)
+        serial = config.serial or "without a serial number"
+        self._source = f"Camera '{camera.name}' (RealSense {serial})"
+        self._stamps = FramePairStamps(
+            self._rs,
+            clock,
+            source=self._source,
+            fps=config.fps,
+            latency=config.latency,
+            host_clock=host_clock,
+        )
         self._pipeline: Any = None
         self._align: Any = None
-        self._depth_scale = np.float32(0.0)
-        self._heard = 0.0
+        self._rectification: Rectification | None = None
+        self._depth_step = 0.0
+        self._heard = self._settled = 0.0
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
@@ -50,13 +73,16 @@ class RealSenseDevice:
             context = rs.context()
             serial = self._choose(_serials(rs, context))
             pipeline = rs.pipeline(context)
-            device = pipeline.start(self._streams(serial)).get_device()
+            profile = pipeline.start(self._streams(serial))
             self._pipeline = pipeline
+            device = profile.get_device()
             for sensor in device.query_sensors():
                 if sensor.supports(rs.option.global_time_enabled):
                     sensor.set_option(rs.option.global_time_enabled, 1.0)
-            self._depth_scale = np.float32(device.first_depth_sensor().get_depth_scale())
+            self._depth_step = device.first_depth_sensor().get_depth_scale()
             self._align = rs.align(rs.stream.color)
+            stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
+            intrinsics = stream.get_intrinsics()
         except RuntimeError as error:
             height, width = self._size
             raise CaptureError(
@@ -65,14 +91,17 @@ class RealSenseDevice:
                 remedy="Choose a size and a rate that it has (rs-enumerate-devices lists them), "
                 "use a USB 3 port, and end other programs that use it.",
             ) from error
+        self._rectification = Rectification(rs, intrinsics, source=self._source)
+        check_intrinsics(self._rectification.K, self._camera, source=self._source)
         self._heard = self._clock()
+        self._settled = self._heard + self._config.settle
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
-        if self._pipeline is None:
+        if self._pipeline is None or self._rectification is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         try:
-            return self._read()
+            return self._read(self._rectification)
         except RuntimeError as error:
             raise CaptureError(
                 f"{self._source} failed: {error}.",
@@ -87,41 +116,42 @@ class RealSenseDevice:
             with suppress(RuntimeError):
                 pipeline.stop()
 
-    def _read(self) -> RgbdImage | None:
-        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE / _SECONDS_PER_MILLISECOND))
-        # The first frames come without their partners, and none at all when the time is over.
-        if not (frames and frames.get_color_frame() and frames.get_depth_frame()):
+    def _read(self, rectification: Rectification) -> RgbdImage | None:
+        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
+        stamp = self._stamp(frames)
+        if stamp is None:
             self._silent()
+            return None
+        self._heard = self._clock()
+        if self._heard < self._settled:
             return None
         frames = self._align.process(frames)
         color, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not (color and depth):
-            self._silent()
             return None
-        self._heard = self._clock()
-        stamp = self._stamp(color)
-        if stamp is None:
-            return None
-        metres = np.multiply(np.asanyarray(depth.get_data()), self._depth_scale, dtype=np.float32)
         return checked_image(
-            np.asanyarray(color.get_data()),
-            metres,
+            rectification.color(np.asanyarray(color.get_data())),
+            rectification.depth(np.asanyarray(depth.get_data())),
             stamp=stamp,
             size=self._size,
             source=self._source,
+            depth_step=self._depth_step,
         )
 
-    def _stamp(self, frame: Any) -> float | None:
-        if frame.get_frame_timestamp_domain() == self._rs.timestamp_domain.global_time:
-            return self._stamps.convert(frame.get_timestamp() * _SECONDS_PER_MILLISECOND)
-        return self._clock() - self._config.latency
+    def _stamp(self, frames: Any) -> float | None:
+        """Returns when the frames were taken, or None where none are new."""
+        # The first frames come without their partners, and none at all when the time is over.
+        if not frames:
+            return None
+        color, depth = frames.get_color_frame(), frames.get_depth_frame()
+        return self._stamps.stamp(color, depth) if color and depth else None
 
     def _silent(self) -> None:
         """The library does not say that a camera was unplugged: it only becomes silent."""
         if self._clock() - self._heard <= self._config.silence:
             return
         raise CaptureError(
-            f"{self._source} has sent no image for {self._config.silence:g} s; connected are: "
+            f"{self._source} has sent no new image for {self._config.silence:g} s; connected are: "
             f"{', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
             remedy="See whether it is plugged in, and into a USB 3 port.",
         )

@@ -10,6 +10,7 @@ from poil_drake.perception.capture.config import (
     Zed,
 )
 from poil_drake.perception.capture.device import CaptureDevice, Clock
+from poil_drake.perception.images import CameraModel
 
 # By name, so that only what is used is loaded. `McapPlayback` is read by `CameraPlayback`, which
 # stands with the recordings, a floor above this one.
@@ -20,15 +21,12 @@ _DEVICES: dict[type, tuple[str, str]] = {
 }
 
 
-def make_device(
-    config: DeviceConfig, *, camera: str, size: tuple[int, int], clock: Clock
-) -> CaptureDevice:
+def make_device(config: DeviceConfig, *, camera: CameraModel, clock: Clock) -> CaptureDevice:
     """Returns what reads a camera; nothing is opened yet.
 
     Args:
         config: Where its images come from.
-        camera: Its name in the scenario.
-        size: (height, width) of its images [px].
+        camera: Its model in the scenario.
         clock: The time now [s since the epoch].
 
     Raises:
@@ -37,11 +35,9 @@ def make_device(
     """
     if type(config) not in _DEVICES:
         raise InvalidValueError(
-            f"Camera '{camera}' is configured by a {type(config).__name__}.",
+            f"Camera '{camera.name}' is configured by a {type(config).__name__}.",
             remedy=f"Use one of: {', '.join(kind.__name__ for kind in _DEVICES)}.",
         )
     module, name = _DEVICES[type(config)]
-    device: CaptureDevice = getattr(import_module(module), name)(
-        config, camera=camera, size=size, clock=clock
-    )
+    device: CaptureDevice = getattr(import_module(module), name)(config, camera=camera, clock=clock)
     return device

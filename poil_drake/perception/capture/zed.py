@@ -1,35 +1,46 @@
 """Stereolabs ZED cameras, by the ZED SDK's `pyzed`."""
 
+import logging
 from typing import Any
 
 import cv2
+import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
 from poil_drake.perception.capture.host_stamps import HostStamps
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.images import CameraModel, RgbdImage
 
 _SECONDS_PER_NANOSECOND = 1e-9
 
-# While the SDK recovers a camera by itself, and after a single bad image.
+_SUCCESS = 0
+"""Of `sl.ERROR_CODE`; greater values are errors, smaller ones warnings."""
+
+# While the SDK recovers a camera by itself, and after a single bad image: there is no image.
 _PASSING = ("CAMERA_REBOOTING", "CORRUPTED_FRAME")
+
+# The camera is open, but in another mode than was asked for.
+_OTHER_MODE = "CONFIGURATION_FALLBACK"
 
 
 class ZedDevice:
     """A ZED with its left image and the depth seen from it; a `CaptureDevice`.
 
-    See `Zed` for what the stamps mean.
+    Warnings of the SDK are logged, each once. See `Zed` for what the stamps mean.
+
+    Neither the SDK nor a camera was there to try it: all names are from the SDK's documentation,
+    the values of its error codes from its C interface (5.x).
     """
 
-    def __init__(self, config: Zed, *, camera: str, size: tuple[int, int], clock: Clock):
+    def __init__(self, config: Zed, *, camera: CameraModel, clock: Clock):
         """Loads the SDK; the camera is not touched.
 
         Args:
             config: Which camera, and how it is run.
-            camera: Its name in the scenario.
-            size: (height, width) of the images [px], not larger than the camera's.
+            camera: Its model in the scenario; images not larger than the camera's.
             clock: The time now [s since the epoch].
 
         Raises:
@@ -37,63 +48,73 @@ class ZedDevice:
             InvalidValueError: if the SDK does not know the resolution or the depth mode.
         """
         self._sl = _load()
-        self._config, self._size, self._clock = config, size, clock
-        self._source = f"Camera '{camera}' (ZED {config.serial or 'without a serial number'})"
+        self._config, self._model, self._clock = config, camera, clock
+        self._source = f"Camera '{camera.name}' (ZED {config.serial or 'without a serial number'})"
         self._resolution = _named(self._sl.RESOLUTION, config.resolution, "resolution")
         self._depth_mode = _named(self._sl.DEPTH_MODE, config.depth_mode, "depth_mode")
         self._stamps = HostStamps(clock, source=self._source)
+        self._warned: set[str] = set()
         self._camera: Any = None
         self._runtime: Any = None
         self._image: Any = None
         self._depth: Any = None
         self._output: Any = None
-        self._heard = 0.0
+        self._heard = self._settled = 0.0
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
         self._stamps.restart()
         sl, config = self._sl, self._config
+        self._require_optimized()
+        if not config.serial:
+            self._require_only_one()
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution
         parameters.camera_fps = config.fps
         parameters.depth_mode = self._depth_mode
         parameters.coordinate_units = sl.UNIT.METER
         parameters.sdk_verbose = 0
+        # Else the intrinsics are a little different each time.
+        parameters.camera_disable_self_calib = True
         # Else `grab` blocks for seconds when the camera is unplugged.
         parameters.async_grab_camera_recovery = True
         if config.serial:
             parameters.set_from_serial_number(config.serial)
-        camera = sl.Camera()
+        # Also one that did not open is closed, in `close`.
+        self._camera = camera = sl.Camera()
         status = camera.open(parameters)
-        if status != sl.ERROR_CODE.SUCCESS:
-            camera.close()
-            connected = [str(device.serial_number) for device in sl.Camera.get_device_list()]
+        if status.value > _SUCCESS or status.name == _OTHER_MODE:
             raise CaptureError(
                 f"{self._source} does not open with {config.resolution} at {config.fps} per "
                 f"second: {status.name} ({status}); connected are: "
-                f"{', '.join(connected) or 'none'}.",
-                remedy="Plug it in, end other programs that use it, and let ZED_Diagnostic look.",
+                f"{', '.join(self._connected()) or 'none'}.",
+                remedy="Plug it in, choose a resolution and a rate that it has, end other programs "
+                "that use it, and let ZED_Diagnostic look.",
             )
-        self._camera = camera
+        self._warn(status)
         self._runtime = sl.RuntimeParameters()
         self._image, self._depth = sl.Mat(), sl.Mat()
         self._output = self._output_size(camera)
         self._heard = self._clock()
+        self._settled = self._heard + config.settle
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
         sl, camera = self._sl, self._camera
-        if camera is None:
+        if camera is None or self._output is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         status = camera.grab(self._runtime)
         if status.name in _PASSING:
             self._silent(status)
             return None
         self._check(status)
-        self._heard = self._clock()
         taken = camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds()
         stamp = self._stamps.convert(taken * _SECONDS_PER_NANOSECOND)
         if stamp is None:
+            self._silent(status)
+            return None
+        self._heard = self._clock()
+        if self._heard < self._settled:
             return None
         self._check(camera.retrieve_image(self._image, sl.VIEW.LEFT, sl.MEM.CPU, self._output))
         self._check(
@@ -103,31 +124,76 @@ class ZedDevice:
             cv2.cvtColor(self._image.get_data(), cv2.COLOR_BGRA2RGB),
             self._depth.get_data(),
             stamp=stamp - self._config.latency,
-            size=self._size,
+            size=(self._model.height, self._model.width),
             source=self._source,
         )
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""
-        camera, self._camera = self._camera, None
+        camera, self._camera, self._output = self._camera, None, None
         if camera is not None:
             camera.close()
 
     def _check(self, status: Any) -> None:
-        if status != self._sl.ERROR_CODE.SUCCESS:
+        if status.value > _SUCCESS:
             raise CaptureError(
                 f"{self._source} failed: {status.name} ({status}).",
                 remedy="See whether it is plugged in, and let ZED_Diagnostic look.",
             )
+        self._warn(status)
+
+    def _warn(self, status: Any) -> None:
+        if status.value < _SUCCESS and status.name not in self._warned:
+            self._warned.add(status.name)
+            logging.getLogger(__name__).warning("%s: %s (%s)", self._source, status.name, status)
 
     def _silent(self, status: Any) -> None:
         if self._clock() - self._heard > self._config.silence:
-            self._check(status)
+            raise CaptureError(
+                f"{self._source} has sent no new image for {self._config.silence:g} s "
+                f"({status.name}).",
+                remedy="See whether it is plugged in, and let ZED_Diagnostic look.",
+            )
+
+    def _connected(self) -> list[str]:
+        return [str(device.serial_number) for device in self._sl.Camera.get_device_list()]
+
+    def _require_only_one(self) -> None:
+        connected = self._connected()
+        if len(connected) != 1:
+            raise CaptureError(
+                f"{self._source} was not found; connected are: {', '.join(connected) or 'none'}.",
+                remedy="Plug it in, and give it in the scenario the serial number printed on it.",
+            )
+
+    def _require_optimized(self) -> None:
+        """Refuses a depth mode whose network would only be optimized now, for minutes.
+
+        The names are from memory; an SDK that has others is not asked.
+        """
+        sl, mode = self._sl, self._config.depth_mode
+        network = getattr(getattr(sl, "AI_MODELS", None), f"{mode}_DEPTH", None)
+        ask = getattr(sl, "check_AI_model_status", None)
+        if network is None or ask is None:
+            return
+        status = ask(network)
+        if isinstance(status, dict):
+            optimized = status.get("optimized", True)
+        else:
+            optimized = getattr(status, "optimized", True)
+        if not optimized:
+            raise CaptureError(
+                f"{self._source}: the network of the depth mode {mode} is not yet optimized for "
+                "this GPU, which takes minutes in which a control loop would stand still.",
+                remedy="Run ZED_Diagnostic first and let it optimize that network, or choose the "
+                "depth mode PERFORMANCE.",
+            )
 
     def _output_size(self, camera: Any) -> Any:
         """Returns the wanted size, after checking that the camera's image can be scaled to it."""
-        height, width = self._size
-        native = camera.get_camera_information().camera_configuration.resolution
+        height, width = self._model.height, self._model.width
+        configuration = camera.get_camera_information().camera_configuration
+        native = configuration.resolution
         if width > native.width or width * native.height != height * native.width:
             raise CaptureError(
                 f"{self._source} has {native.width} x {native.height} pixels, which cannot be "
@@ -135,7 +201,21 @@ class ZedDevice:
                 remedy="Give the camera in the scenario a size of the same proportions, with the "
                 "calibration for it, or choose another resolution.",
             )
+        lens = configuration.calibration_parameters.left_cam
+        K = _scaled(lens, width / native.width)
+        check_intrinsics(K, self._model, source=f"{self._source}, scaled to {width} x {height},")
         return self._sl.Resolution(width, height)
+
+
+def _scaled(lens: Any, scale: float) -> np.ndarray:
+    """Returns the (3, 3) intrinsics of an image that was scaled; integers are pixel centres."""
+    return np.array(
+        [
+            [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],
+            [0.0, scale * lens.fy, scale * (lens.cy + 0.5) - 0.5],
+            [0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:

@@ -5,10 +5,12 @@ from collections import deque
 
 import numpy as np
 
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import CameraModel, RgbdImage
 
 HEIGHT, WIDTH = 6, 8
 SIZE = (HEIGHT, WIDTH)
+K = np.array([[20.0, 0.0, 3.5], [0.0, 20.0, 2.5], [0.0, 0.0, 1.0]])
+CAMERA = CameraModel("left", WIDTH, HEIGHT, K, np.eye(4))
 TIMEOUT = 20.0  # [s]; only a test that fails waits for so long.
 
 

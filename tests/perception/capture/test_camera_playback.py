@@ -1,8 +1,12 @@
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
 import numpy as np
 import pytest
 from capture_bench import SettableClock
 
-from poil_drake.errors import CaptureError, InvalidValueError
+from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.camera_playback import CameraPlayback
@@ -11,20 +15,28 @@ from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
 
 SIZE = (24, 32)
 K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])
+CAMERA = CameraModel("left", 32, 24, K, np.eye(4))
 COUNT, PERIOD = 4, 0.125
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Four images of one camera; the k-th has colour and depth k + 1."""
-    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    return write_log(tmp_path_factory.mktemp("log"), labelled=())
+
+
+def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
+    """Writes the images, and of some of them a label image that is k + 1 everywhere."""
+    path = folder / "run.mcap"
     config = RunLogConfig(color=ColorEncoding(format="raw"))
     with RunLogWriter(path, config=config) as writer:
-        writer.write_calibration(CameraModel("left", 32, 24, K, np.eye(4)), time=10.0)
+        writer.write_calibration(CAMERA, time=10.0)
         for k in range(COUNT):
             time = 10.0 + k * PERIOD
             writer.write_image("left", np.full((*SIZE, 3), k + 1, np.uint8), time=time)
             writer.write_depth("left", np.full(SIZE, float(k + 1)), time=time)
+            if k in labelled:
+                writer.write_label("left", np.full(SIZE, k + 1, np.int16), time=time)
     return str(path)
 
 
@@ -34,16 +46,17 @@ def play(
     """Returns which images come, and their stamps from the start, one read every `step` [s]."""
     clock = SettableClock(1000.0)
     dut = CameraPlayback(
-        McapPlayback(file=file, lead_in=1.0, **config),  # type: ignore[arg-type]
-        camera="left",
-        size=SIZE,
+        McapPlayback(file=file, lead_in=1.0, labels=False, **config),  # type: ignore[arg-type]
+        camera=CAMERA,
         clock=clock,
     )
     dut.open()
     clock.now = 1001.0
     found = []
     for _ in range(steps):
-        image = dut.read()
+        image = None
+        with suppress(NoImageError):
+            image = dut.read()
         if image is not None:
             assert image.depth[0, 0] == image.rgb[0, 0, 0]
             found.append((int(image.rgb[0, 0, 0]), image.stamp - 1001.0))
@@ -71,19 +84,49 @@ def test_what_is_late_is_left_out(log: str) -> None:
     assert play(log, steps=2, step=2 * PERIOD) == [(1, 0.0), (3, 0.25)]
 
 
+def test_after_its_end_it_says_so(log: str) -> None:
+    clock = SettableClock(1000.0)
+    dut = CameraPlayback(McapPlayback(file=log, labels=False), camera=CAMERA, clock=clock)
+    dut.open()
+    clock.now = 1010.0
+    assert dut.read() is not None
+
+    with pytest.raises(NoImageError, match=r"'left'.*run\.mcap has ended"):
+        dut.read()
+
+
+def test_recorded_labels_come_along(tmp_path: Path) -> None:
+    clock = SettableClock(1000.0)
+    log = write_log(tmp_path, labelled=(0,))
+    dut = CameraPlayback(McapPlayback(file=log, labels=True), camera=CAMERA, clock=clock)
+    dut.open()
+
+    labels = []
+    for k in range(2):
+        clock.now = 1001.0 + k * PERIOD
+        image = dut.read()
+        assert image is not None
+        labels.append(image.label)
+
+    np.testing.assert_array_equal(labels[0], np.ones(SIZE, np.int16))
+    assert labels[1] is None
+
+
 @pytest.mark.parametrize(
-    ("config", "size", "problem"),
+    ("config", "camera", "problem"),
     [
-        ({"camera": "top"}, SIZE, "'top'"),
-        ({"file": "none.mcap"}, SIZE, "none.mcap"),
-        ({}, (4, 4), "32 x 24"),
+        ({"camera": "top"}, CAMERA, "'top'"),
+        ({"file": "none.mcap"}, CAMERA, "none.mcap"),
+        ({}, CameraModel("left", 4, 4, K, np.eye(4)), "32 x 24"),
+        ({}, CameraModel("left", 32, 24, K + 1.5 * np.eye(3), np.eye(4)), "30.00, 30.00, 15.50"),
+        ({"labels": True}, CAMERA, "no label images"),
     ],
 )
 def test_what_cannot_be_played_is_said(
-    log: str, config: dict, size: tuple[int, int], problem: str
+    log: str, config: dict, camera: CameraModel, problem: str
 ) -> None:
-    given = McapPlayback(**{"file": log, **config})
-    dut = CameraPlayback(given, camera="left", size=size, clock=SettableClock())
+    given = McapPlayback(**{"file": log, "labels": False, **config})
+    dut = CameraPlayback(given, camera=camera, clock=SettableClock())
 
     with pytest.raises(CaptureError, match=problem):
         dut.open()
@@ -91,4 +134,4 @@ def test_what_cannot_be_played_is_said(
 
 def test_a_file_is_needed() -> None:
     with pytest.raises(InvalidValueError, match=r"McapPlayback\.file"):
-        CameraPlayback(McapPlayback(), camera="left", size=SIZE, clock=SettableClock())
+        CameraPlayback(McapPlayback(), camera=CAMERA, clock=SettableClock())

@@ -22,6 +22,13 @@ def test_everything_has_a_default(kind: type) -> None:
         (Zed, "serial", -1),
         (Zed, "fps", -30),
         (Zed, "latency", float("inf")),
+        (RealSense, "settle", -1.0),
+        (Zed, "settle", float("nan")),
+        (OpenCvStreams, "settle", -1.0),
+        (OpenCvStreams, "silence", 0.0),
+        (OpenCvStreams, "largest_gap", 0.0),
+        (OpenCvStreams, "rgb_fourcc", "MJPEG"),
+        (OpenCvStreams, "depth_fourcc", "Y16"),
         (OpenCvStreams, "depth_scale", 0.0),
         (OpenCvStreams, "fps", 0.0),
         (OpenCvStreams, "latency", -1.0),
@@ -30,8 +37,8 @@ def test_everything_has_a_default(kind: type) -> None:
         (McapPlayback, "lead_in", -1.0),
     ],
 )
-def test_values_that_make_no_sense_are_named(kind: type, field: str, value: float) -> None:
-    with pytest.raises(InvalidValueError, match=rf"{kind.__name__}\.{field} is {value}\."):
+def test_values_that_make_no_sense_are_named(kind: type, field: str, value: object) -> None:
+    with pytest.raises(InvalidValueError, match=rf"{kind.__name__}\.{field} is '?{value}'?\."):
         kind(**{field: value})
 
 

@@ -1,7 +1,7 @@
 import sys
 
 import pytest
-from capture_bench import SIZE, SettableClock
+from capture_bench import CAMERA, SettableClock
 
 from poil_drake.errors import InvalidValueError, MissingDependencyError
 from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
@@ -11,7 +11,7 @@ from poil_drake.perception.capture.registry import make_device
 def test_the_configuration_chooses_the_device() -> None:
     config = OpenCvStreams(rgb="0", depth="1")
 
-    device = make_device(config, camera="left", size=SIZE, clock=SettableClock())
+    device = make_device(config, camera=CAMERA, clock=SettableClock())
 
     assert type(device).__name__ == "OpenCvStreamsDevice"
 
@@ -23,9 +23,9 @@ def test_a_library_that_is_missing_is_named_before_anything_is_opened(
     monkeypatch.setitem(sys.modules, module, None)
 
     with pytest.raises(MissingDependencyError, match=module.split(".")[0]):
-        make_device(config, camera="left", size=SIZE, clock=SettableClock())
+        make_device(config, camera=CAMERA, clock=SettableClock())
 
 
 def test_an_unknown_configuration_is_refused() -> None:
     with pytest.raises(InvalidValueError, match=r"'left'.*object"):
-        make_device(object(), camera="left", size=SIZE, clock=SettableClock())  # type: ignore[arg-type]
+        make_device(object(), camera=CAMERA, clock=SettableClock())  # type: ignore[arg-type]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from capture_bench import SIZE
 
-from poil_drake.errors import CaptureError
+from poil_drake.errors import NoImageError
 from poil_drake.perception.capture.checked_image import checked_image
 
 RGB = np.full((*SIZE, 3), 9, np.uint8)
@@ -21,6 +21,22 @@ def test_depth_that_is_not_a_distance_becomes_invalid() -> None:
     assert dut.stamp == 2.0
 
 
+def test_16_bit_depth_is_counted_in_steps_and_the_largest_is_invalid() -> None:
+    depth = np.full(SIZE, 3, np.uint16)
+    depth[0, :2] = 0, 65535
+    expected = np.full(SIZE, 1.5, np.float32)
+    expected[0, :2] = 0.0
+
+    dut = checked_image(RGB.copy(), depth, stamp=2.0, size=SIZE, source="It", depth_step=0.5)
+
+    np.testing.assert_array_equal(dut.depth, expected, strict=True)
+
+
+def test_16_bit_depth_is_wanted_where_a_step_is_given() -> None:
+    with pytest.raises(NoImageError, match=r"depth of shape .* type float32"):
+        checked_image(RGB, DEPTH, stamp=2.0, size=SIZE, source="It", depth_step=0.5)
+
+
 @pytest.mark.parametrize(
     ("rgb", "depth", "words"),
     [
@@ -35,7 +51,7 @@ def test_depth_that_is_not_a_distance_becomes_invalid() -> None:
     ],
 )
 def test_another_size_or_type_is_refused(rgb: np.ndarray, depth: np.ndarray, words: str) -> None:
-    with pytest.raises(CaptureError, match=f"It delivers {words}"):
+    with pytest.raises(NoImageError, match=f"It delivers {words}"):
         checked_image(rgb, depth, stamp=0.0, size=SIZE, source="It")
 
 

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from capture_bench import SettableClock
 
-from poil_drake.errors import CaptureError, InvalidValueError
+from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
+from poil_drake.perception.images import CameraModel
 
 SIZE = (24, 32)
+CAMERA = CameraModel("left", 32, 24, np.eye(3), np.eye(4))
 COLORS = [np.random.default_rng(k).integers(0, 256, (*SIZE, 3), np.uint8) for k in range(2)]
 # Up to 46 081: more than 8 bit, and with low bits that matter.
 STEPS = [np.arange(24 * 32, dtype=np.uint16).reshape(SIZE) * 60 + k for k in range(2)]
@@ -32,7 +34,7 @@ def make(
         latency=0.25,
         fps=10.0,
     )
-    return OpenCvStreamsDevice(config, camera="left", size=SIZE, clock=clock)
+    return OpenCvStreamsDevice(config, camera=CAMERA, clock=clock)
 
 
 def test_colour_is_rgb_and_16_bit_depth_survives(folder: Path) -> None:
@@ -60,7 +62,7 @@ def test_files_are_read_at_their_rate(folder: Path) -> None:
     assert dut.read() is not None
 
 
-def test_after_its_end_nothing_comes(folder: Path) -> None:
+def test_after_its_end_it_says_so(folder: Path) -> None:
     clock = SettableClock(1000.0)
     dut = make(folder, clock)
     dut.open()
@@ -68,7 +70,9 @@ def test_after_its_end_nothing_comes(folder: Path) -> None:
         dut.read()
         clock.now += 0.125
 
-    assert dut.read() is None
+    for _ in range(2):
+        with pytest.raises(NoImageError, match=r"'left'.*have ended"):
+            dut.read()
 
 
 @pytest.mark.parametrize(
@@ -81,7 +85,7 @@ def test_images_of_the_wrong_kind_are_refused(
     dut = make(folder, SettableClock(), **sources)
     dut.open()
 
-    with pytest.raises(CaptureError, match=f"'left' delivers {problem}"):
+    with pytest.raises(NoImageError, match=f"'left' delivers {problem}"):
         dut.read()
 
 
@@ -95,7 +99,14 @@ def test_both_sources_are_needed(missing: str) -> None:
     config = OpenCvStreams(**{"rgb": "0", "depth": "1", missing: ""})  # type: ignore[arg-type]
 
     with pytest.raises(InvalidValueError, match=f"OpenCvStreams.{missing}"):
-        OpenCvStreamsDevice(config, camera="left", size=SIZE, clock=SettableClock())
+        OpenCvStreamsDevice(config, camera=CAMERA, clock=SettableClock())
+
+
+def test_a_file_and_a_live_source_do_not_go_together() -> None:
+    config = OpenCvStreams(rgb="0", depth="depth_%04d.png")
+
+    with pytest.raises(InvalidValueError, match=r"'left'.*'0'.*'depth_%04d.png' is a file"):
+        OpenCvStreamsDevice(config, camera=CAMERA, clock=SettableClock())
 
 
 def test_it_closes_twice(folder: Path) -> None:

@@ -1,4 +1,10 @@
-"""A ZED, behind a stand-in for its SDK. The SDK's names are from its documentation, unchecked."""
+"""A ZED, behind a stand-in for its SDK.
+
+Nothing of it was checked against the real SDK, which was not there: classes, functions and
+parameters are from the documentation of its Python API. Two things have other sources: the values
+of ERROR_CODE are those of the SDK's C interface (5.x), and what `check_AI_model_status` gives is
+from memory, so the device takes an object or a dictionary.
+"""
 
 import sys
 import time
@@ -7,13 +13,27 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
-from capture_bench import SIZE
+from capture_bench import CAMERA, SIZE, K
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.zed import ZedDevice
 
-ERROR_CODE = Enum("ERROR_CODE", "SUCCESS CAMERA_NOT_DETECTED CAMERA_REBOOTING CAMERA_DETECTED")
+ERROR_CODE = Enum(
+    "ERROR_CODE",
+    {
+        "SENSOR_CONFIGURATION_CHANGED": -6,
+        "POTENTIAL_CALIBRATION_ISSUE": -5,
+        "CONFIGURATION_FALLBACK": -4,
+        "SENSORS_DATA_REQUIRED": -3,
+        "CORRUPTED_FRAME": -2,
+        "CAMERA_REBOOTING": -1,
+        "SUCCESS": 0,
+        "FAILURE": 1,
+        "CAMERA_NOT_DETECTED": 4,
+    },
+)
+AI_MODELS = Enum("AI_MODELS", "NEURAL_DEPTH")
 RESOLUTION = Enum("RESOLUTION", "HD720 VGA LAST")
 DEPTH_MODE = Enum("DEPTH_MODE", "NEURAL PERFORMANCE LAST")
 
@@ -37,9 +57,17 @@ class StandIn(ModuleType):
         self.Mat, self.RuntimeParameters = Mat, SimpleNamespace
         self.Resolution = lambda width, height: SimpleNamespace(width=width, height=height)
         self.InitParameters = lambda: SimpleNamespace(set_from_serial_number=self.serials.append)
+        self.AI_MODELS = AI_MODELS
+        self.ai_status: object = SimpleNamespace(downloaded=True, optimized=True)
+        self.check_AI_model_status = lambda model: self.ai_status
         self.serials: list[int] = []
+        self.connected = [77]
         self.opened, self.grabbed, self.closes = ERROR_CODE.SUCCESS, ERROR_CODE.SUCCESS, 0
         self.native = SimpleNamespace(width=2 * SIZE[1], height=2 * SIZE[0])
+        # Twice as large, with pixel centres at integers: 2 (c + 0.5) - 0.5.
+        self.lens = SimpleNamespace(
+            fx=2 * K[0, 0], fy=2 * K[1, 1], cx=2 * K[0, 2] + 0.5, cy=2 * K[1, 2] + 0.5
+        )
         self.depth = np.full(SIZE, 2.0, np.float32)
         self.depth[0, :3] = np.nan, np.inf, -np.inf
         self.stamp_ns = time.time_ns()
@@ -51,14 +79,19 @@ class StandIn(ModuleType):
         self.Camera = camera
 
     def _devices(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(serial_number=77)]
+        return [SimpleNamespace(serial_number=number) for number in self.connected]
 
     def open(self, parameters: SimpleNamespace) -> ERROR_CODE:
         self.parameters = parameters
         return self.opened
 
     def get_camera_information(self) -> SimpleNamespace:
-        return SimpleNamespace(camera_configuration=SimpleNamespace(resolution=self.native))
+        calibration = SimpleNamespace(left_cam=self.lens)
+        return SimpleNamespace(
+            camera_configuration=SimpleNamespace(
+                resolution=self.native, calibration_parameters=calibration
+            )
+        )
 
     def grab(self, runtime: object) -> ERROR_CODE:
         return self.grabbed
@@ -89,8 +122,8 @@ def sl(monkeypatch: pytest.MonkeyPatch) -> StandIn:
 
 
 def make(**config: object) -> ZedDevice:
-    config = {"latency": 0.0, **config}
-    return ZedDevice(Zed(**config), camera="left", size=SIZE, clock=time.time)  # type: ignore[arg-type]
+    given = Zed(**{"latency": 0.0, "settle": 0.0, **config})  # type: ignore[arg-type]
+    return ZedDevice(given, camera=CAMERA, clock=time.time)
 
 
 def test_without_the_sdk_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,6 +141,7 @@ def test_it_asks_for_metres_and_for_the_wanted_camera(sl: StandIn) -> None:
     assert sl.parameters.camera_resolution is RESOLUTION.HD720
     assert sl.parameters.depth_mode is DEPTH_MODE.NEURAL
     assert sl.parameters.camera_fps == 15
+    assert sl.parameters.camera_disable_self_calib is True
 
 
 @pytest.mark.parametrize("field", ["resolution", "depth_mode"])
@@ -121,6 +155,85 @@ def test_a_camera_that_does_not_open_is_named_with_those_that_are_there(sl: Stan
 
     with pytest.raises(CaptureError, match=r"'left' \(ZED 5\).*CAMERA_NOT_DETECTED.*77"):
         make(serial=5).open()
+
+
+@pytest.mark.parametrize(("connected", "said"), [([], "none"), ([5, 77], "5, 77")])
+def test_without_a_serial_number_there_must_be_exactly_one(
+    sl: StandIn, connected: list[int], said: str
+) -> None:
+    sl.connected = connected
+
+    with pytest.raises(CaptureError, match=f"'left'.*not found; connected are: {said}"):
+        make().open()
+    assert not hasattr(sl, "parameters")
+
+
+@pytest.mark.parametrize("name", ["POTENTIAL_CALIBRATION_ISSUE", "SENSOR_CONFIGURATION_CHANGED"])
+def test_a_warning_leaves_the_camera_open_and_is_logged_once(
+    sl: StandIn, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    sl.opened = sl.grabbed = ERROR_CODE[name]
+    dut = make()
+    dut.open()
+
+    assert dut.read() is not None
+    assert [record.getMessage().count(name) > 0 for record in caplog.records] == [True]
+
+
+def test_another_mode_than_was_asked_for_is_an_error(sl: StandIn) -> None:
+    sl.opened = ERROR_CODE.CONFIGURATION_FALLBACK
+    dut = make()
+
+    with pytest.raises(CaptureError, match="CONFIGURATION_FALLBACK"):
+        dut.open()
+    with pytest.raises(CaptureError, match="not open"):
+        dut.read()
+    dut.close()
+    assert sl.closes == 1
+
+
+@pytest.mark.parametrize(
+    "status", [SimpleNamespace(optimized=False), {"downloaded": True, "optimized": False}]
+)
+def test_a_network_that_is_not_optimized_is_refused_before_anything_is_opened(
+    sl: StandIn, status: object
+) -> None:
+    sl.ai_status = status
+
+    with pytest.raises(CaptureError, match=r"NEURAL.*not yet optimized.*ZED_Diagnostic"):
+        make().open()
+    assert not hasattr(sl, "parameters")
+
+    make(depth_mode="PERFORMANCE").open()
+
+
+def test_an_sdk_that_does_not_know_of_networks_is_not_asked(sl: StandIn) -> None:
+    del sl.check_AI_model_status
+
+    make().open()
+
+
+def test_other_intrinsics_than_the_scenarios_are_refused(sl: StandIn) -> None:
+    sl.lens.cx += 4.0
+
+    with pytest.raises(CaptureError, match=r"scaled to 8 x 6, has .* 5\.50, 2\.50 px"):
+        make().open()
+
+
+def test_images_are_dropped_while_the_exposure_adjusts_itself(sl: StandIn) -> None:
+    dut = make(settle=1e6)
+    dut.open()
+
+    assert dut.read() is None
+
+
+def test_a_camera_that_repeats_its_image_is_named_after_a_while(sl: StandIn) -> None:
+    dut = make(silence=1e-9)
+    dut.open()
+    assert dut.read() is not None
+
+    with pytest.raises(CaptureError, match=r"no new image for 1e-09 s \(SUCCESS\)"):
+        dut.read()
 
 
 def test_an_image_is_rgb_with_depth_0_where_nothing_was_measured(sl: StandIn) -> None:

@@ -1,0 +1,89 @@
+"""Images of a RealSense as a pinhole camera would see them."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from poil_drake.errors import CaptureError
+
+_KNOWN = ("brown_conrady", "modified_brown_conrady", "inverse_brown_conrady")
+_GRID = 9
+"""Points along each side of the image at which the library is asked."""
+
+_TOLERANCE = 0.5
+"""Between OpenCV's distortion and the library's [px]. Of pyrealsense2 2.59 they differ by 0.02 px
+with the coefficients of a D455."""
+
+
+class Rectification:
+    """Undoes the distortion of the colour image, and of the depth that is aligned to it.
+
+    The library aligns depth to the colour image as that is, distorted. It calls most colour images
+    `inverse_brown_conrady`, and yet projects by the Brown-Conrady polynomial, which is OpenCV's. As
+    the name says otherwise, and older versions ignored it, the library itself is asked at some
+    points where they are projected to; what does not agree with OpenCV's model is refused.
+    """
+
+    def __init__(self, rs: Any, intrinsics: Any, *, source: str):
+        """Makes the maps, once for all images.
+
+        Args:
+            rs: The module `pyrealsense2`.
+            intrinsics: The `rs.intrinsics` of the colour stream.
+            source: What to call the camera in an error.
+
+        Raises:
+            CaptureError: if the images are distorted in a way that cannot be undone.
+        """
+        self.K = np.array(
+            [
+                [intrinsics.fx, 0.0, intrinsics.ppx],
+                [0.0, intrinsics.fy, intrinsics.ppy],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        self._maps: tuple[np.ndarray, np.ndarray] | None = None
+        coefficients = np.array(intrinsics.coeffs, float)
+        if intrinsics.model.name == "none" or not coefficients.any():
+            return
+        u, v = cv2.initUndistortRectifyMap(
+            self.K,
+            coefficients,
+            np.eye(3),
+            self.K,
+            (intrinsics.width, intrinsics.height),
+            cv2.CV_32FC1,
+        )
+        if intrinsics.model.name not in _KNOWN or not self._agrees(rs, intrinsics, u, v):
+            raise CaptureError(
+                f"{source} has images distorted by the model '{intrinsics.model.name}' with the "
+                f"coefficients {coefficients.tolist()}, which cannot be undone here.",
+                remedy="Update pyrealsense2 and the camera's firmware, or send rectified images "
+                "over LCM (!LcmImages).",
+            )
+        self._maps = cv2.convertMaps(u, v, cv2.CV_16SC2)
+
+    def color(self, pixels: np.ndarray) -> np.ndarray:
+        """Returns (H, W, 3) uint8 colour without distortion, interpolated; black beyond it."""
+        if self._maps is None:
+            return pixels
+        return cv2.remap(pixels, *self._maps, cv2.INTER_LINEAR)
+
+    def depth(self, pixels: np.ndarray) -> np.ndarray:
+        """Returns (H, W) depth without distortion, of the nearest pixel each; 0 beyond it."""
+        if self._maps is None:
+            return pixels
+        return cv2.remap(pixels, *self._maps, cv2.INTER_NEAREST)
+
+    def _agrees(self, rs: Any, intrinsics: Any, u: np.ndarray, v: np.ndarray) -> bool:
+        """Returns whether the library projects to where OpenCV's maps look."""
+        height, width = u.shape
+        for row in np.linspace(0, height - 1, _GRID).astype(int):
+            for column in np.linspace(0, width - 1, _GRID).astype(int):
+                ray = np.linalg.solve(self.K, [column, row, 1.0])
+                found = rs.rs2_project_point_to_pixel(intrinsics, ray.tolist())
+                expected = (u[row, column], v[row, column])
+                if not np.allclose(found, expected, rtol=0.0, atol=_TOLERANCE):
+                    return False
+        return True
