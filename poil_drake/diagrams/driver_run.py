@@ -20,6 +20,7 @@ from poil_drake.diagrams.simulated_truth import SimulatedTruth
 from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.recording.plain_json import plain_json, write_json
 from poil_drake.systems.lcm_network import LcmNetwork
+from poil_drake.systems.real_time_memory import KeepMemory
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.simulated_driver import SimulatedDriverConfig
 
@@ -74,6 +75,7 @@ def RunDriver(
         BaseException: that stopped it, after the summary was written.
     """
     hardware, config = scenario.poil.hardware, config or SimulatedDriverConfig()
+    KeepMemory()
     url = BusUrl(scenario, hardware.robot_bus, ROBOT_BUS_URL)
     lcm = LcmNetwork(url, realtime_priority=hardware.realtime_priority)
     robot = MakeDriverStation(

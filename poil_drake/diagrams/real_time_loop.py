@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from poil_drake.interpreter_turns import TURNS
+
 _SWITCH_INTERVAL = 1e-4
 """For so long another thread may keep the interpreter from the loop [s]."""
 
@@ -85,7 +87,7 @@ class RealTimeLoop:
     Drake's own `target_realtime_rate` waits in C++ after each of its steps. This waits before each
     period, so that what arrives meanwhile is known to the update which follows, and, if it shall,
     within a period, so that commands go out at an even pace however long the update took. It leaves
-    the interpreter to other threads while it waits.
+    the interpreter to other threads while it waits (`InterpreterTurns`).
 
     Attributes:
         timing: Of all ticks so far.
@@ -114,6 +116,12 @@ class RealTimeLoop:
 
     def AdvanceTo(self, boundary: float) -> None:
         """Ticks until the simulator's time is `boundary` [s], a multiple of the period."""
+        try:
+            self._tick_until(boundary)
+        finally:
+            TURNS.give()
+
+    def _tick_until(self, boundary: float) -> None:
         step = self._period / self._config.time_scale
         pause = self._config.pause
         now = time.perf_counter()
@@ -151,9 +159,13 @@ class RealTimeLoop:
 
 def _wait_until(due: float, now: float) -> float:
     """Returns the time when the wait was over."""
+    if now >= due:
+        return now
+    TURNS.give()
     while now < due:
         time.sleep(due - now)
         now = time.perf_counter()
+    TURNS.take()
     return now
 
 

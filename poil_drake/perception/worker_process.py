@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from poil_drake.errors import PoilError
+from poil_drake.interpreter_turns import TURNS
 
 _GRACE = 2.0  # [s] that a worker gets to end by itself
 
@@ -93,6 +94,7 @@ class WorkerProcess:
         if not self._close.alive:
             raise self.ended()
         try:
+            TURNS.wait()
             self._send(request)
             answer = self._connection.recv()
         except (EOFError, OSError) as error:

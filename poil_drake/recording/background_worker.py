@@ -4,6 +4,8 @@ import queue
 import threading
 from collections.abc import Callable
 
+from poil_drake.interpreter_turns import TURNS
+
 Job = Callable[[], None]
 
 
@@ -71,6 +73,7 @@ class BackgroundWorker:
         while (job := self._jobs.get()) is not None:
             if failed:
                 continue
+            TURNS.wait()
             try:
                 job()
             # Of whatever kind: it is handed to the caller, who is in another thread.

@@ -5,6 +5,7 @@ import time
 import numpy as np
 
 from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.perception.capture.intrinsics_check import check_intrinsics
@@ -78,6 +79,7 @@ class CameraPlayback:
                 )
             return None
         self._played = number
+        TURNS.wait()
         try:
             image = self._recording.frames[number % len(self._offsets)].images[0]
         except DemonstrationError as error:

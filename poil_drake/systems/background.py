@@ -21,7 +21,8 @@ class Background:
         """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        self._executor.submit(int)  # It would start its thread with the first work only.
+        # It would start its thread with the first work only.
+        self._executor.submit(int).result()
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
         """Returns what will be the result of the work.

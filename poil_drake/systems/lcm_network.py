@@ -1,6 +1,7 @@
 """An LCM network on which no message waits for the one before it to be looked at."""
 
 import math
+import select
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -10,6 +11,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import StationError
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 
 
@@ -68,10 +70,16 @@ class LcmNetwork:
         subscription.set_queue_capacity(self._capacity)
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
-        """See `MessageNetwork`."""
+        """See `MessageNetwork`.
+
+        Who waits for messages has time, and takes them in its turn (see `InterpreterTurns`).
+        """
+        if timeout_millis > 0:
+            select.select([self._lcm.fileno()], [], [], 1e-3 * timeout_millis)
+            TURNS.wait()
         count = 0
         # Not for ever, however much comes.
-        while count < self._capacity and self._lcm.handle_timeout(0 if count else timeout_millis):
+        while count < self._capacity and self._lcm.handle_timeout(0):
             count += 1
         return count
 

@@ -14,6 +14,7 @@ from poil_drake.diagrams.real_time_loop import (
     RealTimeLoop,
     RealTimeLoopConfig,
 )
+from poil_drake.interpreter_turns import TURNS
 
 PERIOD = 1 / 256
 
@@ -147,6 +148,30 @@ def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime)
     due = 100.0 + PERIOD * np.arange(32)
     np.testing.assert_allclose(system.sent, due + 0.9 * PERIOD, atol=1e-9)
     assert dut.timing.missed == 0
+
+
+def test_other_threads_have_their_turn_while_it_waits(fake_time: FakeTime) -> None:
+    turns: list[bool] = []
+
+    class Asks(TwoPhases):
+        def _compute(self, context: Context, state: State) -> None:
+            turns.append(TURNS._free.is_set())
+
+    sleep, waits = fake_time.sleep, []
+
+    def observed(duration: float) -> None:
+        waits.append(TURNS._free.is_set())
+        sleep(duration)
+
+    fake_time.sleep = observed  # type: ignore[method-assign]
+    dut = RealTimeLoop(Simulator(Asks(fake_time, computing=0.0)), period=PERIOD)
+
+    dut.AdvanceTo(0.125)
+
+    # The first tick is due at once, and the loop never waited before it.
+    assert turns[1:] == [False] * 31
+    assert waits == [True] * 31
+    assert TURNS._free.is_set()
 
 
 def test_real_time_passes_in_between() -> None:

@@ -1,5 +1,6 @@
 import socket
 import threading
+from concurrent.futures import wait
 
 import numpy as np
 import pytest
@@ -19,11 +20,12 @@ class Renderer:
     """Renders the first position as the colour, when it may go on."""
 
     def __init__(self) -> None:
-        self.go = threading.Event()
+        self.go, self.begun = threading.Event(), threading.Event()
         self.go.set()
         self.scenes: list[float] = []
 
     def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+        self.begun.set()
         self.go.wait()
         self.scenes.append(time)
         rgb = np.full((H, W, 3), int(positions[0]), np.uint8)
@@ -63,8 +65,7 @@ class Bench:
 
     def wait_for_renderer(self) -> None:
         """Otherwise the next capture may find it busy still, and be left out."""
-        assert self.dut._work is not None
-        self.dut._work.result()
+        wait([self.dut._work])
 
     def receive(self, count: int) -> list[RgbdImage]:
         while len(self.got) < count and self.network.HandleSubscriptions(5000):
@@ -101,6 +102,7 @@ def test_captures_are_left_out_while_images_are_rendered(bench: Bench) -> None:
     bench.renderer.go.clear()
     for _ in range(4):
         bench.capture()  # would never come back if it waited for the renderer
+    assert bench.renderer.begun.wait(10.0)
     bench.renderer.go.set()
     bench.dut.close()  # the images in hand are finished first
 
@@ -116,6 +118,7 @@ def test_what_the_renderer_meets_ends_the_simulation(bench: Bench) -> None:
 
     def render_and_capture_again() -> None:
         bench.capture()
+        wait([bench.dut._work])
         bench.dut.close()
         bench.capture()
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.perception.capture.device import Clock
 
 _GRACE = 1.0
@@ -61,6 +62,7 @@ class LiveSource:
         try:
             while not self._stopped.is_set() and self._capture.grab():
                 time = self._clock()
+                TURNS.wait()
                 came, pixels = self._capture.retrieve()
                 if came:
                     self._show(Arrival(pixels, time))

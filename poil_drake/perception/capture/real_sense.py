@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.errors import CaptureError, MissingDependencyError
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.device import PATIENCE, Clock
@@ -118,6 +119,7 @@ class RealSenseDevice:
 
     def _read(self, rectification: Rectification) -> RgbdImage | None:
         _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
+        TURNS.wait()
         stamp = self._stamp(frames)
         if stamp is None:
             self._silent()

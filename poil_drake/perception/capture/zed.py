@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
@@ -104,6 +105,7 @@ class ZedDevice:
         if camera is None or self._output is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         status = camera.grab(self._runtime)
+        TURNS.wait()
         if status.name in _PASSING:
             self._silent(status)
             return None

@@ -1,0 +1,50 @@
+import threading
+import time
+
+import pytest
+
+from poil_drake import interpreter_turns
+from poil_drake.interpreter_turns import InterpreterTurns
+
+
+def test_nobody_waits_where_no_loop_computes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    dut = InterpreterTurns()
+
+    dut.wait()
+    dut.take()
+    dut.give()
+    dut.wait()
+
+
+def test_who_asks_goes_on_when_the_loop_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    dut = InterpreterTurns()
+    dut.take()
+    done = threading.Event()
+
+    def work() -> None:
+        dut.wait()
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+
+    assert not done.wait(0.05)
+    dut.give()
+    assert done.wait(60.0)
+    thread.join()
+
+
+def test_a_loop_that_never_waits_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 0.05)
+    monkeypatch.setattr(interpreter_turns, "_FED_UP", 60.0)
+    dut = InterpreterTurns()
+    dut.take()
+
+    start = time.monotonic()
+    for _ in range(10_000):
+        dut.wait()
+
+    # Only the first has waited; all of them would take minutes.
+    assert 0.04 < time.monotonic() - start < 30.0
