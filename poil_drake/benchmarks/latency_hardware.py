@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,7 +17,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from tqdm import tqdm
 
-from poil_drake.benchmarks.stand_in_robot import StandInSetup, with_own_networks
+from poil_drake.benchmarks.stand_in_robot import StandInSetup, running_stand_in, with_own_networks
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
@@ -51,6 +50,7 @@ _BARE = 10.0
 _WARM_UP = 2.0
 """What is not counted: caches and libraries are set up then [s]."""
 
+_STAND_IN = "poil_drake.benchmarks.stand_in_robot"
 _HELD_WIDTH = 0.01
 _SLOW_RISE = 2e-4  # [m/s]: the reference hardly moves, as the pictures do not at all.
 
@@ -183,22 +183,8 @@ def _stand_in(
         cameras=tuple(scenario.cameras),
         image_period=scenario.poil.rates.tracker,
     )
-    (folder / "setup.json").write_text(json.dumps(asdict(setup)))
-    module = "poil_drake.benchmarks.stand_in_robot"
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", module, str(folder / "setup.json")],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()
+    with running_stand_in(setup, folder, program=("-m", _STAND_IN)) as process:
         yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.wait()
 
 
 def _run(

@@ -10,10 +10,13 @@ standard input is closed, and then writes what it saw as JSON.
 
 import json
 import socket
+import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ import numpy as np
 from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.diagrams.scenario import Scenario
+from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_image_messages import encode_images
 from poil_drake.systems.lcm_network import LcmNetwork
@@ -47,6 +51,7 @@ _SMOOTHING = PERIOD * 2.0 * np.pi * 30.0  # its low pass of 30 Hz
 _HAND_SPEED = 0.1  # [m/s]
 _PRIORITY = 30
 _KEPT = 200_000
+_READY = "ready\n"
 _RECEIVE_BUFFER = 4_194_304  # [bytes], for images
 
 
@@ -193,7 +198,7 @@ class StandInRobot:
         sys.setswitchinterval(1e-4)  # A picture must not hold up the statuses.
         for work in (wait, show_for_ever):
             threading.Thread(target=work, daemon=True).start()
-        print("ready", flush=True)
+        print(_READY, end="", flush=True)
         start, tick = time.monotonic(), 0
         # What stands for a robot must not be late, whatever else this machine does.
         with RealTimeScheduling(_PRIORITY):
@@ -222,6 +227,40 @@ def with_own_networks(scenario: Scenario) -> Scenario:
         for bus, port in zip((hardware.robot_bus, hardware.image_bus), ports, strict=True)
     }
     return replace(scenario, lcm_buses={**scenario.lcm_buses, **buses})
+
+
+@contextmanager
+def running_stand_in(
+    setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
+) -> Iterator[subprocess.Popen[str]]:
+    """Runs a stand-in robot in a process beside a block, once it is ready.
+
+    Closing its standard input ends it; what it saw is the last line it says.
+
+    Args:
+        setup: What it is told.
+        folder: For its setup.
+        program: What Python is to run: this module, or one whose robot misbehaves.
+    """
+    path = folder / "stand_in.json"
+    path.write_text(json.dumps(asdict(setup)))
+    process = subprocess.Popen(
+        [sys.executable, "-P", *program, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        if process.stdout.readline() != _READY:
+            raise StationError(
+                "The stand-in robot did not start.", remedy="See what it wrote to standard error."
+            )
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
 
 
 def read_setup(path: str) -> StandInSetup:

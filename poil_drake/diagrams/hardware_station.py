@@ -36,6 +36,7 @@ from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.captured_cameras import CapturedCameras
 from poil_drake.systems.lcm_network import LcmNetwork
+from poil_drake.systems.panda_lcm import PandaCommandSender
 from poil_drake.systems.panda_lcm_messages import Clock, Stamped
 from poil_drake.systems.statuses import RobotMode
 
@@ -134,8 +135,6 @@ class HardwareStation(Station):
             clock=self._clock,
             time_scale=self._config.time_scale,
         )
-        self._foreign_commands = 0
-        self._lcm.Subscribe(self._config.channels.command, self._hear_command)
         self._threads: list[CaptureThread] = []
         self._labelled: list[bool] = []
         self._camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
@@ -231,23 +230,17 @@ class HardwareStation(Station):
         start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
         while missing := self._older_than(start):
             self._wait(deadline, missing)
-        self._refuse_other_commanders()
+        if self._robot.sender is not None:
+            self._refuse_other_commanders(self._robot.sender)
 
-    def _refuse_other_commanders(self) -> None:
+    def _refuse_other_commanders(self, sender: PandaCommandSender) -> None:
         """Listens for a while whether somebody else commands the arm."""
-        self._foreign_commands = 0
+        sender.foreign = 0
         end = time.monotonic() + _LISTEN
         while time.monotonic() < end:
             self.HandleMessages()
-            if self._foreign_commands:
-                raise StationError(
-                    f"Somebody else commands the robot on {self._config.channels.command}.",
-                    remedy="End the other run first; it may be halted in the background.",
-                )
+            sender.CheckAlone()
             time.sleep(_LOOK)
-
-    def _hear_command(self, message: bytes) -> None:
-        self._foreign_commands += 1
 
     def _older_than(self, time: float) -> list[str]:
         """Returns what of all that is received is older than some time of the clock, or not there.
@@ -283,6 +276,7 @@ class HardwareStation(Station):
         finally:
             for thread in self._threads:
                 thread.close()
+            self._lcm.Close()
 
     def Rest(self) -> None:
         """Commands rest for longer than the driver follows a command, if it was ever commanded."""

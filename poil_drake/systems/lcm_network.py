@@ -4,7 +4,7 @@ import math
 import select
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import lcm
 from pydrake.common.value import Value
@@ -49,6 +49,7 @@ class LcmNetwork:
             StationError: if it cannot be opened.
         """
         self._capacity = queue_capacity
+        self._subscriptions: list[Any] = []
         try:
             self._lcm = lcm.LCM(url)
             with RealTimeScheduling(realtime_priority, inherited=True):
@@ -68,6 +69,12 @@ class LcmNetwork:
         """See `MessageNetwork`."""
         subscription = self._lcm.subscribe(channel, lambda _, message: handler(message))
         subscription.set_queue_capacity(self._capacity)
+        self._subscriptions.append(subscription)
+
+    def Close(self) -> None:
+        """Has no more messages kept: from now on nobody looks at them."""
+        while self._subscriptions:
+            self._lcm.unsubscribe(self._subscriptions.pop())
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
         """See `MessageNetwork`.

@@ -2,11 +2,13 @@
 
 import math
 import time
+from collections import deque
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from poil_drake.errors import StationError
 from poil_drake.geometry.all_finite import all_finite
 from poil_drake.systems.held_signals import HeldSignals
 from poil_drake.systems.lcm_network import MessageNetwork
@@ -25,6 +27,9 @@ _UNKNOWN, _REST = np.full(NUM_JOINTS, np.nan), np.zeros(NUM_JOINTS)
 
 _HAND_GRACE = 0.1
 """A hand's opening is believed for so long after its status is not any more [s]."""
+
+_REMEMBERED = 1024
+"""Own commands that are told from those of others when they come back: four seconds of them."""
 
 _BRAKING = 5.0
 """How fast the arm is brought to rest on the way out [rad/s^2]: each of its joints can do that."""
@@ -108,8 +113,12 @@ class PandaCommandSender(LeafSystem):
     old, or the update was too long ago by the clock: rest is said, not merely left to the driver's
     expiry. Before the first status arrived nothing is sent. `SendRest` is for the way out.
 
+    It listens to its own channel, too: an event raises a StationError once somebody else has
+    commanded the arm.
+
     Attributes:
         commanded: Whether anything was sent yet.
+        foreign: How many commands of others came.
     """
 
     def __init__(
@@ -142,11 +151,14 @@ class PandaCommandSender(LeafSystem):
         """
         super().__init__()
         self.commanded, self._last, self._sent_at = False, _REST, -math.inf
+        self.foreign = 0
+        self._own: deque[bytes] = deque(maxlen=_REMEMBERED)
         self._lcm, self._channel, self._mailbox = lcm, channel, mailbox
         self._max_age, self._clock = max_age, clock
         self._update_age, self._max_update_age = update_age, max_update_age
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
+        lcm.Subscribe(channel, self._hear)
         self.DeclarePeriodicPublishEvent(period, offset, self._send)
         self.DeclareForcedPublishEvent(self._send)
 
@@ -171,7 +183,20 @@ class PandaCommandSender(LeafSystem):
                 time.sleep(period)
                 elapsed = time.monotonic() - start
 
+    def CheckAlone(self) -> None:
+        """Raises a StationError if somebody else has commanded the arm."""
+        if self.foreign:
+            raise StationError(
+                f"Somebody else commands the robot on {self._channel}.",
+                remedy="End the other run first; it may be halted in the background.",
+            )
+
+    def _hear(self, message: bytes) -> None:
+        if message not in self._own:
+            self.foreign += 1
+
     def _send(self, context: Context) -> None:
+        self.CheckAlone()
         if self._mailbox.newest is not None:
             self._publish(self._wanted(context))
 
@@ -187,7 +212,10 @@ class PandaCommandSender(LeafSystem):
 
     def _publish(self, velocity: np.ndarray) -> None:
         self.commanded, self._last, self._sent_at = True, np.array(velocity), time.monotonic()
-        self._lcm.Publish(self._channel, encode_panda_command(velocity, self._clock()))
+        message = encode_panda_command(velocity, self._clock())
+        # The newest first: its echo is what will be heard.
+        self._own.appendleft(message)
+        self._lcm.Publish(self._channel, message)
 
 
 class HandStatusReceiver(LeafSystem):

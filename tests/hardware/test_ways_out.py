@@ -1,6 +1,7 @@
 """However a run ends while the arm moves: the arm rests, and the outputs are there."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
 pytestmark = pytest.mark.render
 
 HERE = Path(__file__).parent
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
 REST = 0.15
 FAST = 0.2  # [rad/s]: the swing is well on its way.
 
@@ -33,6 +35,7 @@ class Run:
         self.robot, self.folder = robot, folder
         self.process = subprocess.Popen(
             [sys.executable, str(HERE / "executed_run.py"), str(scenario), str(folder)],
+            env=ENVIRONMENT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -175,6 +178,7 @@ def test_a_second_run_refuses_to_command_beside_the_first(run: Run, tmp_path: Pa
             str(tmp_path / "scenario.yaml"),
             str(folder),
         ],
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=60,

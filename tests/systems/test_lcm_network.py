@@ -28,7 +28,8 @@ def test_all_messages_between_two_looks_are_handled_in_order(url: str) -> None:
     dut, got = LcmNetwork(url), []
     dut.Subscribe("CHANNEL", got.append)
     sender = LcmNetwork(url)
-    sent = [b"%d" % k for k in range(300)]
+    # As many as surely fit into the buffer of a socket.
+    sent = [b"%d" % k for k in range(100)]
     for message in sent:
         sender.Publish("CHANNEL", message)
 
@@ -47,6 +48,22 @@ def test_other_channels_are_not_handled(url: str) -> None:
     receive(dut, 1, got)
 
     assert got == [b"yes"]
+
+
+def test_a_closed_network_keeps_no_messages(url: str) -> None:
+    dut, got, others = LcmNetwork(url), [], []
+    dut.Subscribe("CHANNEL", got.append)
+    witness = LcmNetwork(url)
+    witness.Subscribe("CHANNEL", others.append)
+
+    dut.Close()
+    dut.Close()
+    witness.Publish("CHANNEL", b"late")
+    receive(witness, 1, others)
+
+    assert others == [b"late"]
+    assert dut.HandleSubscriptions(50) == 0
+    assert got == []
 
 
 def test_without_messages_it_does_not_wait(url: str) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.errors import InvalidValueError
+from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.systems import panda_lcm
 from poil_drake.systems.panda_lcm import (
     HandCommandSender,
@@ -28,6 +28,7 @@ from poil_drake.systems.panda_lcm_messages import (
     LcmMailbox,
     decode_hand_status,
     decode_panda_status,
+    encode_panda_command,
 )
 from poil_drake.systems.statuses import RobotMode
 
@@ -408,3 +409,25 @@ def test_hand_that_nobody_commands_is_left_alone() -> None:
     bench.say(0.08)
 
     assert bench.send(None) == []
+
+
+def test_own_commands_are_no_surprise_when_they_come_back() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+
+    for k in range(3):
+        bench.clock.now = START + 0.004 * k
+        assert len(bench.send(np.full(7, 0.1))) == 1
+
+    assert bench.sender.foreign == 0
+
+
+def test_somebody_else_who_commands_the_arm_ends_the_run() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    bench.send(np.full(7, 0.1))
+    bench.lcm.Publish("COMMAND", encode_panda_command(np.full(7, 0.2), START))
+    bench.lcm.HandleSubscriptions(0)
+
+    with pytest.raises(StationError, match="Somebody else commands the robot on COMMAND"):
+        bench.send()

@@ -21,12 +21,18 @@ def short_scenario() -> Scenario:
     return dataclasses.replace(ChooseScenario(tracker="ground_truth"), cameras={})
 
 
+def rise(*, height: float, duration: float, samples: int) -> PointTrajectory:
+    """The points move straight up, and stop at once."""
+    up = np.array([0.0, 0.0, 1.0])
+    velocities = np.tile(height / duration * up, (samples, len(POINTS), 1))
+    velocities[-1] = 0.0
+    positions = POINTS + np.linspace(0.0, height, samples)[:, None, None] * up
+    return PointTrajectory(np.linspace(0.0, duration, samples), positions, velocities)
+
+
 def short_plan() -> ExecutionPlan:
     """The arm stays where it is and closes the hand on nothing, which ends in a fault."""
     stay = JointTrajectory([0.0, 0.125], [HOME, HOME], np.zeros((2, 7)))
-    rise = np.linspace(0.0, 0.1, 5)[:, None, None] * np.array([0.0, 0.0, 1.0])
-    velocities = np.zeros((5, 3, 3))
-    velocities[:-1, :, 2] = 0.1
     grasp = GraspCandidate(
         make_transform(np.diag([1.0, -1.0, -1.0]), [0.50, -0.10, 0.05]),
         0.004,
@@ -40,7 +46,7 @@ def short_plan() -> ExecutionPlan:
         target_points=POINTS,
         object_points=POINTS,
         part_points=POINTS,
-        reference=PointTrajectory(np.linspace(0.0, 1.0, 5), POINTS + rise, velocities),
+        reference=rise(height=0.1, duration=1.0, samples=5),
         grasp=grasp,
         approach=stay,
         descent=stay,
