@@ -5,18 +5,35 @@ import signal
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
 from poil_drake.cli.bench import bench_app
+from poil_drake.cli.options import (
+    Detector,
+    DryRun,
+    Html,
+    Json,
+    Mcap,
+    NoMeshcat,
+    Png,
+    RealtimeRate,
+    ScenarioArgument,
+    ScenarioFile,
+    ScenarioName,
+    ScenarioText,
+    Seed,
+    Speed,
+    TimeScale,
+    Tracker,
+    choose_scenario,
+    require_hardware,
+)
 from poil_drake.cli.replay import replay
-from poil_drake.errors import PoilError, ScenarioError
+from poil_drake.errors import PoilError
 from poil_drake.systems.held_signals import ENDING
-
-if TYPE_CHECKING:
-    from poil_drake.diagrams.scenario import Scenario
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -28,115 +45,6 @@ demo_app = typer.Typer(no_args_is_help=True, help="Record and look at demonstrat
 app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
 app.command()(replay)
-
-ScenarioArgument = Annotated[
-    Path | None,
-    typer.Argument(help="Scenario file (YAML). Default: the package's, which hangs a mug."),
-]
-ScenarioFile = Annotated[
-    Path | None,
-    typer.Option("--scenario_file", help="The same, as Drake's hardware_sim spells it."),
-]
-ScenarioName = Annotated[
-    str | None, typer.Option("--scenario_name", help="Which document of the file to load.")
-]
-ScenarioText = Annotated[
-    str | None,
-    typer.Option("--scenario_text", help="YAML laid over the file, e.g. '{poil: {eta: 2}}'."),
-]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all randomness.")]
-Tracker = Annotated[
-    str | None,
-    typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
-]
-Detector = Annotated[str | None, typer.Option("--detector", help="label_image.")]
-Html = Annotated[Path | None, typer.Option("--html", help="Where the recording goes.")]
-Mcap = Annotated[Path | None, typer.Option("--mcap", help="Where the log goes.")]
-Png = Annotated[Path | None, typer.Option("--png", help="Where the summary picture goes.")]
-Json = Annotated[Path | None, typer.Option("--json", help="Where the figures go.")]
-NoMeshcat = Annotated[bool, typer.Option("--no-meshcat", help="Neither live page nor recording.")]
-
-
-def _finite(value: float | None) -> float | None:
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is not a finite number.")
-    return value
-
-
-RealtimeRate = Annotated[
-    float | None,
-    typer.Option(
-        "--realtime-rate",
-        min=0.0,
-        callback=_finite,
-        help="Slow down to this rate; 0 runs as fast as it can. Default: the scenario's.",
-    ),
-]
-
-
-TimeScale = Annotated[
-    float | None,
-    typer.Option(
-        "--time-scale",
-        callback=_finite,
-        help="Seconds of the robot's time per second; run and simulated driver must agree.",
-    ),
-]
-Speed = Annotated[
-    float | None,
-    typer.Option(
-        "--speed", callback=_finite, help="On hardware: share of the usual speed, in (0, 1]."
-    ),
-]
-
-DryRun = Annotated[
-    bool,
-    typer.Option(
-        "--dry-run",
-        help="On hardware: show the motion from where the robot stands; send nothing to it.",
-    ),
-]
-
-
-def _require_hardware(
-    hardware: bool, realtime_rate: float | None = None, **options: object
-) -> None:
-    """Refuses options that only hardware, or only a simulation, has a use for."""
-    if hardware and realtime_rate is not None:
-        raise typer.BadParameter("--realtime-rate is for simulations; hardware has --speed.")
-    for name, value in options.items():
-        if value and not hardware:
-            raise typer.BadParameter(f"--{name.replace('_', '-')} is for --hardware only.")
-
-
-def _scenario(
-    argument: Path | None,
-    file: Path | None,
-    name: str | None,
-    text: str | None,
-    seed: int | None,
-    tracker: str | None = None,
-    detector: str | None = None,
-    speed: float | None = None,
-    time_scale: float | None = None,
-) -> "Scenario":
-    from poil_drake.diagrams.scenario_choice import ChooseScenario
-
-    if argument is not None and file is not None:
-        raise ScenarioError(
-            f"Two scenario files are given, '{argument}' and '{file}'.",
-            remedy="Leave out one of them.",
-        )
-    return ChooseScenario(
-        filename=argument or file,
-        scenario_name=name,
-        data=text,
-        seed=seed,
-        tracker=tracker,
-        detector=detector,
-        speed=speed,
-        time_scale=time_scale,
-    )
 
 
 @app.command()
@@ -160,11 +68,11 @@ def run(
     dry_run: DryRun = False,
 ) -> None:
     """Do the main job: demonstration, transfer, grasp, closed loop."""
-    _require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
     from poil_drake.diagrams.run_report import OutputPaths
     from poil_drake.diagrams.skill_run import RunSkill
 
-    chosen = _scenario(
+    chosen = choose_scenario(
         scenario,
         scenario_file,
         scenario_name,
@@ -201,7 +109,7 @@ def demo_record(
     from poil_drake.diagrams.output_files import require_writable
     from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 
-    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed)
+    chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed)
     require_writable(output, inputs=(chosen.source.file,))
     frames = RecordScenarioDemonstration(chosen, output)
     typer.echo(f"recorded {frames} frames to {output}")
@@ -246,7 +154,7 @@ def transfer(
     from poil_drake.diagrams.output_files import require_writable
     from poil_drake.diagrams.planning import PlanScenario
 
-    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
+    chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
     require_writable(output, inputs=(demonstration, chosen.source.file))
     plan = PlanScenario(chosen, demonstration, hardware=hardware)
     plan.save(output)
@@ -273,14 +181,14 @@ def execute(
     dry_run: DryRun = False,
 ) -> None:
     """Execute a plan in closed loop."""
-    _require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
     from poil_drake.diagrams.run_report import OutputPaths
     from poil_drake.diagrams.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
     summary = ExecutePlan(
         ExecutionPlan.load(plan),
-        _scenario(
+        choose_scenario(
             scenario,
             None,
             scenario_name,
@@ -320,7 +228,9 @@ def driver(
     from poil_drake.diagrams.driver_run import RunDriver
     from poil_drake.diagrams.output_files import require_writable
 
-    chosen = _scenario(scenario, None, scenario_name, scenario_text, seed, time_scale=time_scale)
+    chosen = choose_scenario(
+        scenario, None, scenario_name, scenario_text, seed, time_scale=time_scale
+    )
     if json is not None:
         require_writable(json, inputs=(chosen.source.file,))
     RunDriver(chosen, duration=duration, json=json, show=meshcat, ready=_say)

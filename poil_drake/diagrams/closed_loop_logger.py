@@ -10,7 +10,8 @@ from poil_drake.diagrams.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log import RunLogWriter
-from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
+from poil_drake.systems.mcap_logger import McapLogger
+from poil_drake.systems.mcap_logger_config import McapLoggerConfig
 from poil_drake.systems.phase_texts import PHASE_NAMES, phase_reason
 from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT
 from poil_drake.systems.skill_phases import FAULT_TEXT

@@ -28,8 +28,10 @@ def OpenRunLog(
         scenario: Where; likewise.
         station: What executes it: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
         metadata: What else to say about the run.
-        config: How to log.
+        config: How to log. None: as suits the station.
     """
+    if config is None:
+        config = RunLogConfig() if station == SIMULATED else RunLogConfig.for_hardware()
     poil = scenario.poil
     about = {
         **{key: str(value) for key, value in plan.metadata.items()},

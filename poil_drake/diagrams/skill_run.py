@@ -43,7 +43,7 @@ from poil_drake.diagrams.station import (
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
-from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+from poil_drake.recording.run_log import RunLogWriter
 from poil_drake.recording.run_log_layout import DRY_RUN, HARDWARE, SIMULATED
 from poil_drake.systems.real_time_memory import KeepMemory
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
@@ -177,7 +177,10 @@ def ExecutePlan(
             print(f"watch live: {meshcat.web_url()}", flush=True)
         log = None
         if outputs.mcap is not None:
-            log = stack.enter_context(_log(outputs.mcap, plan, scenario, hardware, dry_run))
+            station = (DRY_RUN if dry_run else HARDWARE) if hardware else SIMULATED
+            log = stack.enter_context(
+                OpenRunLog(outputs.mcap, plan=plan, scenario=scenario, station=station)
+            )
         if check:
             CheckPlanFits(plan, scenario, hardware=hardware)
         with stages.measure("execution"):
@@ -340,19 +343,4 @@ def _recording(meshcat: Meshcat, path: Path, scenario: Scenario) -> HtmlRecordin
         path,
         title=f"poil_drake: {scenario.poil.object} on {scenario.poil.fixture}",
         frames_per_second=1.0 / scenario.poil.rates.logger,
-    )
-
-
-def _log(
-    path: Path, plan: ExecutionPlan, scenario: Scenario, hardware: bool, dry_run: bool
-) -> RunLogWriter:
-    station = SIMULATED
-    if hardware:
-        station = DRY_RUN if dry_run else HARDWARE
-    return OpenRunLog(
-        path,
-        plan=plan,
-        scenario=scenario,
-        station=station,
-        config=RunLogConfig.for_hardware() if hardware else RunLogConfig(),
     )

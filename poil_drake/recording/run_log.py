@@ -4,6 +4,7 @@ import atexit
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -128,61 +129,21 @@ class RunLogWriter:
         self, camera: str, rgb: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W, 3) uint8 colour image."""
-        if not self._config.images:
-            return
-        captured = to_nanoseconds(time if stamp is None else stamp)
-        topic = camera_topic(camera, "image")
-        pixels, frame_id, encoding = _kept(rgb), optical_frame(camera), self._config.color
-        self._write(
-            topic,
-            time,
-            lambda: self._again(
-                (topic, str(pixels.shape)),
-                lambda message: encode_color(
-                    pixels, stamp=captured, frame_id=frame_id, encoding=encoding, message=message
-                ),
-            ),
-        )
+        encode = partial(encode_color, encoding=self._config.color)
+        self._write_pixels(camera, "image", rgb, encode, time, stamp)
 
     def write_depth(
         self, camera: str, depth: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) depth image [m]."""
-        if not self._config.images:
-            return
-        captured = to_nanoseconds(time if stamp is None else stamp)
-        topic = camera_topic(camera, "depth")
-        pixels, frame_id, exact = _kept(depth), optical_frame(camera), self._config.exact_depth
-        self._write(
-            topic,
-            time,
-            lambda: self._again(
-                (topic, str(pixels.shape)),
-                lambda message: encode_depth(
-                    pixels, stamp=captured, frame_id=frame_id, exact=exact, message=message
-                ),
-            ),
-        )
+        encode = partial(encode_depth, exact=self._config.exact_depth)
+        self._write_pixels(camera, "depth", depth, encode, time, stamp)
 
     def write_label(
         self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) label image."""
-        if not self._config.images:
-            return
-        captured = to_nanoseconds(time if stamp is None else stamp)
-        topic = camera_topic(camera, "label")
-        pixels, frame_id = _kept(label), optical_frame(camera)
-        self._write(
-            topic,
-            time,
-            lambda: self._again(
-                (topic, str(pixels.shape)),
-                lambda message: encode_label(
-                    pixels, stamp=captured, frame_id=frame_id, message=message
-                ),
-            ),
-        )
+        self._write_pixels(camera, "label", label, encode_label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
         """Writes as metadata which labels stand for what; see `MultiViewFrame.label_ids`."""
@@ -319,6 +280,28 @@ class RunLogWriter:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _write_pixels(
+        self,
+        camera: str,
+        kind: str,
+        image: np.ndarray,
+        encode: Callable[..., Any],
+        time: float,
+        stamp: float | None,
+    ) -> None:
+        if not self._config.images:
+            return
+        captured = to_nanoseconds(time if stamp is None else stamp)
+        topic, frame_id, pixels = camera_topic(camera, kind), optical_frame(camera), _kept(image)
+        self._write(
+            topic,
+            time,
+            lambda: self._again(
+                (topic, str(pixels.shape)),
+                lambda message: encode(pixels, stamp=captured, frame_id=frame_id, message=message),
+            ),
+        )
 
     def _again(self, key: tuple[str, ...], encode: Callable[[Any], Any]) -> Any:
         """Returns a message that is filled again each time, in the background thread.

@@ -1,7 +1,6 @@
 """Writes what happens in the closed loop to a run log."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
@@ -21,33 +20,9 @@ from poil_drake.recording.run_log_layout import (
     TWIST_TOPIC,
 )
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.statuses import RobotMode
-
-
-@dataclass(frozen=True, kw_only=True)
-class McapLoggerConfig:
-    """What is logged, and when.
-
-    Attributes:
-        period: Time between samples of signals [s].
-        robot_period: Time between samples of the robot's signals [s], from which a replay makes the
-            others again, if they are as close as the control period; None: as `period`. So soon
-            frames, tracks, phases and requests to stop are noticed, too.
-        robot_offset: Time of the first of them [s]: where it is the plant's time step, they show
-            what the controller saw at the beginning of its period.
-        robot_topics: The status topics that are logged with the robot's signals.
-        color: Whether the cameras' colour images are logged.
-        depth: Whether their depth images are; they are most of a log's size.
-        gripper_frame: What the gripper's frame is called in the log.
-    """
-
-    period: float = 1 / 32
-    robot_period: float | None = None
-    robot_offset: float = 0.0
-    robot_topics: tuple[str, ...] = ("hand",)
-    color: bool = True
-    depth: bool = True
-    gripper_frame: str = "gripper"
+from poil_drake.systems.logged_frame import log_frame
+from poil_drake.systems.logged_values import ROBOT_MODES, applied_forces, meaning
+from poil_drake.systems.mcap_logger_config import McapLoggerConfig
 
 
 class McapLogger(LeafSystem):
@@ -225,22 +200,17 @@ class McapLogger(LeafSystem):
         self._write_disturbances(context)
 
     def _write_frame(self, context: Context, name: str) -> None:
-        port, time = self.GetInputPort(name), context.get_time()
+        port = self.GetInputPort(name)
         frame = port.Eval(context) if port.HasValue(context) else None
-        if not isinstance(frame, MultiViewFrame) or not self._is_new(name, frame.stamp):
-            return
-        if frame.label_ids and self._is_new("label ids", frame.label_ids):
-            self._log.write_label_ids(frame.label_ids)
-        for camera, image in zip(frame.cameras, frame.images, strict=True):
-            if self._is_new(f"calibration of {camera.name}", camera):
-                self._log.write_calibration(camera, time=time)
-            if self._is_new(f"image of {camera.name}", image.stamp):
-                if self._config.color:
-                    self._log.write_image(camera.name, image.rgb, time=time, stamp=image.stamp)
-                if self._config.depth:
-                    self._log.write_depth(camera.name, image.depth, time=time, stamp=image.stamp)
-            if image.label is not None and self._is_new(f"label of {camera.name}", image.stamp):
-                self._log.write_label(camera.name, image.label, time=time, stamp=image.stamp)
+        if isinstance(frame, MultiViewFrame) and self._is_new(name, frame.stamp):
+            log_frame(
+                self._log,
+                frame,
+                time=context.get_time(),
+                is_new=self._is_new,
+                color=self._config.color,
+                depth=self._config.depth,
+            )
 
     def _write_times(self, context: Context, name: str, topic: str) -> None:
         times = self._value(context, f"{name}.times")
@@ -320,7 +290,7 @@ class McapLogger(LeafSystem):
         status = self._value(context, "panda.status")
         if status is not None:
             mode, age, success_rate = status.tolist()
-            values = {"mode": mode, "mode_text": _meaning(_ROBOT_MODES, mode)}
+            values = {"mode": mode, "mode_text": meaning(ROBOT_MODES, mode)}
             values |= {"age": age, "success_rate": success_rate}
             clock = self._value(context, "clock")
             values |= {} if clock is None else {"clock": float(clock[0])}
@@ -342,7 +312,7 @@ class McapLogger(LeafSystem):
         if phase is None or not self._is_new("phase", float(phase[0])):
             return
         index = int(phase[0])
-        name = _meaning(dict(enumerate(self._phase_names)), index)
+        name = meaning(dict(enumerate(self._phase_names)), index)
         reason = ""
         if self._phase_reason is not None:
             reason = self._phase_reason(index, 0 if fault is None else int(fault[0]))
@@ -361,22 +331,14 @@ class McapLogger(LeafSystem):
                 continue
             given[field] = float(value[0])
             if texts := self._texts.get(f"{topic}.{field}"):
-                given[f"{field}_text"] = _meaning(texts, value[0])
+                given[f"{field}_text"] = meaning(texts, value[0])
         if given:
             self._log.write_status(f"/{topic}/status", given, time=context.get_time())
 
     def _write_disturbances(self, context: Context) -> None:
         port = self.GetInputPort("applied_spatial_force")
         forces = port.Eval(context) if port.HasValue(context) else []
-        applied = [
-            {
-                "body": _meaning(dict(enumerate(self._body_names)), int(force.body_index)),
-                "force": force.F_Bq_W.translational(),
-                "torque": force.F_Bq_W.rotational(),
-            }
-            for force in forces
-            if np.any(force.F_Bq_W.get_coeffs())
-        ]
+        applied = applied_forces(forces, self._body_names)
         # One empty record tells that a push is over.
         if applied or self._written.get("disturbed"):
             values = {"applied": applied}
@@ -386,10 +348,3 @@ class McapLogger(LeafSystem):
 
 _CAMERAS = "cameras"
 """The status topic of when images came; "/cameras/status" in the log."""
-
-_ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
-
-
-def _meaning(texts: Mapping[int, str], number: float) -> str:
-    """Returns what a number on a port stands for, or the number itself where that is not known."""
-    return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"

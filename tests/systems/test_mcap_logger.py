@@ -11,7 +11,8 @@ from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.mcap_logger import McapLogger, McapLoggerConfig
+from poil_drake.systems.mcap_logger import McapLogger
+from poil_drake.systems.mcap_logger_config import McapLoggerConfig
 
 
 class RecordedCalls:

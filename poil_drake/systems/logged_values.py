@@ -1,0 +1,38 @@
+"""What is written beside numbers, or instead of them, in a run log."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+
+from poil_drake.systems.statuses import RobotMode
+
+ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
+"""What the robot's modes are called."""
+
+
+def meaning(texts: Mapping[int, str], number: float) -> str:
+    """Returns what a number on a port stands for, or the number itself where that is not known."""
+    return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"
+
+
+def applied_forces(
+    forces: Sequence[ExternallyAppliedSpatialForce], body_names: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Returns the forces that are not zero: `body`, `force` [N] and `torque` [N m] in the world.
+
+    Args:
+        forces: As a plant takes them.
+        body_names: The names of its bodies, by index.
+    """
+    names = dict(enumerate(body_names))
+    return [
+        {
+            "body": meaning(names, int(force.body_index)),
+            "force": force.F_Bq_W.translational(),
+            "torque": force.F_Bq_W.rotational(),
+        }
+        for force in forces
+        if np.any(force.F_Bq_W.get_coeffs())
+    ]
