@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -43,8 +44,12 @@ class Run:
 
     def wait_until_it_moves(self) -> None:
         """Waits for the stand-in's word, and then until its arm is fast."""
-        assert self.robot.process.stdout is not None
-        assert self.robot.process.stdout.readline() == "moving\n", self.process.stderr
+        said = self.robot.process.stdout
+        assert said is not None
+        while not select.select([said], [], [], 0.1)[0]:
+            # It may have ended for a reason of its own.
+            assert self.process.poll() is None, self.process.communicate()
+        assert said.readline() == "moving\n"
         time.sleep(0.5)
 
     def send(self, number: int) -> float:
@@ -55,7 +60,7 @@ class Run:
 
     def finish(self) -> int:
         """Waits for the end, and returns the status."""
-        self.process.communicate(timeout=60)
+        self.said = self.process.communicate(timeout=60)
         return self.process.returncode
 
     @property
@@ -103,7 +108,7 @@ def test_a_signal_brings_the_arm_to_rest(run: Run, number: int, status: int, rea
     run.wait_until_it_moves()
     stopped_at = run.send(number)
 
-    assert run.finish() == status
+    assert run.finish() == status, run.said
     speeds = run.speeds()
     assert speeds[speeds[:, 0] < stopped_at, 1][-1] > FAST
     assert rest_after(speeds, stopped_at) <= REST
