@@ -2,6 +2,8 @@ import threading
 
 import pytest
 
+from poil_drake import interpreter_turns
+from poil_drake.interpreter_turns import TURNS
 from poil_drake.recording.background_worker import BackgroundWorker
 
 
@@ -58,3 +60,19 @@ def test_nothing_is_taken_after_close():
 
     with pytest.raises(ValueError, match="closed"):
         dut.submit(lambda: None)
+
+
+def test_jobs_begin_when_no_loop_computes(monkeypatch):
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    done = threading.Event()
+    dut = BackgroundWorker(name="worker", capacity=4)
+    TURNS.take()
+    try:
+        dut.submit(done.set)
+        waited = not done.wait(0.05)
+    finally:
+        TURNS.give()
+
+    assert waited
+    assert done.wait(60.0)
+    dut.close()
