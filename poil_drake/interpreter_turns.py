@@ -10,7 +10,10 @@ import threading
 import time
 
 _PATIENCE = 0.005
+"""How long a thread waits for its turn [s]."""
+
 _FED_UP = 0.1
+"""For so long nobody waits, once somebody waited in vain [s]."""
 
 
 class InterpreterTurns:

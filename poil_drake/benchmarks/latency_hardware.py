@@ -50,7 +50,6 @@ _BARE = 10.0
 _WARM_UP = 2.0
 """What is not counted: caches and libraries are set up then [s]."""
 
-_STAND_IN = "poil_drake.benchmarks.stand_in_robot"
 _HELD_WIDTH = 0.01
 _SLOW_RISE = 2e-4  # [m/s]: the reference hardly moves, as the pictures do not at all.
 
@@ -183,7 +182,7 @@ def _stand_in(
         cameras=tuple(scenario.cameras),
         image_period=scenario.poil.rates.tracker,
     )
-    with running_stand_in(setup, folder, program=("-m", _STAND_IN)) as process:
+    with running_stand_in(setup, folder) as process:
         yield process
 
 

@@ -12,8 +12,8 @@ def RealTimeScheduling(
 ) -> Iterator[bool]:
     """Gives the calling thread a real-time priority (SCHED_FIFO), where that is permitted.
 
-    Linux permits it to root, and
-    to users with an `rtprio` in /etc/security/limits.conf, as the Franka driver needs it, too.
+    Linux permits it to root, and to users with an `rtprio` in /etc/security/limits.conf, as the
+    Franka driver needs it, too.
 
     Python's interpreter belongs to one thread at a time, and knows no priorities: whoever holds it
     while the kernel runs another program in its place keeps the thread of the highest priority
