@@ -233,7 +233,7 @@ def driver(
     )
     if json is not None:
         require_writable(json, inputs=(chosen.source.file,))
-    RunDriver(chosen, duration=duration, json=json, show=meshcat, ready=_say)
+    RunDriver(chosen, duration=duration, json=json, show=meshcat, say=_say)
 
 
 def _say(line: str) -> None:

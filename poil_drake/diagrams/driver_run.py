@@ -57,7 +57,7 @@ def RunDriver(
     json: Path | None = None,
     show: bool = False,
     config: SimulatedDriverConfig | None = None,
-    ready: Callable[[str], None] = print,
+    say: Callable[[str], None] = print,
 ) -> DriverSummary:
     """Simulates the scenario's robot and cameras for the hardware station to talk to.
 
@@ -67,7 +67,7 @@ def RunDriver(
         json: Where the summary goes, however the driver ends; None: nowhere.
         show: Whether to serve a Meshcat page with the simulated scene.
         config: How the driver behaves; None for the defaults.
-        ready: Told in a line when the driver listens.
+        say: Told in a line when the driver listens, and in another how the object was left.
 
     Raises:
         PoilError: if it cannot be built, or ends as the real one does: after a wrong command, or
@@ -100,7 +100,7 @@ def RunDriver(
         if robot.renderer is not None:
             robot.renderer.warm_up()
         simulator.Initialize()
-        ready(f"the simulated driver listens on {url}; Ctrl-C ends it")
+        say(f"the simulated driver listens on {url}; Ctrl-C ends it")
         # What stands for a robot must not be late, whatever else this machine does.
         priority = min(hardware.realtime_priority + 1, 99) if hardware.realtime_priority else 0
         with QuietInterpreter(), RealTimeScheduling(priority):
@@ -125,4 +125,7 @@ def RunDriver(
         )
         if json is not None:
             write_json(plain_json(asdict(summary)), json)
+        poil = scenario.poil
+        verdict = f"hangs (for {hung:.1f} s so far)" if summary.hangs else "does not hang"
+        say(f"in the simulation the {poil.object} {verdict} on the {poil.fixture}")
     return summary

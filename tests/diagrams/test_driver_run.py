@@ -50,7 +50,7 @@ def scenario() -> Scenario:
 def test_it_reports_and_ends_when_its_time_is_up(scenario: Scenario, tmp_path: Path) -> None:
     client, said = Client(scenario), []
 
-    summary = RunDriver(scenario, duration=0.5, json=tmp_path / "driver.json", ready=said.append)
+    summary = RunDriver(scenario, duration=0.5, json=tmp_path / "driver.json", say=said.append)
 
     client.lcm.HandleSubscriptions(0)
     np.testing.assert_allclose(client.status().position, HOME, atol=1e-3)
@@ -58,6 +58,7 @@ def test_it_reports_and_ends_when_its_time_is_up(scenario: Scenario, tmp_path: P
     assert client.hand.newest is not None
     assert client.hand.newest.width == pytest.approx(0.08, abs=1e-3)
     assert scenario.lcm_buses["robot"].lcm_url in said[0]
+    assert said[1:] == ["in the simulation the mug does not hang on the rack"]
     assert (summary.hangs, summary.simulated) == (False, 0.5)
     assert json.loads((tmp_path / "driver.json").read_text())["reason"] == "its time was up"
 
@@ -67,7 +68,7 @@ def test_a_slower_time_is_slower_for_the_stamps_too(scenario: Scenario) -> None:
     poil = dataclasses.replace(scenario.poil, hardware=hardware)
     client = Client(scenario)
 
-    RunDriver(dataclasses.replace(scenario, poil=poil), duration=0.25, ready=lambda line: None)
+    RunDriver(dataclasses.replace(scenario, poil=poil), duration=0.25, say=lambda line: None)
 
     client.lcm.HandleSubscriptions(0)
     # The simulation may be late, but the clock of its stamps is half as fast as ours.
@@ -89,7 +90,7 @@ def test_it_ends_like_the_real_one_after_a_command_in_another_mode(
     thread = threading.Thread(target=command, daemon=True)
     thread.start()
     with pytest.raises(StationError, match="expects the control mode 4"):
-        RunDriver(scenario, duration=30.0, json=tmp_path / "driver.json", ready=lambda line: None)
+        RunDriver(scenario, duration=30.0, json=tmp_path / "driver.json", say=lambda line: None)
     thread.join()
 
     summary = DriverSummary(**json.loads((tmp_path / "driver.json").read_text()))
