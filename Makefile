@@ -21,7 +21,7 @@ run: setup
 
 # What runs at the pace of the clock comes last, alone.
 test: setup lint
-	$(VENV)/bin/pytest -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(VENV)/bin/pytest -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 	$(VENV)/bin/pytest -m real_time
 
 lint: setup
