@@ -142,11 +142,27 @@ class VelocityLimiter:
         """
         return self.guarded_step(motion, wanted, lambda postures: None).motion
 
+    def braking(self, motion: JointMotion) -> np.ndarray:
+        """Returns the velocities (K, n) [rad/s] of the steps that bring the arm to rest.
+
+        The last one is zero; there is none for an arm that rests.
+
+        Args:
+            motion: What is commanded now. Its position does not matter.
+        """
+        rest, velocities = np.zeros_like(motion.velocity), []
+        while motion.velocity.any() or motion.acceleration.any():
+            motion = self._towards(motion, rest)
+            velocities.append(motion.velocity)
+        return np.array(velocities).reshape(-1, rest.size)
+
     def guarded_step(
         self,
         motion: JointMotion,
         wanted: np.ndarray,
         refuse: Callable[[np.ndarray], Reason | None],
+        *,
+        offset: np.ndarray | None = None,
     ) -> GuardedStep[Reason]:
         """Returns the motion one period later, for an arm that may not stand everywhere.
 
@@ -159,6 +175,8 @@ class VelocityLimiter:
             refuse: Given postures (3, n) [rad], says why one of them is not allowed, or None. They
                 are those after the step, half-way through the braking that would follow, and at the
                 end of it. It is asked about a step only if the joints' limits allow that.
+            offset: (n,) how far the arm really is from what is commanded [rad]: such an arm must
+                stay within the joints' limits as well. None: not at all.
         """
         rest = np.zeros_like(motion.velocity)
         if not all_finite(wanted) or not wanted.any():
@@ -171,6 +189,10 @@ class VelocityLimiter:
             # Ruckig's extrema of a motion to a velocity always have zero among them: the start.
             braking = self._plan(after._replace(position=rest), rest)
             if not self._stays_inside(braking, after.position, motion.position):
+                continue
+            if offset is not None and not self._stays_inside(
+                braking, after.position + offset, motion.position + offset
+            ):
                 continue
             refusal = refuse(after.position + _ways(braking))
             if refusal is None:

@@ -175,13 +175,13 @@ class PostureGuard:
 
         Args:
             q: (B, 7) postures to go to [rad].
-            present: (7,) where the arm is [rad].
+            present: (7,) where the arm is [rad], or (B, 7), for each posture another one.
         """
-        worst = self.clearances(q).min(axis=0)
-        if worst.min() >= 0.0:
+        clearances = self.clearances(q)
+        if clearances.min() >= 0.0:
             return None
-        allowed = np.minimum(0.0, self.clearances(present[None])[0]) - _ROUNDING
-        broken = worst < allowed
+        allowed = np.minimum(0.0, self.clearances(np.atleast_2d(present))) - _ROUNDING
+        broken = (clearances < allowed).any(axis=0)
         return PostureRule(int(np.argmax(broken))) if broken.any() else None
 
 

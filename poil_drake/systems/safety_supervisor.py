@@ -10,7 +10,7 @@ from poil_drake.control.joint_limits import JointLimits
 from poil_drake.control.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.grasping.posture_guard import PostureGuard
+from poil_drake.grasping.posture_guard import PostureGuard, PostureRule
 from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.safety_faults import POSTURE_FAULTS, SafetyConfig
@@ -67,7 +67,8 @@ class SafetySupervisor(LeafSystem):
 
     - `velocity` (7,) [rad/s]: what goes to the robot, always within the limits of speed,
       acceleration and jerk, and such that the arm can brake from it within the joints' position
-      limits and the rules of the posture guard.
+      limits and the rules of the posture guard, from where it is commanded to be and from where it
+      is measured. Only after the process was held up it is at once what the arm is measured to do.
     - `velocity_time` (1,) [s]: when it was computed.
     - `fault` (1,): a `SafetyFault`. After a fault the arm brakes, and rests until a reset finds it
       at rest and nothing wrong any more.
@@ -81,9 +82,10 @@ class SafetySupervisor(LeafSystem):
     or holds a NaN, the arm brakes along what was commanded; whatever else is NaN is a fault.
 
     The posture that is commanded is state as well. Whenever the arm stands it is taken from the
-    measured one, and the rules of the posture guard are those of the commanded one. A velocity that
-    a rule refuses at every speed is a fault. In a replay, in which nothing that is commanded now
-    leads anywhere, it is the `replayed_position` (7,) [rad] of the run at each update.
+    measured one; while it moves, velocities count for as long as they were commanded by the clock,
+    late updates or not. A velocity that a rule refuses at every speed is a fault. In a replay, in
+    which nothing that is commanded now leads anywhere, it is the `replayed_position` (7,) [rad] of
+    the run at each update.
     """
 
     def __init__(
@@ -106,7 +108,7 @@ class SafetySupervisor(LeafSystem):
             cameras: Names of the cameras whose images are watched.
             config: When the arm is stopped, and how fast it may be.
             clock: Tells how long the process was held up [s]: the context's time stands still then.
-                None where nobody waits, as in simulation.
+                It must not be set meanwhile. None where nobody waits, as in simulation.
             stopwatch: Where to note how long updates take, under "control".
 
         Raises:
@@ -168,22 +170,26 @@ class SafetySupervisor(LeafSystem):
             name: discrete_state.get_mutable_value(index) for name, index in self._state.items()
         }
         motion = JointMotion(state["position"], state["velocity"], state["acceleration"])
-        replayed = self._inputs["replayed_position"]
-        if replayed.HasValue(context):
-            motion = motion._replace(position=np.array(replayed.Eval(context)))
         measured = self._inputs["panda.position_measured"].Eval(context)
         wanted = self._inputs["velocity"].Eval(context)
         stalled = self._stalled_for(state["updated_at"])
         if stalled > self._config.stall_limit:
-            # The driver has stopped the arm meanwhile: there is nothing to brake from.
-            motion = JointMotion.at_rest(np.array(motion.position))
+            speeds = self._inputs["panda.velocity_measured"].Eval(context)
+            motion = _measured_motion(motion, measured, speeds, self._config.rest_speed)
+        elif stalled > 0.0:
+            # The driver followed the last velocity for longer than the period, or less long.
+            lead = (stalled - self._period) * motion.velocity
+            motion = motion._replace(position=motion.position + lead)
+        replayed = self._inputs["replayed_position"]
+        if replayed.HasValue(context):
+            motion = motion._replace(position=np.array(replayed.Eval(context)))
         seen = self._observe(context, motion, measured, wanted, state["image_times"], stalled)
         memory = watch(SafetyMemory(*state["memory"].tolist()), seen, self._config, self._period)
         if seen.standing and memory.believed:
             motion = JointMotion.at_rest(np.array(measured))
         scale = 0.0
         if not math.isnan(motion.position[0]):
-            motion, scale, memory = self._move(motion, wanted, memory)
+            motion, scale, memory = self._move(motion, wanted, memory, measured, seen.status_age)
             state["velocity_time"][0] = context.get_time()
         state["position"][:], state["velocity"][:], state["acceleration"][:] = motion
         state["scale"][0] = scale
@@ -198,15 +204,24 @@ class SafetySupervisor(LeafSystem):
         return 0.0 if math.isnan(before) else float(updated_at[0]) - before
 
     def _move(
-        self, motion: JointMotion, wanted: np.ndarray, memory: SafetyMemory
+        self,
+        motion: JointMotion,
+        wanted: np.ndarray,
+        memory: SafetyMemory,
+        measured: np.ndarray,
+        status_age: float,
     ) -> tuple[JointMotion, float, SafetyMemory]:
         """Returns the motion one period later, how much of what is wanted it is, and the memory."""
         if memory.fault or not memory.believed:
             return self._limiter.step(motion, _REST), 0.0, memory
-        present = motion.position
-        step = self._limiter.guarded_step(
-            motion, wanted, lambda postures: self._guard.broken_rule(postures, present)
-        )
+        # Since it was measured, the arm went on.
+        offset = measured + status_age * motion.velocity - motion.position
+        both = np.repeat([motion.position, motion.position + offset], 3, axis=0)
+
+        def refuse(postures: np.ndarray) -> PostureRule | None:
+            return self._guard.broken_rule(np.concatenate([postures, postures + offset]), both)
+
+        step = self._limiter.guarded_step(motion, wanted, refuse, offset=offset)
         if step.share == 0.0 and step.reason is not None:
             memory = memory._replace(fault=float(POSTURE_FAULTS[step.reason]))
         return step.motion, step.share, memory
@@ -250,6 +265,21 @@ class SafetySupervisor(LeafSystem):
             stops=_optional(inputs["stop"], context, 0.0),
             resets=_optional(inputs["reset"], context, 0.0),
         )
+
+
+def _measured_motion(
+    motion: JointMotion, measured: np.ndarray, speeds: np.ndarray, rest_speed: float
+) -> JointMotion:
+    """Returns what an arm does that was left without commands for long.
+
+    It may follow the last one still, or the driver may have stopped it. What is not known is as it
+    was commanded, at rest.
+    """
+    position = np.array(measured if all_finite(measured) else motion.position)
+    if not all_finite(speeds) or np.abs(speeds).max() <= rest_speed:
+        return JointMotion.at_rest(position)
+    lowest, highest = np.minimum(0.0, motion.velocity), np.maximum(0.0, motion.velocity)
+    return JointMotion.at_rest(position)._replace(velocity=np.clip(speeds, lowest, highest))
 
 
 def _optional(port: InputPort, context: Context, otherwise: float) -> float:
