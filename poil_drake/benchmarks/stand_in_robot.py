@@ -27,11 +27,11 @@ from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_image_messages import encode_images
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.panda_lcm_messages import (
     HAND_PERIOD,
     HandStatus,
-    LcmMailbox,
     PandaChannels,
     PandaStatus,
     decode_hand_command,

@@ -97,6 +97,9 @@ class VelocityLimiter:
     outside. So, from a motion from which the arm can stop, all later ones have this property.
 
     It holds no state; what was commanded before is passed in.
+
+    Attributes:
+        acceleration: Largest acceleration of each joint (n,) [rad/s^2].
     """
 
     def __init__(
@@ -123,9 +126,10 @@ class VelocityLimiter:
         self._lower = limits.lower + config.position_margin
         self._upper = limits.upper - config.position_margin
         self._speed = config.velocity_scale * limits.velocity
+        self.acceleration = config.acceleration_scale * limits.acceleration
         task = InputParameter(n)
         task.control_interface = ControlInterface.Velocity
-        task.max_acceleration = (config.acceleration_scale * limits.acceleration).tolist()
+        task.max_acceleration = self.acceleration.tolist()
         task.max_jerk = (config.jerk_scale * jerk).tolist()
         task.target_acceleration = [0.0] * n
         self._planner = [Ruckig(n), task]

@@ -16,9 +16,22 @@ from poil_drake.systems.panda_lcm_messages import Clock
 
 
 def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
-    """Returns the address of one of the scenario's LCM networks, or the usual one."""
+    """Returns the address of one of the scenario's LCM networks, or the usual one.
+
+    Raises:
+        ScenarioError: if its channels are to have a suffix.
+    """
     params = scenario.lcm_buses.get(bus)
-    return usual if params is None else params.lcm_url
+    if params is None:
+        return usual
+    if params.channel_suffix:
+        raise ScenarioError(
+            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', which hardware's "
+            "channels do not get.",
+            remedy="Leave it out, and write whole names in poil.hardware.channels, and in the "
+            "channel of each !LcmImages.",
+        )
+    return params.lcm_url or usual
 
 
 def ImageChannel(source: LcmImages, camera: str) -> str:

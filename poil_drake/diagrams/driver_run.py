@@ -66,7 +66,7 @@ def RunDriver(
         duration: How long to run [s of the robot's time].
         json: Where the summary goes, however the driver ends; None: nowhere.
         show: Whether to serve a Meshcat page with the simulated scene.
-        config: How the driver behaves; None for the defaults.
+        config: How the driver behaves; None for the defaults, with the scenario's expiry.
         say: Told in a line when the driver listens, and in another how the object was left.
 
     Raises:
@@ -74,7 +74,8 @@ def RunDriver(
             a reflex.
         BaseException: that stopped it, after the summary was written.
     """
-    hardware, config = scenario.poil.hardware, config or SimulatedDriverConfig()
+    hardware = scenario.poil.hardware
+    config = config or SimulatedDriverConfig(expire_sec=hardware.command_expiry)
     KeepMemory()
     url = BusUrl(scenario, hardware.robot_bus, ROBOT_BUS_URL)
     lcm = LcmNetwork(url, realtime_priority=hardware.realtime_priority)

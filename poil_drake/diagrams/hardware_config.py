@@ -92,3 +92,8 @@ class HardwareConfig:
         if self.time_scale == 1.0:
             return time.time
         return lambda: self.time_scale * time.time()
+
+    def steady_clock(self) -> Callable[[], float]:
+        """Returns a clock that agrees with the other now, and is not set when that one is."""
+        scale, offset = self.time_scale, time.time() - time.monotonic()
+        return lambda: scale * (time.monotonic() + offset)

@@ -12,6 +12,7 @@ from pydrake.geometry import (
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from poil_drake.control.velocity_limiter import VelocityLimiter
 from poil_drake.diagrams.cameras import MakeCameraModels
 from poil_drake.diagrams.capture_sources import (
     BusUrl,
@@ -34,10 +35,12 @@ from poil_drake.diagrams.station_models import AddStationModels, PrefinalizeCall
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
+from poil_drake.systems.arm_plant import MakePandaKinematics
 from poil_drake.systems.captured_cameras import CapturedCameras
+from poil_drake.systems.lcm_mailbox import Stamped
 from poil_drake.systems.lcm_network import LcmNetwork
-from poil_drake.systems.panda_lcm import PandaCommandSender
-from poil_drake.systems.panda_lcm_messages import Clock, Stamped
+from poil_drake.systems.panda_lcm_messages import Clock
+from poil_drake.systems.shared_channel import SharedChannel
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
@@ -107,6 +110,7 @@ class HardwareStation(Station):
         self._scenario = scenario
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
+        self._steady_clock = self._config.steady_clock()
         self._plant = MultibodyPlant(scenario.poil.rates.plant)
         self._scene_graph = SceneGraph()
         self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
@@ -132,6 +136,13 @@ class HardwareStation(Station):
             period=period,
             channels=self._config.channels,
             dry_run=dry_run,
+            limiter=VelocityLimiter(
+                limits=MakePandaKinematics().joint_limits,
+                period=period,
+                config=scenario.poil.safety.limiter,
+            ),
+            expiry=self._config.command_expiry,
+            stall_limit=scenario.poil.safety.stall_limit,
             clock=self._clock,
             time_scale=self._config.time_scale,
         )
@@ -181,8 +192,8 @@ class HardwareStation(Station):
 
     @property
     def clock(self) -> Clock:
-        """The time now, as the driver has it [s since the epoch]."""
-        return self._clock
+        """See `Station.clock`: [s since the epoch], as if nobody set the clock since."""
+        return self._steady_clock
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
@@ -230,16 +241,19 @@ class HardwareStation(Station):
         start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
         while missing := self._older_than(start):
             self._wait(deadline, missing)
-        if self._robot.sender is not None:
-            self._refuse_other_commanders(self._robot.sender)
+        senders = (self._robot.sender, self._robot.hand_sender)
+        self._refuse_others([one.channel for one in senders if one is not None])
 
-    def _refuse_other_commanders(self, sender: PandaCommandSender) -> None:
-        """Listens for a while whether somebody else commands the arm."""
-        sender.foreign = 0
+    def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
+        """Listens for a while whether somebody else commands, or another robot reports."""
+        for channel in channels:
+            channel.foreign = 0
         end = time.monotonic() + _LISTEN
         while time.monotonic() < end:
             self.HandleMessages()
-            sender.CheckAlone()
+            self._robot.arm.CheckOneSender()
+            for channel in channels:
+                channel.CheckAlone()
             time.sleep(_LOOK)
 
     def _older_than(self, time: float) -> list[str]:

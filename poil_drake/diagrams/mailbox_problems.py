@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from poil_drake.systems.panda_lcm_messages import LcmMailbox
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 
 
 def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:

@@ -5,25 +5,23 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder
 
+from poil_drake.control.velocity_limiter import VelocityLimiter
 from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.systems.kinematic_robot import KinematicRobot
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.lcm_network import LcmPump, MessageNetwork
-from poil_drake.systems.panda_lcm import (
-    HandCommandSender,
-    HandStatusReceiver,
-    PandaCommandSender,
-    PandaStatusReceiver,
-)
+from poil_drake.systems.panda_lcm import HandStatusReceiver, PandaStatusReceiver
 from poil_drake.systems.panda_lcm_messages import (
     HAND_PERIOD,
     Clock,
     HandStatus,
-    LcmMailbox,
     PandaChannels,
     PandaStatus,
     decode_hand_status,
     decode_panda_status,
+    same_panda,
 )
+from poil_drake.systems.panda_senders import HandCommandSender, PandaCommandSender
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,11 +32,13 @@ class PandaHardware:
         arm: Where the arm's statuses arrive.
         hand: Where the hand's statuses arrive.
         sender: What commands the arm; its `SendRest` is for the way out. None in a dry run.
+        hand_sender: What commands the hand. None in a dry run.
     """
 
     arm: LcmMailbox[PandaStatus]
     hand: LcmMailbox[HandStatus]
     sender: PandaCommandSender | None
+    hand_sender: HandCommandSender | None
 
 
 def AddPandaHardware(
@@ -47,8 +47,11 @@ def AddPandaHardware(
     lcm: MessageNetwork,
     name: str,
     period: float,
+    limiter: VelocityLimiter,
     channels: PandaChannels | None = None,
     dry_run: bool = False,
+    expiry: float = 0.1,
+    stall_limit: float = 0.08,
     clock: Clock = time.time,
     time_scale: float = 1.0,
 ) -> PandaHardware:
@@ -64,14 +67,17 @@ def AddPandaHardware(
         lcm: The network; its subscriptions are handled between the steps.
         name: The robot's.
         period: The control period [s].
+        limiter: How the arm brakes on the way out.
         channels: Where what is said; None for the Franka driver's own.
         dry_run: Whether nothing is sent: what would be commanded moves a `KinematicRobot`, which is
             what the outputs show, and which starts where the real one stands.
+        expiry: For how long the driver follows a command [s].
+        stall_limit: What an update that was longer ago found is not sent any more [s].
         clock: The time now [s since the epoch].
         time_scale: Seconds of that clock per second.
     """
     channels = channels or PandaChannels()
-    arm = LcmMailbox(lcm, channels.status, decode_panda_status, clock=clock)
+    arm = LcmMailbox(lcm, channels.status, decode_panda_status, same_sender=same_panda, clock=clock)
     hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status, clock=clock)
     pump = builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=period))
     receiver = builder.AddNamedSystem(
@@ -82,23 +88,40 @@ def AddPandaHardware(
     )
     if dry_run:
         _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
-        return PandaHardware(arm=arm, hand=hand, sender=None)
+        return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
+
+    def update_age() -> float:
+        return time_scale * (time.monotonic() - pump.handled_at)
+
+    # Behind the update, as nothing is to be sent while a simulator is initialized.
+    offset = COMMAND_SHARE * period
     sender = builder.AddNamedSystem(
         "panda_command",
         PandaCommandSender(
             lcm=lcm,
             channel=channels.command,
             mailbox=arm,
+            limiter=limiter,
             period=period,
-            offset=COMMAND_SHARE * period,
-            update_age=lambda: time_scale * (time.monotonic() - pump.handled_at),
+            offset=offset,
+            expiry=expiry,
+            update_age=update_age,
+            max_update_age=stall_limit,
             clock=clock,
+            time_scale=time_scale,
         ),
     )
     hand_sender = builder.AddNamedSystem(
         "hand_command",
         HandCommandSender(
-            lcm=lcm, channel=channels.hand_command, mailbox=hand, period=HAND_PERIOD, clock=clock
+            lcm=lcm,
+            channel=channels.hand_command,
+            mailbox=hand,
+            period=HAND_PERIOD,
+            offset=offset,
+            update_age=update_age,
+            max_update_age=stall_limit,
+            clock=clock,
         ),
     )
     builder.ExportInput(sender.GetInputPort("velocity"), f"{name}.velocity")
@@ -107,7 +130,7 @@ def AddPandaHardware(
     for port in ("position_measured", "velocity_measured", "torque_external", "status"):
         builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
     builder.ExportOutput(hand_receiver.GetOutputPort("width_measured"), "hand.width_measured")
-    return PandaHardware(arm=arm, hand=hand, sender=sender)
+    return PandaHardware(arm=arm, hand=hand, sender=sender, hand_sender=hand_sender)
 
 
 def _add_kinematic_robot(

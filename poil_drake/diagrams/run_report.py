@@ -225,9 +225,11 @@ def _judge(report: Report) -> tuple[bool, str]:
     poil, judge = report.scenario.poil, report.recorder.judge
     if report.stopped is not None:
         return False, failure_reason(report.stopped)
-    if report.fault is not Fault.NONE:
+    # The sequencer no longer looks once it is done; the supervisor does.
+    safety = report.safety_fault is not SafetyFault.NONE
+    if report.fault is not Fault.NONE or safety:
         reason = FAULT_TEXT[report.fault]
-        if report.fault is Fault.SAFETY:
+        if safety and report.fault in (Fault.NONE, Fault.SAFETY):
             reason = SAFETY_FAULT_TEXT[report.safety_fault]
         return False, _with_problems(f"{reason} (in phase '{_last_phase(report)}')", report)
     if report.recorder.phase is not Phase.DONE:

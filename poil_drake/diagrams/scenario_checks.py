@@ -10,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from poil_drake.errors import ScenarioError
+from poil_drake.grasping.posture_guard import PostureGuardConfig
 
 if TYPE_CHECKING:
     from poil_drake.diagrams.scenario import Scenario
@@ -57,6 +58,7 @@ def CheckScenarioValues(scenario: "Scenario") -> None:
     _check_time_step(scenario)
     _check_buses(scenario)
     _check_delays(scenario)
+    _check_safety(scenario)
 
 
 def _require_positive(name: str, value: float, *, infinite: bool = False) -> None:
@@ -111,6 +113,25 @@ def _check_time_step(scenario: "Scenario") -> None:
         raise ScenarioError(
             f"plant_config.time_step is {step} s, but poil.rates.plant is {plant} s.",
             remedy="Leave the first out; the second is what counts.",
+        )
+
+
+def _check_safety(scenario: "Scenario") -> None:
+    poil = scenario.poil
+    height = poil.safety.posture.table_height
+    if height not in (poil.table_height, PostureGuardConfig().table_height):
+        raise ScenarioError(
+            f"poil.safety.posture.table_height is {height}, but poil.table_height is "
+            f"{poil.table_height}.",
+            remedy="Leave the first out; the second is what counts. What more is to be kept from "
+            "the table is poil.safety.posture.table_margin.",
+        )
+    stall, expiry = poil.safety.stall_limit, poil.hardware.command_expiry
+    if not stall < expiry:
+        raise ScenarioError(
+            f"poil.safety.stall_limit is {stall} s, and poil.hardware.command_expiry {expiry} s: "
+            "the driver would stop the arm before the supervisor knew of it.",
+            remedy="Make the first smaller, and the second the driver's --expire_sec.",
         )
 
 

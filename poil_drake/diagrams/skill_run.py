@@ -53,8 +53,8 @@ from poil_drake.systems.stop_requests import StopSwitch
 from poil_drake.systems.stopwatch import Stopwatch
 from poil_drake.systems.terminal_stop_key import TerminalStopKey
 
-_BRAKING = 0.1875
-"""Longer than the supervisor takes to bring the arm to rest [s]; a multiple of control periods."""
+_LONGEST_BRAKING = 1.0
+"""Longer than the supervisor ever takes to bring the arm to rest [s]."""
 
 
 def RunSkill(
@@ -268,8 +268,7 @@ def _simulate(
                 # Now, as the loop may have fallen behind since; its last tick has just been.
                 epoch = clock() - (root.get_time() - rates.control)
             if pace is not None and recorder.phase is Phase.FAULT:
-                # The supervisor brakes the arm more gently than a stop would.
-                advance(root.get_time() + _BRAKING)
+                _brake(loop, root, pace)
     except BaseException as error:  # Also of signals; it goes on once the outputs are written.
         if not recorder.times:
             raise
@@ -294,6 +293,14 @@ def _simulate(
         fault_time=recorder.phase_start(root) if recorder.phase is Phase.FAULT else math.nan,
         epoch=epoch,
     )
+
+
+def _brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
+    """Goes on until the supervisor has brought the arm to rest."""
+    context = loop.supervisor.GetMyContextFromRoot(root)
+    period, end = loop.station.scenario.poil.rates.control, root.get_time() + _LONGEST_BRAKING
+    while loop.supervisor.commanded_motion(context).velocity.any() and root.get_time() < end:
+        pace.AdvanceTo(root.get_time() + period)
 
 
 @contextmanager

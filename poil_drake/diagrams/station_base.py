@@ -73,7 +73,7 @@ class Station(Diagram):
 
     @property
     def clock(self) -> Callable[[], float] | None:
-        """The time by which the station lives [s]; None where that is the context's."""
+        """Shows how long nobody advanced the context [s]; None where only its own time counts."""
         return None
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:

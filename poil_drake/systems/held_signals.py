@@ -25,7 +25,16 @@ def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
     def hold(number: int, frame: FrameType | None) -> None:
         waiting[number] = None
 
-    before = {number: signal.signal(number, hold) for number in numbers}
+    before = {number: signal.getsignal(number) for number in numbers}
+    left, raised = list(numbers), None
+    while left:
+        # One that comes now has its handler called still, and what that raises waits.
+        try:
+            while left:
+                signal.signal(left[0], hold)
+                del left[0]
+        except BaseException as error:
+            raised = error
     try:
         yield
     finally:
@@ -33,3 +42,5 @@ def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
             signal.signal(number, handler)
         for number in waiting:
             signal.raise_signal(number)
+        if raised is not None:
+            raise raised

@@ -2,10 +2,9 @@
 
 import math
 import struct
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from drake import (
@@ -18,7 +17,6 @@ from pydrake.manipulation import PandaControlMode
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
-from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.statuses import RobotMode
 
@@ -69,6 +67,7 @@ class PandaStatus(SharedOnCopy):
         torque_external: (7,) what others do to the joints [N m], positive along the joints.
         mode: Of the robot.
         success_rate: Part of the last commands that reached the robot in time, in [0, 1].
+        robot_stamp: When, by the robot's own clock [s]; NaN where that is not told.
     """
 
     stamp: float
@@ -77,6 +76,7 @@ class PandaStatus(SharedOnCopy):
     torque_external: np.ndarray
     mode: RobotMode
     success_rate: float
+    robot_stamp: float = math.nan
 
     def __post_init__(self) -> None:
         for name in ("position", "velocity", "torque_external"):
@@ -106,11 +106,30 @@ def decode_panda_status(message: bytes) -> PandaStatus:
             torque_external=-np.array(said.joint_torque_external),
             mode=RobotMode(said.robot_mode),
             success_rate=float(said.control_command_success_rate),
+            robot_stamp=1e-6 * said.robot_utime,
         )
     except ValueError as error:
         raise InvalidValueError(
             f"This is no status of a Panda that can be used: {error}", remedy=_ALONE
         ) from error
+
+
+_LARGEST_LEAP, _FASTEST = 0.1, 3.0
+"""A joint cannot have gone farther than so far [rad], and at such a speed [rad/s], between two
+statuses; repeated and late ones may be a while apart."""
+
+_CLOCK_LEAP = 0.5
+"""By so much [s] the robot's clock differs from the driver's in one status and in the next only
+where these are of two robots."""
+
+
+def same_panda(before: PandaStatus, after: PandaStatus) -> bool:
+    """Returns whether two statuses that came one after the other can be of one robot."""
+    passed = after.stamp - before.stamp
+    leap = float(np.abs(after.position - before.position).max())
+    clock_leap = abs(after.robot_stamp - before.robot_stamp - passed)
+    # A NaN is no sign of anything.
+    return leap <= _LARGEST_LEAP + _FASTEST * abs(passed) and not clock_leap > _CLOCK_LEAP
 
 
 def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
@@ -174,75 +193,6 @@ def encode_hand_command(width: float, force: float, stamp: float) -> bytes:
     command.target_position_mm = 1e3 * width
     command.force = force
     return command.encode()
-
-
-_SET_BACK = 10
-"""After so many late messages in order their sender's clock counts as set back."""
-
-
-class Stamped(Protocol):
-    """Something with a time."""
-
-    @property
-    def stamp(self) -> float:
-        """By the sender's clock [s since the epoch]."""
-
-
-S = TypeVar("S", bound=Stamped)
-
-
-class LcmMailbox(Generic[S]):
-    """Keeps the newest message of a channel; late, doubled and foreign ones are counted only.
-
-    Where many come in order that are all late, with none between that is not, the sender's clock
-    was set back: the last of them is the newest then.
-
-    Attributes:
-        newest: The one with the newest stamp; None before the first.
-        late: Messages whose stamp was not newer than that of one before.
-        malformed: Messages that could not be decoded.
-        offset: By how much our clock was ahead of the last one's stamp when it came [s], even if
-            that was late.
-    """
-
-    def __init__(
-        self,
-        lcm: MessageNetwork,
-        channel: str,
-        decode: Callable[[bytes], S],
-        *,
-        clock: Clock = time.time,
-    ):
-        """Subscribes; whoever owns `lcm` handles its subscriptions.
-
-        Args:
-            lcm: The network.
-            channel: Where the messages come from.
-            decode: Reads one; raises an InvalidValueError where it cannot.
-            clock: The time now [s since the epoch].
-        """
-        self._decode, self._clock = decode, clock
-        self.offset = math.nan
-        self.newest: S | None = None
-        self._last, self._in_order = -math.inf, 0
-        self.late = self.malformed = 0
-        lcm.Subscribe(channel, self._receive)
-
-    def _receive(self, message: bytes) -> None:
-        # What is raised here goes through C.
-        try:
-            said = self._decode(message)
-        except InvalidValueError:
-            self.malformed += 1
-            return
-        self.offset = self._clock() - said.stamp
-        if self.newest is not None and said.stamp <= self.newest.stamp:
-            self.late += 1
-            self._in_order = self._in_order + 1 if said.stamp > self._last else 0
-            self._last = said.stamp
-            if self._in_order < _SET_BACK:
-                return
-        self.newest, self._last, self._in_order = said, said.stamp, 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,13 +7,13 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.lcm_network import MessageNetwork
 from poil_drake.systems.panda_lcm_messages import (
     HAND_PERIOD,
     Clock,
     HandCommand,
     HandStatus,
-    LcmMailbox,
     decode_hand_command,
     encode_hand_status,
 )

@@ -14,9 +14,9 @@ from poil_drake.benchmarks.stand_in_robot import with_own_networks
 from poil_drake.diagrams.driver_run import DriverSummary, RunDriver
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import StationError
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.panda_lcm_messages import (
-    LcmMailbox,
     PandaStatus,
     decode_hand_status,
     decode_panda_status,

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.diagrams.driver_station import DriverStation, MakeDriverStation
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.errors import StationError
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.panda_lcm_messages import (
-    LcmMailbox,
     decode_hand_status,
     decode_panda_status,
     encode_hand_command,

@@ -6,10 +6,13 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from poil_drake.control.velocity_limiter import VelocityLimiter
 from poil_drake.diagrams.driver_station import MakeDriverStation
 from poil_drake.diagrams.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.station import MakeStation
+from poil_drake.systems.arm_plant import MakePandaKinematics
+from poil_drake.systems.safety_faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 
 START = 1_790_000_000.0
@@ -31,6 +34,11 @@ class Bench:
             lcm=self.lcm,
             name="panda",
             period=PERIOD,
+            limiter=VelocityLimiter(
+                limits=MakePandaKinematics().joint_limits,
+                period=PERIOD,
+                config=SafetyConfig().limiter,
+            ),
             dry_run=dry_run,
             clock=self.now,
         )

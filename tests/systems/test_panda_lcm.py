@@ -16,24 +16,28 @@ from hypothesis import strategies as st
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
+from poil_drake.control.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.errors import InvalidValueError, StationError
-from poil_drake.systems import panda_lcm
-from poil_drake.systems.panda_lcm import (
-    HandCommandSender,
-    HandStatusReceiver,
-    PandaCommandSender,
-    PandaStatusReceiver,
-)
+from poil_drake.systems import panda_senders
+from poil_drake.systems.arm_plant import MakePandaKinematics
+from poil_drake.systems.lcm_mailbox import LcmMailbox
+from poil_drake.systems.panda_lcm import HandStatusReceiver, PandaStatusReceiver
 from poil_drake.systems.panda_lcm_messages import (
-    LcmMailbox,
     decode_hand_status,
     decode_panda_status,
+    encode_hand_command,
     encode_panda_command,
+    same_panda,
 )
+from poil_drake.systems.panda_senders import HandCommandSender, PandaCommandSender
+from poil_drake.systems.safety_faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 256
 START = 1_790_000_000.0
+LIMITER = VelocityLimiter(
+    limits=MakePandaKinematics().joint_limits, period=PERIOD, config=SafetyConfig().limiter
+)
 JOINTS = [0.1, -0.2, 0.3, -1.5, 0.5, 1.6, 0.7]
 
 
@@ -64,18 +68,32 @@ def status_message(stamp: float, **changes: object) -> lcmt_panda_status:
     return message
 
 
+class FakeTime:
+    """Stands for the module: time passes only where somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, duration: float) -> None:
+        self.now += duration
+
+
 class Bench:
     """Both systems on a network in memory, and a driver that says what it is told to."""
 
     def __init__(self, **options: float):
         self.clock, self.lcm = Clock(), DrakeLcm("memq://test")
-        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_panda_status)
+        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_panda_status, same_sender=same_panda)
         self.receiver = PandaStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
         self.simulator = Simulator(self.receiver)
         self.sender = PandaCommandSender(
             lcm=self.lcm,
             channel="COMMAND",
             mailbox=self.mailbox,
+            limiter=LIMITER,
             period=PERIOD,
             update_age=lambda: self.update_age,
             clock=self.clock,
@@ -204,16 +222,21 @@ def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
 
     def is_rest(sent: list) -> bool:
         (command,) = sent
-        return command.joint_velocity == (0.0,) * 7 or command.joint_velocity == [0.0] * 7
+        return not any(command.joint_velocity)
+
+    def comes_to_rest(*, time: float) -> bool:
+        return any(is_rest(bench.send(wanted, time=time)) for _ in range(32))
 
     assert is_rest(bench.send())
     assert is_rest(bench.send(np.where(np.arange(7) == 3, np.nan, wanted)))
-    assert not is_rest(bench.send(wanted, time=0.0))
+    assert not comes_to_rest(time=0.0)
     bench.context.SetTime(0.09)
-    assert not is_rest(bench.send(wanted, time=0.0))
+    assert not comes_to_rest(time=0.0)
     bench.context.SetTime(0.11)
-    assert is_rest(bench.send(wanted, time=0.0))
-    assert is_rest(bench.send(wanted, time=np.nan))
+    assert comes_to_rest(time=0.0)
+    bench.context.SetTime(0.0)
+    assert not comes_to_rest(time=0.0)
+    assert comes_to_rest(time=np.nan)
 
 
 def test_commands_go_out_once_every_period() -> None:
@@ -240,41 +263,66 @@ def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits() -> None:
     assert all(not any(command.joint_velocity) for command in bench.sent)
 
 
-def test_on_the_way_out_the_arm_brakes_from_its_last_velocity() -> None:
+def speed_up(bench: Bench, *, speed: float) -> None:
+    """Sends what the supervisor would, until the arm has a velocity."""
+    motion = JointMotion.at_rest(np.array(JOINTS))
+    while motion.velocity[1] < speed - 1e-9:
+        motion = LIMITER.step(motion, np.full(7, speed))
+        bench.send(motion.velocity)
+    bench.send(motion.velocity)
+
+
+def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(panda_senders, "time", FakeTime())
     bench = Bench()
     bench.say(status_message(START).encode())
-    bench.send(np.full(7, 0.2))
+    speed_up(bench, speed=0.6)
     bench.sent.clear()
 
     bench.sender.SendRest(0.05)
     bench.lcm.HandleSubscriptions(0)
 
-    # 5 rad/s^2 take 0.04 s from 0.2 rad/s.
-    speeds = [command.joint_velocity[0] for command in bench.sent]
-    assert speeds == sorted(speeds, reverse=True)
-    assert speeds[0] == pytest.approx(0.2)
-    assert speeds[-1] == 0.0
+    motion = JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7))
+    velocities = [command.joint_velocity for command in bench.sent]
+    expected = LIMITER.braking(motion)
+    np.testing.assert_allclose(velocities[: len(expected)], expected, atol=1e-9)
+    assert len(velocities) >= len(expected) + 0.05 / PERIOD
+    assert not np.any(velocities[len(expected) :])
 
 
-class FakeTime:
-    """Stands for the module: time passes only where somebody sleeps."""
+def test_an_arm_that_speeds_up_brakes_within_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(panda_senders, "time", FakeTime())
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    speed_up(bench, speed=0.1)  # It would go on to 2 rad/s.
+    motion = JointMotion.at_rest(np.array(JOINTS))
+    sent = []
+    for _ in range(8):
+        motion = LIMITER.step(motion, np.full(7, 2.0))
+        sent.append(motion.velocity)
+        bench.send(motion.velocity)
+    bench.sent.clear()
 
-    def __init__(self) -> None:
-        self.now = 100.0
+    bench.sender.SendRest(0.05)
+    bench.lcm.HandleSubscriptions(0)
 
-    def monotonic(self) -> float:
-        return self.now
+    sent += [command.joint_velocity for command in bench.sent]
+    accelerations = np.diff(sent, axis=0) / PERIOD
+    jerks = np.diff(accelerations, axis=0) / PERIOD
+    config = SafetyConfig().limiter
+    assert np.all(np.abs(accelerations) <= LIMITER.acceleration + 1e-6)
+    # How fast it speeds up is known from velocities only.
+    assert np.all(np.abs(jerks) <= 1.5 * config.jerk_scale * np.array(config.jerk))
 
-    def sleep(self, duration: float) -> None:
-        self.now += duration
 
-
-@pytest.mark.parametrize(("pause", "moves"), [(0.04, True), (0.06, False)])
+@pytest.mark.parametrize(("pause", "moves"), [(0.04, True), (0.08, True), (0.12, False)])
 def test_after_a_pause_there_is_nothing_to_brake_from(
     monkeypatch: pytest.MonkeyPatch, pause: float, moves: bool
 ) -> None:
     time = FakeTime()
-    monkeypatch.setattr(panda_lcm, "time", time)
+    monkeypatch.setattr(panda_senders, "time", time)
     bench = Bench()
     bench.say(status_message(START).encode())
     bench.send(np.full(7, 0.2))
@@ -320,24 +368,47 @@ def rest_and_wait(bench: Bench, timer: threading.Timer) -> None:
     timer.join()
 
 
-def test_an_update_of_long_ago_means_rest() -> None:
+def test_what_an_update_of_long_ago_found_is_not_sent() -> None:
     bench = Bench()
     bench.say(status_message(START).encode())
-    bench.update_age = 0.03
+    bench.update_age = 0.079
+    assert len(bench.send(np.full(7, 0.2))) == 1
 
-    assert not any(bench.send(np.full(7, 0.2))[0].joint_velocity)
+    bench.update_age = 0.081
+
+    assert bench.send(np.full(7, 0.2)) == []
+
+
+def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake() -> None:
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    speed_up(bench, speed=0.6)
+    expected = LIMITER.braking(JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7)))
+
+    found = [bench.send(np.full(7, np.nan))[0].joint_velocity for _ in expected]
+
+    # From what was sent it is known how the arm brakes, a little late at each change of jerk.
+    np.testing.assert_allclose(found, expected, atol=0.03)
+    assert np.abs(found[-1]).max() < 0.03
 
 
 class HandBench:
     """The hand's systems on a network in memory."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, offset: float = 0.0) -> None:
+        self.update_age = 0.0
         self.clock, self.lcm = Clock(), DrakeLcm("memq://hand")
         self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_hand_status)
         self.receiver = HandStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
         self.simulator = Simulator(self.receiver)
         self.sender = HandCommandSender(
-            lcm=self.lcm, channel="COMMAND", mailbox=self.mailbox, period=0.1, clock=self.clock
+            lcm=self.lcm,
+            channel="COMMAND",
+            mailbox=self.mailbox,
+            period=0.1,
+            offset=offset,
+            update_age=lambda: self.update_age,
+            clock=self.clock,
         )
         self.context = self.sender.CreateDefaultContext()
         self.sent: list[lcmt_schunk_wsg_command] = []
@@ -404,6 +475,41 @@ def test_hand_is_told_what_is_known_once_it_answers() -> None:
     assert bench.send(float("nan")) == []
 
 
+def test_hand_is_not_told_what_an_update_of_long_ago_found() -> None:
+    bench = HandBench()
+    bench.say(0.08)
+    bench.update_age = 0.081
+
+    assert bench.send(0.05) == []
+
+
+def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
+    bench = HandBench(offset=0.003)
+    bench.say(0.08)
+    bench.sender.GetInputPort("width").FixValue(bench.context, [0.05])
+    simulator = Simulator(bench.sender, bench.context)
+
+    simulator.Initialize()
+    bench.lcm.HandleSubscriptions(0)
+    before = list(bench.sent)
+    simulator.AdvanceTo(0.004)
+    bench.lcm.HandleSubscriptions(0)
+
+    assert before == []
+    assert len(bench.sent) == 1
+
+
+def test_somebody_else_who_commands_the_hand_ends_the_run() -> None:
+    bench = HandBench()
+    bench.say(0.08)
+    bench.send(0.05)
+    bench.lcm.Publish("COMMAND", encode_hand_command(0.0, 40.0, START))
+    bench.lcm.HandleSubscriptions(0)
+
+    with pytest.raises(StationError, match="Somebody else commands the hand on COMMAND"):
+        bench.send(0.05)
+
+
 def test_hand_that_nobody_commands_is_left_alone() -> None:
     bench = HandBench()
     bench.say(0.08)
@@ -419,7 +525,7 @@ def test_own_commands_are_no_surprise_when_they_come_back() -> None:
         bench.clock.now = START + 0.004 * k
         assert len(bench.send(np.full(7, 0.1))) == 1
 
-    assert bench.sender.foreign == 0
+    assert bench.sender.channel.foreign == 0
 
 
 def test_somebody_else_who_commands_the_arm_ends_the_run() -> None:
@@ -431,3 +537,34 @@ def test_somebody_else_who_commands_the_arm_ends_the_run() -> None:
 
     with pytest.raises(StationError, match="Somebody else commands the robot on COMMAND"):
         bench.send()
+
+
+def test_two_drivers_that_take_turns_are_told() -> None:
+    bench = Bench()
+    for k in range(20):
+        own = 1e3 if k % 2 else 5e3  # Since which each robot's clock runs.
+        stamp = START + 0.001 * k
+        said = status_message(stamp, robot_utime=round(1e6 * (own + 0.001 * k)))
+        bench.say(said.encode())
+
+    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
+        bench.read("status")
+
+
+def test_two_arms_in_different_postures_are_told() -> None:
+    bench = Bench()
+    for k in range(20):
+        position = [0.2 * (k % 2)] * 7
+        bench.say(status_message(START + 0.001 * k, joint_position=position).encode())
+
+    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
+        bench.read("status")
+
+
+def test_a_driver_that_is_started_anew_is_one_driver() -> None:
+    bench = Bench()
+    for k in range(40):
+        clock = 0.001 * k + (1e3 if k > 20 else 0.0)
+        bench.say(status_message(START + 0.001 * k, robot_utime=round(1e6 * clock)).encode())
+
+    assert bench.read("status")[0] == RobotMode.MOVE

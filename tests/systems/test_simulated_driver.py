@@ -5,8 +5,8 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.errors import StationError
+from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.panda_lcm_messages import (
-    LcmMailbox,
     decode_panda_status,
     encode_panda_command,
 )
