@@ -34,13 +34,25 @@ class SupervisorBench:
         inputs: What the inputs that are connected show, or functions of the time [s] that say it;
             the arm's posture and speed only where they are not measured as they are.
         velocities: (K, 7) what the supervisor said at each tick [rad/s].
+        now: The time by the clock of a supervisor that is `timed` [s].
     """
 
     def __init__(
-        self, start: np.ndarray, *, config: SafetyConfig | None = None, cameras: Sequence[str] = ()
+        self,
+        start: np.ndarray,
+        *,
+        config: SafetyConfig | None = None,
+        cameras: Sequence[str] = (),
+        timed: bool = False,
     ):
+        self.now = 1000.0
         self.dut = SafetySupervisor(
-            model=MODEL, limits=LIMITS, period=PERIOD, cameras=cameras, config=config
+            model=MODEL,
+            limits=LIMITS,
+            period=PERIOD,
+            cameras=cameras,
+            config=config,
+            clock=(lambda: self.now) if timed else None,
         )
         self._simulator = Simulator(self.dut)
         self._context = self._simulator.get_mutable_context()
@@ -70,7 +82,13 @@ class SupervisorBench:
             told = np.array(self.output("velocity"))
             self.q = self.q + 0.5 * PERIOD * (speed + told)
             self.velocities.append(told)
+            self.now += PERIOD
             self._simulator.AdvanceTo(len(self.velocities) * PERIOD)
+
+    def hold_up(self, duration: float) -> None:
+        """Lets the clock, and the arm with its last velocity, go on for a while [s] by itself."""
+        self.now += duration
+        self.q = self.q + duration * self.velocities[-1]
 
     def output(self, name: str) -> np.ndarray:
         return self.dut.GetOutputPort(name).Eval(self._context)
