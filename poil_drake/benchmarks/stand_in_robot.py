@@ -94,6 +94,8 @@ class StandInRobot:
         hand_commands: What comes for the hand.
         speeds: Rows of our time and the largest joint speed then.
         commanded: The stamps of the commands that came.
+        told: Rows of our time and the largest joint speed that a command then asked for.
+        hand_told: Rows of our time and the opening that the hand was then told [m].
     """
 
     def __init__(self, setup: StandInSetup):
@@ -107,15 +109,23 @@ class StandInRobot:
         self.width = 0.08
         self.speeds: list[tuple[float, float]] = []
         self.commanded: list[float] = []
-        self.lcm.Subscribe(
-            self.channels.command,
-            lambda message: self.commanded.append(decode_panda_command(message).stamp),
-        )
+        self.told: list[tuple[float, float]] = []
+        self.hand_told: list[tuple[float, float]] = []
+        self.lcm.Subscribe(self.channels.command, self._hear)
+        self.lcm.Subscribe(self.channels.hand_command, self._hear_hand)
         pictures = np.load(setup.pictures)
         self.pictures = {
             name: [pictures[f"{name}.{kind}"] for kind in ("rgb", "depth", "label")]
             for name in setup.cameras
         }
+
+    def _hear(self, message: bytes) -> None:
+        command = decode_panda_command(message)
+        self.commanded.append(command.stamp)
+        self.told.append((time.time(), float(np.abs(command.velocity).max())))
+
+    def _hear_hand(self, message: bytes) -> None:
+        self.hand_told.append((time.time(), decode_hand_command(message).width))
 
     def now(self) -> float:
         """Returns the driver's time [s since the epoch]."""
@@ -181,7 +191,8 @@ class StandInRobot:
 
     def seen(self) -> dict[str, Any]:
         """Returns what it saw, as JSON can hold it."""
-        return {"speeds": self.speeds[-_KEPT:], "commanded": self.commanded[-_KEPT:]}
+        kept = ("speeds", "commanded", "told", "hand_told")
+        return {name: getattr(self, name)[-_KEPT:] for name in kept}
 
     def run(self) -> None:
         """Works until standard input is closed."""

@@ -3,7 +3,12 @@
 from collections.abc import Mapping
 from itertools import combinations
 
-from poil_drake.diagrams.hardware_config import IMAGE_BUS_URL, CameraSource, LcmImages
+from poil_drake.diagrams.hardware_config import (
+    IMAGE_BUS_URL,
+    CameraSource,
+    HardwareConfig,
+    LcmImages,
+)
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
@@ -14,15 +19,23 @@ from poil_drake.recording.camera_playback import CameraPlayback
 from poil_drake.systems.lcm_image_device import LcmImageDevice
 from poil_drake.systems.panda_lcm_messages import Clock
 
+_USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)
+
 
 def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
     """Returns the address of one of the scenario's LCM networks, or the usual one.
 
     Raises:
-        ScenarioError: if its channels are to have a suffix.
+        ScenarioError: if it is neither there nor called as by default, or its channels are to have
+            a suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
+        if bus not in _USUAL_BUSES:
+            raise ScenarioError(
+                f"poil.hardware names the LCM network '{bus}', which lcm_buses does not define.",
+                remedy=f"Define it, or choose one of: {', '.join(scenario.lcm_buses)}.",
+            )
         return usual
     if params.channel_suffix:
         raise ScenarioError(

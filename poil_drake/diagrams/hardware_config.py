@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
-from poil_drake.systems.panda_lcm_messages import PandaChannels
+from poil_drake.systems.panda_lcm_messages import PandaChannels, check_channel
 
 ROBOT_BUS_URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's usual address, on this machine only."""
@@ -29,6 +29,10 @@ class LcmImages:
 
     channel: str = ""
     labels: bool = True
+
+    def __post_init__(self) -> None:
+        if self.channel:
+            check_channel(self.channel, "LcmImages.channel")
 
 
 CameraSource = LcmImages | RealSense | Zed | OpenCvStreams | McapPlayback

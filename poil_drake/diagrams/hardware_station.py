@@ -124,10 +124,8 @@ class HardwareStation(Station):
         )
         CheckHardwareCameras(scenario)
         CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
-        self._lcm = LcmNetwork(
-            BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL),
-            realtime_priority=self._config.realtime_priority,
-        )
+        self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
+        self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
         self._robot = AddPandaHardware(
             builder=builder,
@@ -205,7 +203,7 @@ class HardwareStation(Station):
         found: dict[str, RgbdImage] = {}
         deadline = time.monotonic() + self._config.ready_timeout
         while missing := [name for name in self.camera_names if name not in found]:
-            self._wait(deadline, [f"an image of the camera '{name}'" for name in missing])
+            self._wait(deadline, [self._image_of(name, labels=labels) for name in missing])
             for model, thread, labelled in zip(
                 self._camera_models, self._threads, self._labelled, strict=True
             ):
@@ -217,12 +215,19 @@ class HardwareStation(Station):
                 found.setdefault(model.name, image)
         return tuple(found[name] for name in self.camera_names)
 
+    def _image_of(self, name: str, *, labels: bool) -> str:
+        """Says what is waited for."""
+        thread = self._threads[self.camera_names.index(name)]
+        if labels and thread.newest is not None:
+            return f"an image with labels of the camera '{name}', whose images come"
+        return f"an image of the camera '{name}'"
+
     def ArmPosition(self, context: Context) -> np.ndarray:
         """See `Station.ArmPosition`."""
         self.HandleMessages()
         status = self._robot.arm.newest
         if status is None:
-            raise self._missing(["the robot's status"])
+            raise self._missing([f"the robot's status on {self._config.channels.status}"])
         return np.array(status.position)
 
     def Start(self) -> None:
@@ -263,9 +268,10 @@ class HardwareStation(Station):
         """
         self.HandleMessages()
         drivers = time - self._config.command_expiry
+        channels = self._config.channels
         newest: list[tuple[str, Stamped | None, float]] = [
-            ("the robot's status", self._robot.arm.newest, drivers),
-            ("the hand's status", self._robot.hand.newest, drivers),
+            (f"the robot's status on {channels.status}", self._robot.arm.newest, drivers),
+            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest, drivers),
         ]
         newest += [
             (f"an image of the camera '{name}'", thread.newest, time)
@@ -336,7 +342,7 @@ class HardwareStation(Station):
         problems = f" ({problems})" if problems else ""
         return StationError(
             f"After {self._config.ready_timeout:g} s this is still missing: "
-            f"{', '.join(missing)}{problems}.",
+            f"{', '.join(missing)}{problems}. The robot is at {self._url}.",
             remedy="Start the Franka driver (or poil driver) with the same scenario; see "
             "poil.hardware for networks, channels and cameras.",
         )

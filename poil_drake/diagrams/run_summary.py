@@ -145,8 +145,10 @@ class RunSummary:
         if self.tracking_error is not None and self.tracking_error.count:
             clauses.append(f"tracking error {self.tracking_error.median * 1e3:.1f} mm (median)")
         if timing.wall > 0.0:
+            # A run in real time knows when it began.
+            lived = "passed" if "epoch_s" in self.figures else "simulated"
             clauses.append(
-                f"{timing.simulated:.1f} s simulated in {timing.wall:.1f} s "
+                f"{timing.simulated:.1f} s {lived} in {timing.wall:.1f} s "
                 f"({timing.real_time_factor:.2f}x real time)"
             )
         return f"{'SUCCESS' if self.success else 'FAILURE'}: {'; '.join(clauses)}."

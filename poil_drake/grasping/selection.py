@@ -168,7 +168,7 @@ _REMEDIES = {
     Failure.ROBOT_COLLISION: "Clear the space around object and fixture, check that the cameras' "
     "poses are right, or lower CollisionConfig.robot_margin.",
     Failure.OBJECT_COLLISION: "Check that the fixture stands where it did in the demonstration "
-    "(or adapt the reference to it), or raise ObjectPathConfig.lift_height.",
+    "(or adapt the reference to it), and that the object is not there already.",
     Failure.NOT_CONVERGED: "Raise ObjectPathConfig.max_time, or check the reference.",
 }
 

@@ -29,6 +29,27 @@ HAND_PERIOD = 0.1
 _ALONE = "Keep other senders off this channel."
 
 
+_LONGEST_CHANNEL = 63
+"""LCM's own limit."""
+
+
+def check_channel(name: str, key: str) -> None:
+    """Checks that LCM can have a channel of some name.
+
+    Args:
+        name: The channel's.
+        key: Where it is written, for the error.
+
+    Raises:
+        InvalidValueError: if it cannot.
+    """
+    if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
+        raise InvalidValueError(
+            f"{key} is '{name}', which is no channel of LCM.",
+            remedy=f"Write 1 to {_LONGEST_CHANNEL} letters.",
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class PandaChannels:
     """LCM channels of the Franka driver and its hand.
@@ -44,6 +65,17 @@ class PandaChannels:
     status: str = "PANDA_STATUS"
     hand_command: str = "PANDA_HAND_COMMAND"
     hand_status: str = "PANDA_HAND_STATUS"
+
+    def __post_init__(self) -> None:
+        names = vars(self)
+        for channel, name in names.items():
+            check_channel(name, f"poil.hardware.channels.{channel}")
+            twins = [other for other in names if other != channel and names[other] == name]
+            if twins:
+                raise InvalidValueError(
+                    f"poil.hardware.channels.{channel} and .{twins[0]} are both '{name}'.",
+                    remedy="Give each a channel of its own.",
+                )
 
 
 def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:

@@ -37,6 +37,7 @@ class Fault(IntEnum):
     HAND_STATUS = 6
     TIMEOUT = 7
     SAFETY = 8
+    HAND_IDLE = 9
 
 
 FAULT_TEXT = {
@@ -49,6 +50,7 @@ FAULT_TEXT = {
     Fault.HAND_STATUS: "the hand stopped reporting its opening",
     Fault.TIMEOUT: "a phase took longer than allowed",
     Fault.SAFETY: "the safety supervisor stopped the arm",
+    Fault.HAND_IDLE: "the hand did not close when it was told to",
 }
 """One readable clause for each fault."""
 
@@ -175,6 +177,9 @@ _OPEN_AFTER = frozenset({Phase.RELEASE, Phase.RETREAT, Phase.SETTLE, Phase.DONE}
 _TWIST_PHASES = frozenset({Phase.LIFT, Phase.FOLLOW, Phase.RETREAT})
 # Looking a member up in its class takes longer than all the rest of a comparison.
 _WAIT, _GRASP, _FOLLOW, _NO_FAULT = Phase.WAIT, Phase.GRASP, Phase.FOLLOW, Fault.NONE
+_HARDLY_CLOSED = 0.0005
+"""A hand that is to grip and closed by less [m] did not close."""
+
 _ENDED = frozenset({Phase.DONE, Phase.FAULT})
 
 
@@ -268,6 +273,9 @@ def _fault(state: SkillState, seen: Observation, config: SkillConfig) -> Fault:
         return Fault.OBJECT_DROPPED
     if phase is _GRASP and seen.hand_width < config.closed_width:
         return Fault.GRASP_MISSED
+    idle = seen.hand_width >= config.pregrasp_width - _HARDLY_CLOSED
+    if phase is _GRASP and idle and _ENDS[phase](state, seen, config):
+        return Fault.HAND_IDLE
     stalled = _stalled(state, seen, config)
     if phase is _FOLLOW and stalled and not seen.goal_error <= config.accepted_error:
         return Fault.NO_PROGRESS

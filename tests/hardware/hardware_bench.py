@@ -2,7 +2,9 @@
 
 import dataclasses
 import json
+import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -62,6 +64,7 @@ class StandIn:
     """The process of a stand-in robot."""
 
     process: subprocess.Popen[str]
+    listened: Path
     seen: dict | None = None
 
     def finish(self) -> dict:
@@ -69,7 +72,18 @@ class StandIn:
         if self.seen is None:
             said, _ = self.process.communicate(timeout=20)
             self.seen = json.loads(said.splitlines()[-1])
+            if self.process.returncode == -signal.SIGKILL:
+                self.seen["told"] = self._listened()
         return self.seen
+
+    def _listened(self) -> list:
+        """Returns what another process heard when the robot was killed."""
+        deadline = time.monotonic() + 20.0
+        while time.monotonic() < deadline:
+            if self.listened.exists() and (text := self.listened.read_text()):
+                return json.loads(text)
+            time.sleep(0.05)
+        raise AssertionError(f"{self.listened} was not written.")
 
 
 @contextmanager
@@ -102,8 +116,10 @@ def stand_in(
         fault=fault,
         after=after,
     )
+    listened = directory / "stand_in.json.told"
+    listened.unlink(missing_ok=True)
     program = str(Path(__file__).parent / "faulty_robot.py")
     with running_stand_in(setup, directory, program=[program]) as process:
-        robot = StandIn(process)
+        robot = StandIn(process, listened)
         yield robot
         robot.finish()

@@ -160,6 +160,8 @@ class Seen(NamedTuple):
 
     speeds: list[tuple[float, float]]
     commanded: list[float]
+    told: list[tuple[float, float]]
+    hand_told: list[tuple[float, float]]
     fault_at: float | None
     moved_at: float | None
 
@@ -169,8 +171,10 @@ class Seen(NamedTuple):
         return float(np.diff([t for t, _ in self.speeds]).max())
 
     def rest_after(self, time: float, *, speed: float = 0.01) -> float:
-        """Returns for how long after a time the arm was faster than a speed [rad/s]."""
-        return max([0.0, *(t - time for t, v in self.speeds if v > speed)])
+        """Returns for how long after a time [s] the arm was faster than a speed [rad/s], or was
+        told to be: it may have stopped by itself."""
+        moving = [t for t, v in (*self.speeds, *self.told) if v > speed]
+        return max([0.0, *(t - time for t in moving)])
 
 
 def detected_at(summary: RunSummary) -> float:
@@ -200,6 +204,8 @@ def test_the_arm_rests_and_the_reason_is_told(execute: Execute, case: Case) -> N
     known, rest = detected_at(summary) - seen.fault_at, seen.rest_after(detected_at(summary))
     assert known <= case.known
     assert rest <= REST
+    # It was told to rest, and not merely left alone.
+    assert max(t for t, v in seen.told if v == 0.0) > detected_at(summary) + 0.1
     check_nothing_is_lost(execute.outputs, summary)
     _ROWS.append(Row(case.what, summary.reason, 1e3 * known, 1e3 * rest))
 

@@ -90,3 +90,4 @@ def test_looking_does_not_command(scenario: Scenario, pictures: Path, tmp_path: 
 
     assert isinstance(dut, HardwareStation)
     assert seen["commanded"] == []
+    assert seen["hand_told"] == []

@@ -65,3 +65,4 @@ def test_the_loop_is_the_same_but_for_its_station(
     assert ports(hardware.station) <= ports(simulated.station)
     # Building commands nothing.
     assert seen["commanded"] == []
+    assert seen["hand_told"] == []
