@@ -4,8 +4,8 @@ import dataclasses
 import math
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +38,8 @@ from poil_drake.diagrams.station import (
     MakeStation,
     RequireLabels,
     SimulatedStation,
-    Station,
 )
+from poil_drake.diagrams.way_out import Brake, Resting
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
@@ -52,9 +52,6 @@ from poil_drake.systems.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.stop_requests import StopSwitch
 from poil_drake.systems.stopwatch import Stopwatch
 from poil_drake.systems.terminal_stop_key import TerminalStopKey
-
-_LONGEST_BRAKING = 1.0
-"""Longer than the supervisor ever takes to bring the arm to rest [s]."""
 
 
 def RunSkill(
@@ -248,7 +245,7 @@ def _simulate(
         with (
             QuietInterpreter(collecting=pace is None),
             RealTimeScheduling(priority, followers=True),
-            _resting(loop.station),
+            Resting(loop.station),
         ):
             simulator.Initialize()
             if pace is not None:
@@ -268,7 +265,7 @@ def _simulate(
                 # Now, as the loop may have fallen behind since; its last tick has just been.
                 epoch = clock() - (root.get_time() - rates.control)
             if pace is not None and recorder.phase is Phase.FAULT:
-                _brake(loop, root, pace)
+                Brake(loop, root, pace)
     except BaseException as error:  # Also of signals; it goes on once the outputs are written.
         if not recorder.times:
             raise
@@ -288,28 +285,11 @@ def _simulate(
         stopwatch=stopwatch,
         stopped=stopped,
         final_state=_plant_state(loop, root),
-        problems=loop.station.Problems(),
+        problems=_problems(loop, root),
         loop_timing=None if pace is None else pace.timing,
         fault_time=recorder.phase_start(root) if recorder.phase is Phase.FAULT else math.nan,
         epoch=epoch,
     )
-
-
-def _brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
-    """Goes on until the supervisor has brought the arm to rest."""
-    context = loop.supervisor.GetMyContextFromRoot(root)
-    period, end = loop.station.scenario.poil.rates.control, root.get_time() + _LONGEST_BRAKING
-    while loop.supervisor.commanded_motion(context).velocity.any() and root.get_time() < end:
-        pace.AdvanceTo(root.get_time() + period)
-
-
-@contextmanager
-def _resting(station: Station) -> Iterator[None]:
-    """Brings the robot to rest at the end of a block, before anything else is done."""
-    try:
-        yield
-    finally:
-        station.Rest()
 
 
 def _pace(loop: ClosedLoop, simulator: Simulator) -> RealTimeLoop | None:
@@ -322,6 +302,13 @@ def _pace(loop: ClosedLoop, simulator: Simulator) -> RealTimeLoop | None:
         period=station.scenario.poil.rates.control,
         config=RealTimeLoopConfig(time_scale=station.config.time_scale, pause=COMMAND_SHARE),
     )
+
+
+def _problems(loop: ClosedLoop, root: Context) -> tuple[str, ...]:
+    """Returns what may have led to a failure, a clause each."""
+    supervisor = loop.supervisor
+    posture = supervisor.posture_problem(supervisor.GetMyContextFromRoot(root))
+    return (*(() if posture is None else (posture,)), *loop.station.Problems())
 
 
 def _truth(loop: ClosedLoop) -> SimulatedTruth | None:

@@ -142,18 +142,43 @@ class PostureGuard:
         """
         poses = self._model.link_poses(q)
         points = poses[:, :, :3] @ self._centers
+        distances, height = self._outer(poses, points)
+        clearances = np.empty((len(q), len(PostureRule)))
+        clearances[:, PostureRule.WORKSPACE] = distances.min(axis=(1, 2, 3))
+        clearances[:, PostureRule.TABLE] = height - self._lowest_height
+        clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
+        return clearances
+
+    def tightest(self, q: np.ndarray) -> str:
+        """Says which rule a posture (7,) [rad] is nearest to breaking, or breaks by most."""
+        rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
+        poses = self._model.link_poses(q[None])
+        distances, height = self._outer(poses, poses[:, :, :3] @ self._centers)
+        if rule is PostureRule.TABLE:
+            table = self._lowest_height - self._config.table_margin
+            return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
+        if rule is PostureRule.SELF_COLLISION:
+            return "wrist or hand are close to the shoulder"
+        side, body, axis = np.unravel_index(int(np.argmin(distances[0])), distances[0].shape)
+        name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
+        limit = getattr(self._config, name)[axis]
+        distance = 1e3 * float(distances[0].min())
+        return f"posture.{name}[{axis}] is {limit:g} m, which is {distance:.1f} mm away"
+
+    def _outer(self, poses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).
+
+        By side (lower, upper), body (the gripper point, the whole arm) and axis.
+        """
+        count = len(poses)
         # Two extremes at a time, of the gripper point and of the whole arm.
-        lowest, highest = np.empty((2, len(q), 2, 3))
+        lowest, highest = np.empty((2, count, 2, 3))
         lowest[:, 0] = highest[:, 0] = poses[:, GRIPPER_LINK, :3, 3]
         moving = points[:, _MOVING_LINKS]
         lowest[:, 1] = (moving - self._radii).min(axis=(1, 3))
         highest[:, 1] = (moving + self._radii).max(axis=(1, 3))
-        inside = np.minimum(lowest - self._lower, self._upper - highest)
-        clearances = np.empty((len(q), len(PostureRule)))
-        clearances[:, PostureRule.WORKSPACE] = inside.min(axis=(1, 2))
-        clearances[:, PostureRule.TABLE] = lowest[:, 1, 2] - self._lowest_height
-        clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
-        return clearances
+        faces = np.stack([lowest - self._lower, self._upper - highest], axis=1)
+        return faces, lowest[:, 1, 2]
 
     def _self_clearance(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray | float:
         """Returns the clearance (B,) of the wrist and the hand to the shoulder, less its margin."""

@@ -13,7 +13,7 @@ from poil_drake.geometry.all_finite import all_finite
 from poil_drake.grasping.posture_guard import PostureGuard, PostureRule
 from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
-from poil_drake.systems.safety_faults import POSTURE_FAULTS, SafetyConfig
+from poil_drake.systems.safety_faults import POSTURE_FAULTS, SafetyConfig, SafetyFault
 from poil_drake.systems.safety_watch import SafetyMemory, SafetyObservation, watch
 from poil_drake.systems.stopwatch import Stopwatch
 
@@ -160,6 +160,13 @@ class SafetySupervisor(LeafSystem):
         return JointMotion(
             *(np.array(context.get_discrete_state(self._state[part]).value()) for part in parts)
         )
+
+    def posture_problem(self, context: Context) -> str | None:
+        """Says in its own `context` which rule the arm was about to break; None if it was not."""
+        fault = SafetyFault(int(context.get_discrete_state(self._state["fault"]).value()[0]))
+        if fault not in POSTURE_FAULTS.values():
+            return None
+        return self._guard.tightest(self.commanded_motion(context).position)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         with self._stopwatch.measure("control"):

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context
 
 from poil_drake.control.joint_limits import JointLimits
 from poil_drake.grasping.robot_model import PandaModel
@@ -64,6 +65,11 @@ class SupervisorBench:
             "panda.status": [float(RobotMode.MOVE), 0.0, 1.0],
         }
         self.inputs |= {f"{camera}.image_time": [np.nan] for camera in cameras}
+
+    @property
+    def context(self) -> Context:
+        """The supervisor's context."""
+        return self._context
 
     @property
     def time(self) -> float:

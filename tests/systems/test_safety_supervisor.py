@@ -229,7 +229,7 @@ def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "towards", "config", "fault"),
+    ("start", "towards", "config", "fault", "said"),
     [
         # The gripper point is 1 cm higher than the finger tips.
         (
@@ -237,12 +237,19 @@ def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
             DOWN,
             PostureGuardConfig(gripper_lower=(-0.85, -0.85, 0.03)),
             SafetyFault.WORKSPACE,
+            "posture.gripper_lower[2] is 0.03 m, which is ",
         ),
-        (LOW, DOWN, PostureGuardConfig(), SafetyFault.TABLE),
-        (FOLDING, -np.eye(7)[3], PostureGuardConfig(), SafetyFault.SELF_COLLISION),
+        (LOW, DOWN, PostureGuardConfig(), SafetyFault.TABLE, "the arm is "),
+        (
+            FOLDING,
+            -np.eye(7)[3],
+            PostureGuardConfig(),
+            SafetyFault.SELF_COLLISION,
+            "wrist or hand are close to the shoulder",
+        ),
     ],
 )
-def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault) -> None:
+def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault, said) -> None:
     dut = SupervisorBench(start, config=SafetyConfig(posture=config))
     guard = PostureGuard(model=MODEL, config=config)
 
@@ -251,6 +258,10 @@ def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault) ->
     assert not dut.output("velocity").any()
     # 2 mrad of a joint are less than 2 mm at the hand.
     assert 0.0 <= guard.clearances(dut.q[None]).min() < 0.005
+
+    problem = dut.dut.posture_problem(dut.context)
+    assert problem is not None
+    assert problem.startswith(said)
 
     # It stays there as long as it shall go on, and may come back.
     q = dut.q
