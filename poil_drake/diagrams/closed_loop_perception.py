@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from poil_drake.diagrams.hardware_checks import NoTruth
 from poil_drake.diagrams.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_checks import GROUND_TRUTH
@@ -43,10 +44,7 @@ def AddGroundTruthTracker(
     """
     poil = scenario.poil
     if not isinstance(station, SimulatedStation):
-        raise ScenarioError(
-            f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
-            remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
-        )
+        raise NoTruth()
     return builder.AddNamedSystem(
         "tracker",
         GroundTruthTracker(

@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
+from poil_drake.diagrams.hardware_checks import CheckHardwareRun
 from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.open_run_log import OpenRunLog
@@ -92,6 +93,8 @@ def RunSkill(
         # Mistakes in the scenario show before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
+        if hardware:
+            CheckHardwareRun(scenario)
         station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
         RequireLabels(station)
         if hardware:

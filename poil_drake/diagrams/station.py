@@ -7,12 +7,13 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.cameras import CameraDelay, MakeFrame
+from poil_drake.diagrams.hardware_checks import NoLabels
 from poil_drake.diagrams.hardware_station import HardwareStation
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.simulated_station import SimulatedStation
 from poil_drake.diagrams.station_base import Station
 from poil_drake.diagrams.station_models import PrefinalizeCallback
-from poil_drake.errors import ScenarioError, StationError
+from poil_drake.errors import StationError
 from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.systems.stopwatch import Stopwatch
@@ -99,13 +100,7 @@ def RequireLabels(station: Station) -> None:
     poil = station.scenario.poil
     for name in station.camera_names:
         if poil.detector == LABEL_IMAGE and not station.HasOutputPort(f"{name}.label_image"):
-            raise ScenarioError(
-                f"The detector '{LABEL_IMAGE}' reads label images, which camera '{name}' does not "
-                "give.",
-                remedy="There is no detector yet that needs none. Let a segmentation node send "
-                f"them over LCM along with the images (poil.hardware.cameras.{name}: "
-                "!LcmImages {}), or play a recording that holds them (!McapPlayback).",
-            )
+            raise NoLabels(name)
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:

@@ -41,6 +41,24 @@ def test_a_network_that_the_scenario_does_not_define_is_the_usual_one() -> None:
     assert BusUrl(scenario, "lab", IMAGE_BUS_URL) == "memq://lab"
 
 
+@pytest.mark.parametrize(
+    ("bus", "says"),
+    [
+        ("franka", "'franka', which lcm_buses does not define.*one of: default, lab, right, open"),
+        ("right", "lcm_buses.right.channel_suffix is '_RIGHT'"),
+    ],
+)
+def test_a_network_that_would_be_another_one_is_refused(bus: str, says: str) -> None:
+    scenario = ChooseScenario(
+        data="{lcm_buses: {lab: {lcm_url: 'memq://l'}, right: {channel_suffix: _RIGHT}, open: {}}}"
+    )
+
+    with pytest.raises(ScenarioError, match=says):
+        BusUrl(scenario, bus, IMAGE_BUS_URL)
+    # LCM would look into the environment.
+    assert BusUrl(scenario, "open", IMAGE_BUS_URL) == IMAGE_BUS_URL
+
+
 def test_images_come_on_drakes_own_channel_unless_another_is_named() -> None:
     assert ImageChannel(LcmImages(), "left") == "DRAKE_RGBD_CAMERA_IMAGES_left"
     named = dataclasses.replace(LcmImages(), channel="LAB_LEFT")

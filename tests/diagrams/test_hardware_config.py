@@ -7,7 +7,7 @@ from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.hardware_config import HardwareConfig, LcmImages
 from poil_drake.diagrams.load_scenario import LoadScenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
-from poil_drake.errors import ScenarioError
+from poil_drake.errors import PoilError, ScenarioError
 from poil_drake.perception.capture.config import RealSense
 
 
@@ -26,6 +26,41 @@ from poil_drake.perception.capture.config import RealSense
 def test_values_that_make_no_sense_are_named(field: str, value: float) -> None:
     with pytest.raises(ScenarioError, match=f"poil.hardware.{field} is"):
         HardwareConfig(**{field: value})
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("hardware: {channels: {status: ''}}", "channels.status is '', which is no channel"),
+        (f"hardware: {{channels: {{command: {'A' * 64}}}}}", "channels.command is 'AAA"),
+        ("hardware: {channels: {status: A, command: A}}", "channels.command and .status are both"),
+        (
+            f"hardware: {{cameras: {{left: !LcmImages {{channel: {'A' * 64}}}}}}}",
+            "LcmImages.channel",
+        ),
+        ("hardware: {command_expiry: 0.05}", "stall_limit is 0.08 s, and .*command_expiry 0.05 s"),
+        ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05, but poil.table_height"),
+    ],
+)
+def test_settings_that_would_not_do_what_they_say_are_refused(text: str, says: str) -> None:
+    with pytest.raises(PoilError, match=says):
+        ChooseScenario(data=f"{{poil: {{{text}}}}}")
+
+
+def test_the_table_may_be_named_twice() -> None:
+    text = "{poil: {table_height: 0.05, safety: {posture: {table_height: 0.05}}}}"
+
+    assert ChooseScenario(data=text).poil.safety.posture.table_height == 0.05
+
+
+def test_the_steady_clock_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = HardwareConfig(time_scale=0.5).steady_clock()
+    before = clock()
+    assert before == pytest.approx(0.5 * time.time(), abs=0.1)
+
+    monkeypatch.setattr(time, "time", lambda: 1000.0)
+
+    assert 0.0 <= clock() - before < 0.1
 
 
 def test_cameras_are_chosen_by_their_tag() -> None:

@@ -149,6 +149,17 @@ def test_what_the_supervisor_stopped_the_arm_for_is_told(make_report: MakeReport
     )
 
 
+def test_a_fault_of_the_last_moment_is_told(make_report: MakeReport) -> None:
+    report = make_report(
+        Phase.SETTLE, Phase.DONE, judge=hanging(), safety_fault=SafetyFault.EXTERNAL_TORQUE
+    )
+
+    success, reason = verdict(report)
+
+    assert not success
+    assert reason.startswith("something pushed the arm harder than it may")
+
+
 def test_an_exception_counts_more_than_a_hanging_object(make_report: MakeReport) -> None:
     report = make_report(Phase.DONE, stopped=ValueError("no\n  camera"))
 

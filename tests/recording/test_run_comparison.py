@@ -292,7 +292,8 @@ def test_a_replay_that_commands_nothing_while_points_move_the_arm_differs_from_a
 
     # 4 cm/s would be less than the 5 cm/s of the usual speed.
     assert (dut.first.time, dut.first.what) == (0.5, LINEAR_VELOCITY)
-    assert dut.first.tolerance == pytest.approx(0.01)
+    # A quarter for corrections, and of the rest a fifth.
+    assert dut.first.tolerance == pytest.approx(0.02)
 
 
 def test_velocities_may_differ_where_a_phase_began_a_little_later():

@@ -45,6 +45,34 @@ def test_they_come_after_an_exception_too(caught: list[int]) -> None:
     assert caught == [signal.SIGTERM]
 
 
+def test_a_signal_on_the_way_in_waits_too(
+    caught: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(number: int, frame: object) -> None:
+        raise ZeroDivisionError
+
+    signal.signal(signal.SIGHUP, stop)
+    install, done = signal.signal, []
+
+    def install_late(number: int, handler: object) -> object:
+        if not done and number == signal.SIGHUP:
+            done.append("signal")
+            signal.raise_signal(signal.SIGHUP)
+        return install(number, handler)
+
+    def work() -> None:
+        with HeldSignals():
+            done.append("work")
+
+    monkeypatch.setattr(signal, "signal", install_late)
+    with pytest.raises(ZeroDivisionError):
+        work()
+    monkeypatch.undo()
+
+    assert done == ["signal", "work"]
+    assert signal.getsignal(signal.SIGHUP) is stop
+
+
 def test_on_another_thread_it_does_nothing(caught: list[int]) -> None:
     done = []
 

@@ -110,6 +110,12 @@ def test_a_small_residual_is_released_after_patience() -> None:
         (Phase.FOLLOW, SEEN._replace(hand_width=0.0), 0.02, Fault.OBJECT_DROPPED),
         (Phase.LIFT, SEEN._replace(ik_stuck=True), CONFIG.stuck_time + 0.1, Fault.IK_STUCK),
         (Phase.GRASP, SEEN._replace(hand_width=0.0), 0.02, Fault.GRASP_MISSED),
+        (
+            Phase.GRASP,
+            SEEN._replace(hand_width=CONFIG.pregrasp_width),
+            CONFIG.grasp_settle_time + 0.05,
+            Fault.HAND_IDLE,
+        ),
         (Phase.APPROACH, SEEN._replace(safe=False), 0.02, Fault.SAFETY),
         (Phase.APPROACH, SEEN._replace(hand_width=np.nan), 0.02, Fault.HAND_STATUS),
         (Phase.APPROACH, SEEN, CONFIG.phase_time_limit, Fault.TIMEOUT),
