@@ -19,10 +19,8 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# What runs at the pace of the clock comes last, alone.
 test: setup lint
-	$(VENV)/bin/pytest -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
-	$(VENV)/bin/pytest -m real_time
+	$(VENV)/bin/pytest
 
 lint: setup
 	$(VENV)/bin/ruff check
