@@ -44,7 +44,7 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["run", "--scenario_text", "{poil: ["], "not valid YAML"),
         (
             ["run", "--hardware", "--scenario_text", NO_ROBOT],
-            "still missing: the robot's status, the hand's status",
+            "still missing: the robot's status on PANDA_STATUS, the hand's status on",
         ),
         (["run", "--hardware", "--speed", "2"], "poil.hardware.speed is 2.0"),
         (["driver", "--time-scale", "0"], "poil.hardware.time_scale is 0.0"),

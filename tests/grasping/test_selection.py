@@ -121,7 +121,7 @@ def test_object_collision_is_counted(choose, grasps, matching):
 
     with pytest.raises(NoFeasibleGraspError, match="2 bring the object into collision") as info:
         choose(grasps, [matching], wall)
-    assert "lift_height" in info.value.remedy
+    assert "fixture" in info.value.remedy
 
 
 def test_matchings_are_counted_too(choose, grasps, mug, make_matching):
