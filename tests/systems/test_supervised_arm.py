@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from panda_bench import FakeTime
 from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
@@ -87,22 +88,6 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
     largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
     assert np.all(np.abs(told - measured) <= largest + 1e-9)
     assert np.any(told) == moves
-
-
-class FakeTime:
-    """Stands for the module: time passes only where somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def time(self) -> float:
-        return self.now
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def sleep(self, duration: float) -> None:
-        self.now += duration
 
 
 class Network:
