@@ -19,8 +19,10 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup
 	$(VENV)/bin/poil run $(SCENARIO)
 
+# What runs at the pace of the clock comes last, alone.
 test: setup lint
-	$(VENV)/bin/pytest
+	$(VENV)/bin/pytest -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+	$(VENV)/bin/pytest -m real_time
 
 lint: setup
 	$(VENV)/bin/ruff check

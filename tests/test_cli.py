@@ -176,6 +176,8 @@ def test_unknown_options_name_the_usage(
         (["execute", "plan.npz", "--speed", "0.5"], "--speed is for --hardware only"),
         (["run", "--time-scale", "0.5"], "--time-scale is for --hardware only"),
         (["bench", "latency", "--hardware", "--duration", "1"], "--duration"),
+        (["driver", "--duration", "nan"], "--duration"),
+        (["driver", "--duration", "-1"], "--duration"),
         (["run", "--seed", "1.5"], "--seed"),
         (["bench", "pipeline", "--trials", "0"], "--trials"),
         (["bench", "control", "--trials", "0"], "--trials"),

@@ -29,6 +29,7 @@ from poil_drake.cli.options import (
     TimeScale,
     Tracker,
     choose_scenario,
+    positive,
     require_hardware,
 )
 from poil_drake.cli.replay import replay
@@ -217,7 +218,10 @@ def driver(
     seed: Seed = None,
     time_scale: TimeScale = None,
     duration: Annotated[
-        float, typer.Option("--duration", help="End after so long [s of the robot's time].")
+        float,
+        typer.Option(
+            "--duration", callback=positive, help="End after so long [s of the robot's time]."
+        ),
     ] = math.inf,
     json: Annotated[Path | None, typer.Option("--json", help="Where a summary goes.")] = None,
     meshcat: Annotated[

@@ -46,6 +46,13 @@ def finite(value: float | None) -> float | None:
     return value
 
 
+def positive(value: float) -> float:
+    """Refuses what is not above 0; infinity is."""
+    if not value > 0.0:
+        raise typer.BadParameter(f"{value} is not above 0.")
+    return value
+
+
 RealtimeRate = Annotated[
     float | None,
     typer.Option(

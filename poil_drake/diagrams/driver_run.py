@@ -19,6 +19,7 @@ from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.simulated_truth import SimulatedTruth
 from poil_drake.diagrams.simulator import MakeSimulator
 from poil_drake.recording.plain_json import plain_json, write_json
+from poil_drake.systems.held_signals import HeldSignals
 from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.real_time_memory import KeepMemory
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
@@ -112,21 +113,22 @@ def RunDriver(
         reason = failure_reason(error)
         raise
     finally:
-        robot.Close()
-        hung = truth.judge.hanging_time(root.get_time())
-        summary = DriverSummary(
-            hangs=hung >= REQUIRED_HANGING_TIME,
-            reason=reason,
-            hanging_time=hung,
-            seed=scenario.random_seed,
-            simulated=root.get_time(),
-            time_scale=hardware.time_scale,
-            largest_lag=hardware.time_scale * max(loop.timing.lateness, default=0.0),
-            figures=loop.timing.figures(),
-        )
-        if json is not None:
-            write_json(plain_json(asdict(summary)), json)
-        poil = scenario.poil
-        verdict = f"hangs (for {hung:.1f} s so far)" if summary.hangs else "does not hang"
-        say(f"in the simulation the {poil.object} {verdict} on the {poil.fixture}")
+        with HeldSignals():  # A second one must not lose what is written here.
+            robot.Close()
+            hung = truth.judge.hanging_time(root.get_time())
+            summary = DriverSummary(
+                hangs=hung >= REQUIRED_HANGING_TIME,
+                reason=reason,
+                hanging_time=hung,
+                seed=scenario.random_seed,
+                simulated=root.get_time(),
+                time_scale=hardware.time_scale,
+                largest_lag=hardware.time_scale * max(loop.timing.lateness, default=0.0),
+                figures=loop.timing.figures(),
+            )
+            if json is not None:
+                write_json(plain_json(asdict(summary)), json)
+            poil = scenario.poil
+            verdict = f"hangs (for {hung:.1f} s so far)" if summary.hangs else "does not hang"
+            say(f"in the simulation the {poil.object} {verdict} on the {poil.fixture}")
     return summary

@@ -119,9 +119,17 @@ def _merge_drake(node: Any, schema: Any, default: Any, path: str) -> Any:
     except _DRAKE_ERRORS as error:
         _find_culprit(node, schema, path)
         schema, _ = _strip_optional(schema)
-        wanted = getattr(schema, "__name__", str(schema))
-        raise _wrong(path, node, f"{wanted}{_reason(error)}") from error
+        reason = "" if _is_union(schema) or schema in _KINDS else _reason(error)
+        given = node.get("_tag", node) if isinstance(node, collections.abc.Mapping) else node
+        raise _wrong(path, given, f"{_name(schema)}{reason}") from error
 
+
+_KINDS = {
+    str: "text (in quotes where it looks like a number)",
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+}
 
 _DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, AssertionError)
 
@@ -138,6 +146,16 @@ def _find_culprit(node: Any, schema: Any, path: str) -> None:
         for key, value in node.items():
             if key != "_tag":
                 _merge_drake(value, fields[key], None, f"{path}.{key}")
+
+
+def _name(schema: Any) -> str:
+    """Returns what a scenario's author would call a type."""
+    if _is_union(schema):
+        tags = [f"!{member.__name__}" for member in typing.get_args(schema)]
+        return f"a mapping with one of the tags {', '.join(tags)}"
+    if schema in _KINDS:
+        return _KINDS[schema]
+    return getattr(schema, "__name__", str(schema))
 
 
 def _reason(error: Exception) -> str:
@@ -182,9 +200,13 @@ def _did_you_mean(given: str, valid: collections.abc.Iterable[str]) -> str:
     return f" Did you mean '{close[0]}'?" if close else ""
 
 
+def _is_union(schema: Any) -> bool:
+    return typing.get_origin(schema) in (typing.Union, types.UnionType)
+
+
 def _strip_optional(schema: Any) -> tuple[Any, bool]:
     """Returns T and True for Optional[T], else the schema as it is and False."""
-    if typing.get_origin(schema) in (typing.Union, types.UnionType):
+    if _is_union(schema):
         arguments = typing.get_args(schema)
         if len(arguments) == 2 and arguments[1] is type(None):
             return arguments[0], True
@@ -193,9 +215,7 @@ def _strip_optional(schema: Any) -> tuple[Any, bool]:
 
 def _union_member(schema: Any, node: Any) -> Any:
     """Returns the member of a union that a mapping's tag chooses (the first without a tag)."""
-    if typing.get_origin(schema) not in (typing.Union, types.UnionType):
-        return None
-    if not isinstance(node, collections.abc.Mapping):
+    if not (_is_union(schema) and isinstance(node, collections.abc.Mapping)):
         return None
     members = typing.get_args(schema)
     tag = str(node.get("_tag", "")).removeprefix("!")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import signal
 import threading
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from pydrake.manipulation import PandaControlMode
 from short_skill import HOME, short_scenario
 
 from poil_drake.benchmarks.stand_in_robot import with_own_networks
+from poil_drake.diagrams import driver_run
 from poil_drake.diagrams.driver_run import DriverSummary, RunDriver
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import StationError
+from poil_drake.recording.plain_json import write_json
 from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.panda_lcm_messages import (
@@ -96,3 +99,22 @@ def test_it_ends_like_the_real_one_after_a_command_in_another_mode(
     summary = DriverSummary(**json.loads((tmp_path / "driver.json").read_text()))
     assert "expects the control mode 4" in summary.reason
     assert summary.simulated < 30.0
+
+
+def test_a_second_signal_does_not_lose_the_summary(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_interrupted(data: dict[str, object], path: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write_json(data, path)
+
+    monkeypatch.setattr(driver_run, "write_json", write_interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        RunDriver(
+            scenario,
+            json=tmp_path / "driver.json",
+            say=lambda line: signal.raise_signal(signal.SIGINT) if "listens" in line else None,
+        )
+
+    assert json.loads((tmp_path / "driver.json").read_text())["reason"] == "stopped by the user"

@@ -135,7 +135,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
         ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but !PandaDriver"),
         ("{cameras: {left: }}", "'cameras.left' is None"),
-        ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but int"),
+        ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
             "{cameras: {left: {X_PB: {translation: [1, 2]}}}}",
             r"'cameras.left.X_PB.*' is .*\[1, 2\]",
@@ -143,6 +143,18 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{cameras: {left: {lcm_bus: lab}}}", "cameras.left.lcm_bus is 'lab'.*Choose one of: def"),
         ("{visualization: {lcm_bus: lab}}", "visualization.lcm_bus is 'lab'"),
         ("{visualization: {publish_period: 0}}", "visualization.publish_period is 0"),
+        (
+            "{poil: {hardware: {cameras: {left: !Kinect {}}}}}",
+            "hardware.cameras.left' is '!Kinect', but .* one of the tags !LcmImages, !RealSense, ",
+        ),
+        (
+            "{poil: {hardware: {cameras: {left: 3}}}}",
+            "hardware.cameras.left' is 3, but a mapping with one of the tags !LcmImages, ",
+        ),
+        (
+            "{poil: {hardware: {cameras: {left: !RealSense {serial: 1}}}}}",
+            r"left.serial' is 1, but text \(in quotes where it looks like a number\) is needed",
+        ),
         ("{lcm_buses: {default: {lcm_url: 'ros://x'}}}", "lcm_url is 'ros://x'"),
         (
             "{lcm_buses: {lab: {lcm_url: 'udpm://hello'}}}",
