@@ -107,7 +107,7 @@ def PlanScenario(
 
 
 def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
-    """Returns the planner's parameters with the scene's table, and the field that will lead."""
+    """Returns the planner's parameters with the scene's table and boxes, and the field."""
     path = replace(
         config.selection.path,
         field=BcsdmConfig(eta=poil.eta),
@@ -116,7 +116,7 @@ def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> Plann
     )
     feasibility = config.selection.feasibility
     collision = replace(feasibility.collision, ground_height=poil.table_height)
-    feasibility = replace(feasibility, collision=collision)
+    feasibility = replace(feasibility, collision=collision, posture=poil.safety.posture)
     selection = replace(config.selection, path=path, feasibility=feasibility)
     return replace(config, selection=selection)
 

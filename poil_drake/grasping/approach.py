@@ -87,8 +87,8 @@ def plan_joint_path(
     if found is None:
         raise PlanningError(
             f"No free path to the pre-grasp was found in {config.iterations} rounds of search.",
-            remedy="Clear the space between the arm and the object, or raise "
-            "ApproachConfig.iterations.",
+            remedy="Clear the space between the arm and the object, widen the box that the arm may "
+            "be in, or raise ApproachConfig.iterations.",
         )
     corners = shorten_path(found, edges, config.shortcuts, np.random.default_rng(seed))
     return round_corners(corners, edges, width=config.smoothing, resolution=config.resolution)

@@ -9,6 +9,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.grasping.collision import CollisionConfig
 from poil_drake.grasping.inverse_kinematics import InverseKinematicsConfig
 from poil_drake.grasping.path_following import PathFollowingConfig
+from poil_drake.grasping.posture_guard import PostureGuardConfig
 from poil_drake.grasping.robot_model import NOMINAL_POSTURE
 from poil_drake.grasping.robot_spheres import RobotSpheresConfig
 
@@ -21,6 +22,7 @@ class Failure(enum.Enum):
     PATH = "leave the arm's reach or joint limits on the way to the goal"
     RETREAT = "cannot be left at the goal along a straight line"
     SINGULAR = "pass too near a singularity"
+    WORKSPACE = "take the arm out of the box that it may be in"
     ROBOT_COLLISION = "bring the robot into collision"
     OBJECT_COLLISION = "bring the object into collision with the scene"
     NOT_CONVERGED = "do not bring the part to the end of its reference"
@@ -35,6 +37,9 @@ class FeasibilityConfig:
         following: How the arm follows the path.
         collision: Margins.
         spheres: How finely the robot's shape is covered.
+        posture: Where the arm may be: the boxes of what will watch over it. None: anywhere.
+        workspace_margin: Distance from the boxes' faces that is planned with [m], as the arm will
+            not move exactly as it is rehearsed.
         nominal_posture: (7,) posture that the redundancy is used for [rad].
         pregrasp_distance: Straight way of the gripper to the grasp [m].
         retreat_distance: Straight way of the gripper away from the released object [m].
@@ -59,6 +64,8 @@ class FeasibilityConfig:
     following: PathFollowingConfig = field(default_factory=PathFollowingConfig)
     collision: CollisionConfig = field(default_factory=CollisionConfig)
     spheres: RobotSpheresConfig = field(default_factory=RobotSpheresConfig)
+    posture: PostureGuardConfig | None = None
+    workspace_margin: float = 0.02
     nominal_posture: tuple[float, ...] = tuple(float(v) for v in NOMINAL_POSTURE)
     pregrasp_distance: float = 0.10
     retreat_distance: float = 0.10

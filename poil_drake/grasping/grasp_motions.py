@@ -3,14 +3,20 @@
 import numpy as np
 
 from poil_drake.control.joint_trajectory import JointTrajectory
+from poil_drake.control.path_shortening import IsFree
+from poil_drake.errors import PlanningError
 from poil_drake.grasping.approach import ApproachConfig, plan_joint_path
 from poil_drake.grasping.candidates import GraspCandidate
 from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.grasping.feasibility import FeasibilityConfig
 from poil_drake.grasping.joint_timing import JointTimingConfig, time_joint_path
 from poil_drake.grasping.path_following import backed_off_poses, follow_path
+from poil_drake.grasping.posture_guard import PostureGuard
 from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.grasping.robot_spheres import make_robot_spheres
+
+_ROUNDING = 1e-9
+"""A clearance [m] is no worse than another one if it is smaller by no more than this."""
 
 
 def plan_descent(
@@ -77,7 +83,7 @@ def plan_approach(
         seed: Seed of the search.
 
     Raises:
-        PlanningError: There is no way, or none was found.
+        PlanningError: There is no way, or none was found, or the arm stands where it may not be.
     """
     checker = RobotCollisionChecker(
         model=model,
@@ -85,5 +91,30 @@ def plan_approach(
         scene=scene,
         config=feasibility.collision,
     )
-    path = plan_joint_path(model, checker.is_free, q_start, q_pregrasp, config=approach, seed=seed)
+    is_free = _within_boxes(checker.is_free, model, q_start, feasibility)
+    path = plan_joint_path(model, is_free, q_start, q_pregrasp, config=approach, seed=seed)
     return time_joint_path(path, model.velocity, config=timing)
+
+
+def _within_boxes(
+    is_free: IsFree, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
+) -> IsFree:
+    """Returns a check that also keeps the arm as far within its boxes as it may, or as it is."""
+    if feasibility.posture is None:
+        return is_free
+    guard = PostureGuard(model=model, config=feasibility.posture)
+    start = float(guard.workspace_clearances(q_start[None])[0])
+    if start < 0.0:
+        face = guard.tightest_face(q_start[None])
+        raise PlanningError(
+            f"The arm stands outside the box that it may be in: {face}.",
+            remedy="Move it inside, or widen the box (poil.safety.posture).",
+        )
+    least = min(feasibility.workspace_margin, start)
+
+    def is_free_within(q: np.ndarray) -> np.ndarray:
+        free = is_free(q)
+        free[free] = guard.workspace_clearances(q[free]) >= least - _ROUNDING
+        return free
+
+    return is_free_within

@@ -149,21 +149,38 @@ class PostureGuard:
         clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
         return clearances
 
+    def workspace_clearances(self, q: np.ndarray) -> np.ndarray:
+        """Returns the first column of `clearances` alone (B,) [m].
+
+        Args:
+            q: (B, 7) joint positions [rad].
+        """
+        poses = self._model.link_poses(q)
+        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].min(axis=(1, 2, 3))
+
+    def tightest_face(self, q: np.ndarray) -> str:
+        """Says which face of the boxes postures (B, 7) [rad] come nearest to, or pass by most."""
+        poses = self._model.link_poses(q)
+        distances, _ = self._outer(poses, poses[:, :, :3] @ self._centers)
+        nearest = int(np.argmin(distances))
+        _, side, body, axis = np.unravel_index(nearest, distances.shape)
+        name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
+        limit = getattr(self._config, name)[axis]
+        distance = 1e3 * float(distances.ravel()[nearest])
+        where = f"{distance:.1f} mm away" if distance >= 0.0 else f"passed by {-distance:.1f} mm"
+        return f"posture.{name}[{axis}] is {limit:g} m, which is {where}"
+
     def tightest(self, q: np.ndarray) -> str:
         """Says which rule a posture (7,) [rad] is nearest to breaking, or breaks by most."""
         rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
-        poses = self._model.link_poses(q[None])
-        distances, height = self._outer(poses, poses[:, :, :3] @ self._centers)
-        if rule is PostureRule.TABLE:
-            table = self._lowest_height - self._config.table_margin
-            return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
+        if rule is PostureRule.WORKSPACE:
+            return self.tightest_face(q[None])
         if rule is PostureRule.SELF_COLLISION:
             return "wrist or hand are close to the shoulder"
-        side, body, axis = np.unravel_index(int(np.argmin(distances[0])), distances[0].shape)
-        name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
-        limit = getattr(self._config, name)[axis]
-        distance = 1e3 * float(distances[0].min())
-        return f"posture.{name}[{axis}] is {limit:g} m, which is {distance:.1f} mm away"
+        poses = self._model.link_poses(q[None])
+        _, height = self._outer(poses, poses[:, :, :3] @ self._centers)
+        table = self._lowest_height - self._config.table_margin
+        return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
 
     def _outer(self, poses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).

@@ -16,6 +16,7 @@ from poil_drake.grasping.path_following import (
     follow_path,
     manipulability,
 )
+from poil_drake.grasping.posture_guard import PostureGuard
 from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.grasping.robot_spheres import make_robot_spheres
 
@@ -38,6 +39,8 @@ class FeasibilityChecker:
         self._config = config or FeasibilityConfig()
         self._nominal = np.array(self._config.nominal_posture)
         self._checkers: dict[float | None, RobotCollisionChecker] = {}
+        posture = self._config.posture
+        self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
         """Returns the arm configurations (R, 7) at the grasps [rad] and the grasp (R,) of each."""
@@ -73,6 +76,19 @@ class FeasibilityChecker:
             for row, index in enumerate(owner)
         ]
 
+    def tightest_face(self, findings: Sequence[Feasibility]) -> str:
+        """Says which face of the boxes stands most in the way of what comes nearest to fitting in.
+
+        Args:
+            findings: Some that failed for `Failure.WORKSPACE`, one at least.
+        """
+        guard = self._guard
+        assert guard is not None  # Else nothing fails for it.
+        motions = [np.concatenate([f.q_approach, f.q_carry, f.q_retreat]) for f in findings]
+        return guard.tightest_face(
+            max(motions, key=lambda q: float(guard.workspace_clearances(q).min()))
+        )
+
     def _follow(self, q_grasp: np.ndarray, X_WG: np.ndarray, path: ObjectPath) -> list["_Way"]:
         """Returns how the arm follows approach, carrying and retreat, for all rows at once."""
         config = self._config
@@ -104,7 +120,11 @@ class FeasibilityChecker:
         singular = float(manipulability(self._model, carry, config.following.rotation_scale).min())
         margin = float(self._model.limit_margin(np.concatenate([approach, carry, retreat])).min())
         speed_ratio = self._speed_ratio(carry, path.times[path.samples])
-        failure = self._path_failure(path) or self._kinematic_failure(ways, singular)
+        failure = (
+            self._path_failure(path)
+            or self._kinematic_failure(ways, singular)
+            or self._workspace_failure(ways)
+        )
         clearance, cost = np.nan, np.inf
         if failure is None:
             clearance = self._clearance(candidate, approach, carry, retreat, path)
@@ -146,6 +166,12 @@ class FeasibilityChecker:
             if np.any(way.errors > largest):
                 return reason
         return Failure.SINGULAR if singular < self._config.smallest_singular_value else None
+
+    def _workspace_failure(self, ways: list["_Way"]) -> Failure | None:
+        if self._guard is None:
+            return None
+        clearances = self._guard.workspace_clearances(np.concatenate([way.q for way in ways]))
+        return Failure.WORKSPACE if clearances.min() < self._config.workspace_margin else None
 
     def _clearance(
         self,

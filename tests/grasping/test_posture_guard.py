@@ -71,6 +71,34 @@ def test_the_whole_arm_keeps_the_larger_box() -> None:
     assert found == pytest.approx(0.01)
 
 
+def test_the_nearest_face_is_named_over_all_postures() -> None:
+    dut = guard(gripper_upper=(0.85, 0.85, UPRIGHT_GRIPPER[2] + 0.012))
+
+    lowered = UPRIGHT + 0.5 * np.eye(7)[1]
+
+    said = "posture.gripper_upper[2] is 0.8346 m, which is 12.0 mm away"
+    assert dut.tightest_face(np.array([lowered, UPRIGHT])) == said
+    assert dut.tightest(UPRIGHT) == said
+
+
+def test_a_face_that_is_passed_is_said_to_be() -> None:
+    dut = guard(gripper_upper=(0.85, 0.85, UPRIGHT_GRIPPER[2] - 0.012))
+
+    assert "posture.gripper_upper[2]" in dut.tightest_face(UPRIGHT[None])
+    assert "passed by 12.0 mm" in dut.tightest_face(UPRIGHT[None])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(derandomize=True, deadline=None, max_examples=10)
+def test_the_boxes_alone_are_the_first_rule(seed: int) -> None:
+    q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, (5, 7))
+    dut = guard()
+
+    np.testing.assert_array_equal(
+        dut.workspace_clearances(q), dut.clearances(q)[:, PostureRule.WORKSPACE]
+    )
+
+
 def test_closed_finger_tips_keep_off_the_table() -> None:
     height = MODEL.gripper_pose(LOW)[2, 3] - TIP_END - 0.05
 

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.candidates import GraspCandidate
 from poil_drake.grasping.collision import SceneCloud
+from poil_drake.grasping.feasibility import FeasibilityConfig
+from poil_drake.grasping.posture_guard import PostureGuardConfig
 from poil_drake.grasping.selection import SelectionConfig, rank_grasps, select_grasp
 
 NOTHING = np.zeros((0, 3))
@@ -74,6 +77,29 @@ def test_robot_collision_is_counted(choose, grasps, matching):
 
     with pytest.raises(NoFeasibleGraspError, match="2 bring the robot into collision"):
         choose(grasps, [matching], shelf)
+
+
+def within(**box) -> SelectionConfig:
+    return SelectionConfig(feasibility=FeasibilityConfig(posture=PostureGuardConfig(**box)))
+
+
+def test_a_grasp_that_stays_in_the_box_is_chosen(choose, grasps, matching):
+    # 0.2 m to the left, the grasps end at y = 0.138 m and y = 0.062 m; 2 cm are kept.
+    dut = choose(grasps, [matching], config=within(gripper_upper=(0.85, 0.1, 1.2)))
+
+    assert dut.candidate is grasps[1]
+
+
+def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(choose, grasps, matching):
+    with pytest.raises(NoFeasibleGraspError, match="2 take the arm out of the box") as info:
+        choose(grasps, [matching], config=within(gripper_upper=(0.85, 0.07, 1.2)))
+
+    found = re.search(
+        r"at best, posture.gripper_upper\[1\] is 0.07 m, .* (\S+) mm", str(info.value)
+    )
+    assert found is not None
+    assert float(found[1]) == pytest.approx(8.0, abs=2.0)
+    assert "poil.safety.posture" in info.value.remedy
 
 
 def test_feasible_matching_is_chosen(choose, grasps, matching, mug, make_matching):

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from poil_drake.control.joint_trajectory import JointTrajectory
+from poil_drake.errors import PlanningError
+from poil_drake.grasping.approach import ApproachConfig
+from poil_drake.grasping.collision import SceneCloud
+from poil_drake.grasping.feasibility import FeasibilityConfig
+from poil_drake.grasping.grasp_motions import plan_approach
+from poil_drake.grasping.joint_timing import JointTimingConfig
+from poil_drake.grasping.posture_guard import PostureGuardConfig
+from poil_drake.grasping.robot_model import NOMINAL_POSTURE, PandaModel
+
+RIGHT, LEFT = (NOMINAL_POSTURE + turn * np.eye(7)[0] for turn in (-0.9, 0.9))
+"""Turned aside; the straight way between them turns the stretched arm through the middle."""
+
+
+def approach(model: PandaModel, **box) -> JointTrajectory:
+    return plan_approach(
+        model,
+        SceneCloud(np.zeros((0, 3))),
+        RIGHT,
+        LEFT,
+        opening=0.04,
+        feasibility=FeasibilityConfig(posture=PostureGuardConfig(**box)),
+        approach=ApproachConfig(),
+        timing=JointTimingConfig(),
+        seed=0,
+    )
+
+
+def forward(model: PandaModel, trajectory: JointTrajectory) -> np.ndarray:
+    """How far the gripper is in front of the robot (T,) [m]."""
+    return model.gripper_pose(trajectory.positions)[:, 0, 3]
+
+
+def test_a_way_is_searched_within_the_box(model: PandaModel) -> None:
+    reach = model.gripper_pose(NOMINAL_POSTURE)[0, 3]
+    assert forward(model, approach(model)).max() == pytest.approx(reach, abs=1e-3)
+
+    dut = approach(model, gripper_upper=(reach - 0.05, 0.85, 1.2))
+
+    assert forward(model, dut).max() <= reach - 0.05 - FeasibilityConfig().workspace_margin + 2e-3
+    np.testing.assert_allclose(dut.positions[0], RIGHT, atol=1e-9)
+    np.testing.assert_allclose(dut.positions[-1], LEFT, atol=1e-9)
+
+
+def test_an_arm_near_a_face_may_leave_it(model: PandaModel) -> None:
+    side = model.gripper_pose(RIGHT)[1, 3]
+
+    dut = approach(model, gripper_lower=(-0.85, side - 0.005, -1.0))
+
+    np.testing.assert_allclose(dut.positions[-1], LEFT, atol=1e-9)
+
+
+def test_an_arm_outside_the_box_is_told_so(model: PandaModel) -> None:
+    side = model.gripper_pose(RIGHT)[1, 3]
+
+    with pytest.raises(PlanningError, match=r"gripper_lower\[1\] is .*, which is passed by 5.0 mm"):
+        approach(model, gripper_lower=(-0.85, side + 0.005, -1.0))
