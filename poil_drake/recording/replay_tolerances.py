@@ -9,11 +9,6 @@ LINEAR_VELOCITY = "linear_velocity_m_s"
 TRACKED_POINTS = "tracked_points_m"
 
 
-_CORRECTIONS = 0.25
-"""The part of the tolerances that is for corrections: at a fifth of the usual speed two replays of
-whole runs differed by 0.073 rad/s, at the usual one by 0.054 to 0.13 rad/s."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class ReplayTolerances:
     """Up to which differences two runs count as the same.
@@ -24,6 +19,9 @@ class ReplayTolerances:
         linear_velocity: Of its linear velocity asked for [m/s].
         tracked_points: Of each tracked point [m], in the phases in which they move the arm.
         phase_start: Of the time at which a phase begins [s].
+        shift: So much earlier or later the velocities may do the same [s], where points move the
+            arm: a point that is elsewhere by a little lets the field's reference jump when the
+            arm is elsewhere by as much.
         unmatched_tracks: Share of the tracks, in the phases in which they move the arm, that only
             one of the two has, or that show no point that both saw.
         point_phases: The phases in which the points move the arm. In others nothing depends on
@@ -37,6 +35,7 @@ class ReplayTolerances:
     linear_velocity: float
     tracked_points: float
     phase_start: float
+    shift: float = 0.0
     unmatched_tracks: float = 0.05
     point_phases: tuple[str, ...] = ("follow",)
     elsewhere: "ReplayTolerances | None" = None
@@ -53,15 +52,14 @@ class ReplayTolerances:
     def at_speed(self, speed: float) -> Self:
         """Returns the tolerances of a run at a share of the usual speed, in (0, 1].
 
-        The motion is slower by that share, and so is what another time at which a point is seen
-        makes of it; what corrects an error of the points is as fast as ever.
+        The motion is slower by that share, and takes longer by as much to come to a place.
         """
-        share = _CORRECTIONS + (1.0 - _CORRECTIONS) * speed
         return replace(
             self,
-            joint_velocity=share * self.joint_velocity,
-            angular_velocity=share * self.angular_velocity,
-            linear_velocity=share * self.linear_velocity,
+            joint_velocity=speed * self.joint_velocity,
+            angular_velocity=speed * self.angular_velocity,
+            linear_velocity=speed * self.linear_velocity,
+            shift=min(self.shift / speed, self.phase_start),
         )
 
 
@@ -82,6 +80,7 @@ PERCEPTION_TOLERANCES = ReplayTolerances(
     linear_velocity=0.05,
     tracked_points=0.006,
     phase_start=0.25,
+    shift=0.01,
     elsewhere=CONTROL_TOLERANCES,
 )
 """Where images are tracked again, they are not quite those that were tracked: colours are

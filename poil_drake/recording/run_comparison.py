@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from poil_drake.recording.replay_tolerances import (
     ReplayTolerances,
 )
 from poil_drake.recording.series import Series
+from poil_drake.recording.signal_pair import SignalPair
 from poil_drake.recording.track_comparison import TrackComparison, compare_tracks
 
 PHASE, TRACKS = "phase", "tracks"
@@ -94,7 +95,9 @@ class RunComparison:
     """How a replay differs from the run.
 
     Attributes:
-        differences: Signal -> its differences, infinite where only one of the two is finite.
+        differences: Signal -> its differences, infinite where only one of the two is finite. Of
+            velocities, while points move the arm, what is left of them if they may be
+            `ReplayTolerances.shift` earlier or later.
         phases: The phases of both, in order.
         spans: Each phase of the recorded run: name, start and end [s].
         tolerances: What was tolerated.
@@ -146,17 +149,22 @@ class RunComparison:
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
-        moving = [span for span in self.spans if span[0] in tolerances.point_phases]
         if signal == TRACKED_POINTS:
-            limits, fading = np.full(len(times), math.inf), 0.0
-        else:
-            limits, fading = np.full(len(times), usual), tolerances.phase_start
-            if strict is not None:
-                for start, end in self._together(strict.phase_start):
-                    limits[(times >= start) & (times < end)] = strict.of(signal)
-        for _, start, end in moving:
-            limits[(times >= start) & (times < end + fading)] = usual
+            return np.where(self.moved_by_points(times), usual, math.inf)
+        limits = np.full(len(times), usual)
+        if strict is not None:
+            for start, end in self._together(strict.phase_start):
+                limits[(times >= start) & (times < end)] = strict.of(signal)
+        limits[self.moved_by_points(times, fading=tolerances.phase_start)] = usual
         return limits
+
+    def moved_by_points(self, times: np.ndarray, *, fading: float = 0.0) -> np.ndarray:
+        """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] ago."""
+        moved = np.zeros(len(times), dtype=bool)
+        for name, start, end in self.spans:
+            if name in self.tolerances.point_phases:
+                moved |= (times >= start) & (times < end + fading)
+        return moved
 
     def _together(self, tolerance: float) -> Iterator[tuple[float, float]]:
         """Yields from when until when [s] both are in a phase that they began together."""
@@ -245,14 +253,12 @@ def compare_runs(
         replayed: Its replay.
         tolerances: What is tolerated.
     """
-    commands = _pairs(recorded.commands, replayed.commands)
-    twists = _pairs(recorded.twist, replayed.twist)
+    commands = SignalPair.of(recorded.commands, replayed.commands)
+    twists = SignalPair.of(recorded.twist, replayed.twist)
     tracks = compare_tracks(recorded.tracks, replayed.tracks)
-    return RunComparison(
+    comparison = RunComparison(
         differences={
-            JOINT_VELOCITY: _largest(*commands),
-            ANGULAR_VELOCITY: _lengths(*twists, slice(0, 3)),
-            LINEAR_VELOCITY: _lengths(*twists, slice(3, 6)),
+            **_velocity_differences(commands, twists, shift=0.0),
             TRACKED_POINTS: tracks.distances,
         },
         phases=_compare_phases(recorded.phases, replayed.phases),
@@ -261,30 +267,29 @@ def compare_runs(
         tracks=tracks,
         commands=len(recorded.commands),
     )
+    if not tolerances.shift:
+        return comparison
+    shifted = _velocity_differences(commands, twists, shift=tolerances.shift)
+    differences = dict(comparison.differences)
+    for signal, left in shifted.items():
+        times, plain = left.times, differences[signal].values
+        moved = comparison.moved_by_points(times, fading=tolerances.phase_start)
+        differences[signal] = Series(times, np.where(moved[:, None], left.values, plain))
+    return replace(comparison, differences=differences)
 
 
-def _pairs(a: Series, b: Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the common times of two series, and the values of both."""
-    in_ns = [np.rint(1e9 * series.times).astype(np.int64) for series in (a, b)]
-    _, in_a, in_b = np.intersect1d(in_ns[0], in_ns[1], return_indices=True)
-    return a.times[in_a], a.values[in_a], b.values[in_b]
-
-
-def _largest(times: np.ndarray, a: np.ndarray, b: np.ndarray) -> Series:
-    """Returns the largest difference (T, 1) of the elements of each row."""
-    return Series(times, np.max(np.abs(_difference(a, b)), axis=1, initial=0.0)[:, None])
-
-
-def _lengths(times: np.ndarray, a: np.ndarray, b: np.ndarray, part: slice) -> Series:
-    """Returns the length (T, 1) of the difference of a part of each row."""
-    return Series(times, np.linalg.norm(_difference(a, b)[:, part], axis=1)[:, None])
-
-
-def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns a - b; zero where neither is finite, and infinite where only one of them is."""
-    known = np.isfinite(a), np.isfinite(b)
-    difference = np.subtract(a, b, out=np.zeros_like(a), where=known[0] & known[1])
-    return np.where(known[0] != known[1], np.inf, difference)
+def _velocity_differences(
+    commands: SignalPair, twists: SignalPair, *, shift: float
+) -> dict[str, Series]:
+    """Returns each velocity's differences (T, 1), if it may be so much earlier or later [s]."""
+    joints, twist = commands.differences(shift), twists.differences(shift)
+    largest = np.max(np.abs(joints), axis=1, initial=0.0)
+    angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
+    return {
+        JOINT_VELOCITY: Series(commands.times, largest[:, None]),
+        ANGULAR_VELOCITY: Series(twists.times, angular[:, None]),
+        LINEAR_VELOCITY: Series(twists.times, linear[:, None]),
+    }
 
 
 def _compare_phases(

@@ -292,8 +292,45 @@ def test_a_replay_that_commands_nothing_while_points_move_the_arm_differs_from_a
 
     # 4 cm/s would be less than the 5 cm/s of the usual speed.
     assert (dut.first.time, dut.first.what) == (0.5, LINEAR_VELOCITY)
-    # A quarter for corrections, and of the rest a fifth.
-    assert dut.first.tolerance == pytest.approx(0.02)
+    assert dut.first.tolerance == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("phase", "late", "same"), [("follow", 1, True), ("follow", 2, False), ("approach", 1, False)]
+)
+def test_velocities_may_come_later_only_while_points_move_the_arm(phase, late, same):
+    tolerances = PERCEPTION_TOLERANCES.at_speed(SPEED)  # 0.05 s
+    times = (0.03 * np.arange(8)).tolist()
+    jump = np.array([0.0, 0.0, 0.0, 0.3, 0.3, 0.3, 0.3, 0.3])
+
+    def jumping(by):
+        commands = [(velocity, 0.0) for velocity in np.roll(jump, by)]
+        commands[0] = (0.0, 0.0)
+        twists = [(0.0,) * 6] * 8
+        return make_run(times=times, commands=commands, twists=twists, phases=[(0.0, phase)])
+
+    commands = compare_runs(jumping(0), jumping(late), tolerances)
+
+    assert commands.same is same
+
+
+def test_a_peak_that_only_one_has_is_not_late():
+    tolerances = PERCEPTION_TOLERANCES.at_speed(SPEED)
+    phases = [(0.0, "follow")]
+    times = (0.03 * np.arange(4)).tolist()
+    still = make_run(times=times, phases=phases)
+    peak = make_run(
+        times=times, phases=phases, commands=((0.0, 0.0), (0.0, -0.06), (0.0, 0.0), (0.0, 0.0))
+    )
+
+    for pair in ((still, peak), (peak, still)):
+        dut = compare_runs(*pair, tolerances)
+        assert (dut.first.time, dut.first.size) == (0.03, pytest.approx(0.06))
+
+
+@pytest.mark.parametrize(("speed", "shift"), [(1.0, 0.01), (0.2, 0.05), (0.01, 0.25)])
+def test_what_comes_later_comes_later_by_more_in_a_slow_run(speed, shift):
+    assert PERCEPTION_TOLERANCES.at_speed(speed).shift == pytest.approx(shift)
 
 
 def test_velocities_may_differ_where_a_phase_began_a_little_later():
