@@ -1,5 +1,6 @@
 """A progress bar for the command line."""
 
+import shutil
 import sys
 from types import TracebackType
 from typing import Self
@@ -28,12 +29,15 @@ class ProgressBar:
         """Shows that the fraction (in [0, 1]) of `what` is done."""
         if what != self._what or self._bar is None:
             self._finish()
-            self._what = what
+            self._what, size = what, shutil.get_terminal_size()
             self._bar = tqdm(
                 total=1.0,
                 desc=what,
                 disable=self._disable,
                 bar_format="{desc:<28} {percentage:3.0f}% |{bar:30}| {elapsed}",
+                # Some terminals say that they have no columns and rows.
+                ncols=size.columns,
+                nrows=size.lines,
                 mininterval=0.2 if sys.stderr.isatty() else 3600.0,
             )
         self._bar.update(min(max(fraction, self._bar.n), 1.0) - self._bar.n)
