@@ -56,7 +56,7 @@ def PlanScenario(
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
         hardware: Whether the station is the real robot, which is looked at and not moved.
-        config: All parameters.
+        config: All parameters; of table, boxes and field, the scenario's values are taken.
         progress: Told what is being done and which share of it, in [0, 1].
 
     Raises:

@@ -1,10 +1,12 @@
 """What makes a grasp feasible, and one feasible grasp better than another."""
 
 import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.grasping.collision import CollisionConfig
 from poil_drake.grasping.inverse_kinematics import InverseKinematicsConfig
@@ -22,7 +24,7 @@ class Failure(enum.Enum):
     PATH = "leave the arm's reach or joint limits on the way to the goal"
     RETREAT = "cannot be left at the goal along a straight line"
     SINGULAR = "pass too near a singularity"
-    WORKSPACE = "take the arm out of the box that it may be in"
+    WORKSPACE = "come too near to a face of the box that the arm may be in"
     ROBOT_COLLISION = "bring the robot into collision"
     OBJECT_COLLISION = "bring the object into collision with the scene"
     NOT_CONVERGED = "do not bring the part to the end of its reference"
@@ -38,8 +40,8 @@ class FeasibilityConfig:
         collision: Margins.
         spheres: How finely the robot's shape is covered.
         posture: Where the arm may be: the boxes of what will watch over it. None: anywhere.
-        workspace_margin: Distance from the boxes' faces that is planned with [m], as the arm will
-            not move exactly as it is rehearsed.
+        workspace_margin: Distance from the boxes' faces that is rehearsed with [m], as the arm
+            will not move exactly so.
         nominal_posture: (7,) posture that the redundancy is used for [rad].
         pregrasp_distance: Straight way of the gripper to the grasp [m].
         retreat_distance: Straight way of the gripper away from the released object [m].
@@ -79,6 +81,13 @@ class FeasibilityConfig:
     travel_scale: float = 12.0
     speed_scale: float = 0.8
     weights: tuple[float, ...] = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.workspace_margin < math.inf:
+            raise InvalidValueError(
+                f"FeasibilityConfig.workspace_margin is {self.workspace_margin} m.",
+                remedy="It must be finite, and not negative.",
+            )
 
     def cost(
         self,
@@ -129,6 +138,9 @@ class Feasibility(SharedOnCopy):
         clearance: Smallest clearance of the robot [m]; NaN where the arm cannot follow anyway.
         failure: Why it is not feasible, or None.
         cost: Smaller is better; infinite where not feasible.
+        workspace_clearance: How far the arm stays inside its boxes [m]; NaN where there are none,
+            or the arm cannot follow anyway.
+        tightest_face: Which of their faces stands in the way, a clause; empty where none does.
     """
 
     candidate: int
@@ -141,6 +153,8 @@ class Feasibility(SharedOnCopy):
     clearance: float
     failure: Failure | None
     cost: float
+    workspace_clearance: float = math.nan
+    tightest_face: str = ""
 
     def __post_init__(self) -> None:
         for name in ("q_approach", "q_carry", "q_retreat"):

@@ -4,19 +4,15 @@ import numpy as np
 
 from poil_drake.control.joint_trajectory import JointTrajectory
 from poil_drake.control.path_shortening import IsFree
-from poil_drake.errors import PlanningError
 from poil_drake.grasping.approach import ApproachConfig, plan_joint_path
 from poil_drake.grasping.candidates import GraspCandidate
 from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.grasping.feasibility import FeasibilityConfig
 from poil_drake.grasping.joint_timing import JointTimingConfig, time_joint_path
 from poil_drake.grasping.path_following import backed_off_poses, follow_path
-from poil_drake.grasping.posture_guard import PostureGuard
 from poil_drake.grasping.robot_model import PandaModel
 from poil_drake.grasping.robot_spheres import make_robot_spheres
-
-_ROUNDING = 1e-9
-"""A clearance [m] is no worse than another one if it is smaller by no more than this."""
+from poil_drake.grasping.workspace_check import WorkspaceCheck
 
 
 def plan_descent(
@@ -77,13 +73,14 @@ def plan_approach(
         q_start: (7,) where the arm stands [rad].
         q_pregrasp: (7,) where it shall go [rad].
         opening: Finger opening on the way [m].
-        feasibility: The robot's shape and the margins.
+        feasibility: The robot's shape, the margins, and the boxes that it may be in.
         approach: Effort of the search.
         timing: Limits of the joints.
         seed: Seed of the search.
 
     Raises:
-        PlanningError: There is no way, or none was found, or the arm stands where it may not be.
+        PlanningError: There is no way, or none was found, or one of its ends is where the arm
+            may not be.
     """
     checker = RobotCollisionChecker(
         model=model,
@@ -91,30 +88,19 @@ def plan_approach(
         scene=scene,
         config=feasibility.collision,
     )
-    is_free = _within_boxes(checker.is_free, model, q_start, feasibility)
+    workspace = WorkspaceCheck.of(model, q_start, feasibility)
+    is_free: IsFree = checker.is_free
+    if workspace is not None:
+        workspace.require(q_pregrasp[None], "The end of the approach")
+        is_free = _both(checker.is_free, workspace.is_within)
     path = plan_joint_path(model, is_free, q_start, q_pregrasp, config=approach, seed=seed)
     return time_joint_path(path, model.velocity, config=timing)
 
 
-def _within_boxes(
-    is_free: IsFree, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
-) -> IsFree:
-    """Returns a check that also keeps the arm as far within its boxes as it may, or as it is."""
-    if feasibility.posture is None:
-        return is_free
-    guard = PostureGuard(model=model, config=feasibility.posture)
-    start = float(guard.workspace_clearances(q_start[None])[0])
-    if start < 0.0:
-        face = guard.tightest_face(q_start[None])
-        raise PlanningError(
-            f"The arm stands outside the box that it may be in: {face}.",
-            remedy="Move it inside, or widen the box (poil.safety.posture).",
-        )
-    least = min(feasibility.workspace_margin, start)
-
-    def is_free_within(q: np.ndarray) -> np.ndarray:
-        free = is_free(q)
-        free[free] = guard.workspace_clearances(q[free]) >= least - _ROUNDING
+def _both(first: IsFree, second: IsFree) -> IsFree:
+    def is_free(q: np.ndarray) -> np.ndarray:
+        free = first(q)
+        free[free] = second(q[free])
         return free
 
-    return is_free_within
+    return is_free

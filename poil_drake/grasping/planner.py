@@ -24,6 +24,7 @@ from poil_drake.grasping.selection import (
     SelectionConfig,
     rank_grasps,
 )
+from poil_drake.grasping.workspace_check import WorkspaceCheck
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +88,13 @@ def plan_execution(
 
     Raises:
         NoFeasibleGraspError: No grasp is feasible; the message counts why.
-        PlanningError: No way to the best grasps was found.
+        PlanningError: No way to the best grasps was found, or the arm stands outside its boxes.
     """
     config = config or PlannerConfig()
     model = model or PandaModel()
     feasibility = config.selection.feasibility
+    q_start = np.asarray(q_start, dtype=float)
+    workspace = WorkspaceCheck.of(model, q_start, feasibility)
     # The demonstrated part's points stand for what the cameras did not see of it.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(
@@ -124,7 +127,7 @@ def plan_execution(
     )
     crowded = scene.with_points(object_cloud.points)
     choice, approach, descent = _first_reachable(
-        choices, model, crowded, np.asarray(q_start, dtype=float), config, seed, progress
+        choices, model, crowded, q_start, workspace, config, seed, progress
     )
     finding = choice.feasibility
     notes = {
@@ -163,6 +166,7 @@ def _first_reachable(
     model: PandaModel,
     scene: SceneCloud,
     q_start: np.ndarray,
+    workspace: WorkspaceCheck | None,
     config: PlannerConfig,
     seed: int,
     progress: Progress | None,
@@ -181,6 +185,8 @@ def _first_reachable(
             timing=config.timing,
         )
         try:
+            if workspace is not None:
+                workspace.require(descent.positions, "The way to the grasp")
             approach = plan_approach(
                 model,
                 scene,

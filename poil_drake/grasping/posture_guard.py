@@ -149,24 +149,29 @@ class PostureGuard:
         clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
         return clearances
 
-    def workspace_clearances(self, q: np.ndarray) -> np.ndarray:
-        """Returns the first column of `clearances` alone (B,) [m].
+    def face_distances(self, q: np.ndarray) -> np.ndarray:
+        """Returns how far inside each face of the boxes postures are (B, 12) [m]; negative: beyond.
+
+        The smallest is the first column of `clearances`.
 
         Args:
             q: (B, 7) joint positions [rad].
         """
         poses = self._model.link_poses(q)
-        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].min(axis=(1, 2, 3))
+        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].reshape(len(q), 12)
 
     def tightest_face(self, q: np.ndarray) -> str:
-        """Says which face of the boxes postures (B, 7) [rad] come nearest to, or pass by most."""
-        poses = self._model.link_poses(q)
-        distances, _ = self._outer(poses, poses[:, :, :3] @ self._centers)
-        nearest = int(np.argmin(distances))
-        _, side, body, axis = np.unravel_index(nearest, distances.shape)
+        """Says which face of the boxes postures (B, 7) [rad] come nearest to, or pass by most.
+
+        Args:
+            q: (B, 7) joint positions [rad], one at least.
+        """
+        distances = self.face_distances(q)
+        nearest = int(np.argmin(distances.min(axis=0)))
+        side, body, axis = np.unravel_index(nearest, (2, 2, 3))
         name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
         limit = getattr(self._config, name)[axis]
-        distance = 1e3 * float(distances.ravel()[nearest])
+        distance = 1e3 * float(distances.min())
         where = f"{distance:.1f} mm away" if distance >= 0.0 else f"passed by {-distance:.1f} mm"
         return f"posture.{name}[{axis}] is {limit:g} m, which is {where}"
 

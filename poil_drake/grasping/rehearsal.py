@@ -76,19 +76,6 @@ class FeasibilityChecker:
             for row, index in enumerate(owner)
         ]
 
-    def tightest_face(self, findings: Sequence[Feasibility]) -> str:
-        """Says which face of the boxes stands most in the way of what comes nearest to fitting in.
-
-        Args:
-            findings: Some that failed for `Failure.WORKSPACE`, one at least.
-        """
-        guard = self._guard
-        assert guard is not None  # Else nothing fails for it.
-        motions = [np.concatenate([f.q_approach, f.q_carry, f.q_retreat]) for f in findings]
-        return guard.tightest_face(
-            max(motions, key=lambda q: float(guard.workspace_clearances(q).min()))
-        )
-
     def _follow(self, q_grasp: np.ndarray, X_WG: np.ndarray, path: ObjectPath) -> list["_Way"]:
         """Returns how the arm follows approach, carrying and retreat, for all rows at once."""
         config = self._config
@@ -120,12 +107,14 @@ class FeasibilityChecker:
         singular = float(manipulability(self._model, carry, config.following.rotation_scale).min())
         margin = float(self._model.limit_margin(np.concatenate([approach, carry, retreat])).min())
         speed_ratio = self._speed_ratio(carry, path.times[path.samples])
-        failure = (
-            self._path_failure(path)
-            or self._kinematic_failure(ways, singular)
-            or self._workspace_failure(ways)
-        )
+        failure = self._path_failure(path) or self._kinematic_failure(ways, singular)
         clearance, cost = np.nan, np.inf
+        inside, face = np.nan, ""
+        if failure is None and self._guard is not None:
+            motion = np.concatenate([approach, carry, retreat])
+            inside = float(self._guard.face_distances(motion).min())
+            if inside < config.workspace_margin:
+                failure, face = Failure.WORKSPACE, self._guard.tightest_face(motion)
         if failure is None:
             clearance = self._clearance(candidate, approach, carry, retreat, path)
             if clearance < config.collision.robot_margin:
@@ -151,6 +140,8 @@ class FeasibilityChecker:
             clearance=clearance,
             failure=failure,
             cost=cost,
+            workspace_clearance=inside,
+            tightest_face=face,
         )
 
     def _path_failure(self, path: ObjectPath) -> Failure | None:
@@ -166,12 +157,6 @@ class FeasibilityChecker:
             if np.any(way.errors > largest):
                 return reason
         return Failure.SINGULAR if singular < self._config.smallest_singular_value else None
-
-    def _workspace_failure(self, ways: list["_Way"]) -> Failure | None:
-        if self._guard is None:
-            return None
-        clearances = self._guard.workspace_clearances(np.concatenate([way.q for way in ways]))
-        return Failure.WORKSPACE if clearances.min() < self._config.workspace_margin else None
 
     def _clearance(
         self,

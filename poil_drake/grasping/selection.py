@@ -121,7 +121,7 @@ def rank_grasps(
                 best[start + index, number] = min(own, key=_rank) if own else None
     feasible = {pair: f for pair, f in best.items() if f is not None and f.failure is None}
     if not feasible:
-        raise _no_feasible_grasp(len(candidates), len(matchings), list(best.values()), checker)
+        raise _no_feasible_grasp(len(candidates), len(matchings), list(best.values()))
     if progress:
         progress("rehearsing grasps", 1.0)
     return [
@@ -165,8 +165,8 @@ _REMEDIES = {
     Failure.PATH: "Turn or move the object, or move the fixture nearer to the robot.",
     Failure.RETREAT: "Move the fixture nearer to the robot, or shorten retreat_distance.",
     Failure.SINGULAR: "Move the object or the fixture away from the edge of the arm's reach.",
-    Failure.WORKSPACE: "Widen the box (poil.safety.posture), or move object and fixture so that "
-    "the arm stays 2 cm inside it (FeasibilityConfig.workspace_margin).",
+    Failure.WORKSPACE: "Widen the box (poil.safety.posture), move object and fixture away from "
+    "that face, or lower FeasibilityConfig.workspace_margin.",
     Failure.ROBOT_COLLISION: "Clear the space around object and fixture, check that the cameras' "
     "poses are right, or lower CollisionConfig.robot_margin.",
     Failure.OBJECT_COLLISION: "Check that the fixture stands where it did in the demonstration "
@@ -175,16 +175,17 @@ _REMEDIES = {
 }
 
 
-def _rank(finding: Feasibility) -> tuple[float, int]:
+def _rank(finding: Feasibility) -> tuple[float, int, float]:
     """Orders findings: by cost, and infeasible ones by how far they came."""
-    return finding.cost, -_FAILURES.index(finding.failure) if finding.failure else 0
+    came = -_FAILURES.index(finding.failure) if finding.failure else 0
+    outside = finding.failure is Failure.WORKSPACE
+    return finding.cost, came, -finding.workspace_clearance if outside else 0.0
 
 
 def _no_feasible_grasp(
     candidates: int,
     matchings: int,
     findings: list[Feasibility | None],
-    checker: FeasibilityChecker,
 ) -> NoFeasibleGraspError:
     if not candidates:
         return NoFeasibleGraspError(
@@ -199,7 +200,7 @@ def _no_feasible_grasp(
     counts = ", ".join(f"{n} {failure.value}" for failure, n in failures.most_common())
     ways = "" if matchings == 1 else f" under {matchings} matchings"
     outside = [f for f in findings if f is not None and f.failure is Failure.WORKSPACE]
-    face = f"; at best, {checker.tightest_face(outside)}" if outside else ""
+    face = f"; at best, {min(outside, key=_rank).tightest_face}" if outside else ""
     return NoFeasibleGraspError(
         f"None of the {candidates} grasps{ways} is feasible: {counts}{face}.",
         remedy=_REMEDIES[failures.most_common(1)[0][0]],

@@ -1,13 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from poil_drake.errors import NoFeasibleGraspError
+from poil_drake.errors import NoFeasibleGraspError, PlanningError
 from poil_drake.grasping.candidates import GraspSamplingConfig
 from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.feasibility import FeasibilityConfig
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
+from poil_drake.grasping.posture_guard import PostureGuard, PostureGuardConfig
 from poil_drake.grasping.robot_spheres import make_robot_spheres
+from poil_drake.grasping.selection import SelectionConfig
 
 CONFIG = PlannerConfig(sampling=GraspSamplingConfig(seed_points=60))  # enough, in less time
 HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])
@@ -32,8 +37,7 @@ def make_plan(mug, matching, model, scene_points: np.ndarray, **options) -> Exec
         scene_points=scene_points,
         q_start=HOME,
         model=model,
-        config=CONFIG,
-        **options,
+        **({"config": CONFIG} | options),
     )
 
 
@@ -73,6 +77,44 @@ def test_approach_keeps_clear_of_scene_and_object(plan, mug, model):
     )
 
     assert dut.clearance(plan.approach.positions).min() > 0.0
+
+
+def boxed(**box) -> PlannerConfig:
+    feasibility = FeasibilityConfig(posture=PostureGuardConfig(**box))
+    return replace(CONFIG, selection=SelectionConfig(feasibility=feasibility))
+
+
+def test_all_planned_motions_keep_to_the_box(mug, matching, model, plan):
+    # The arm stands 1 cm from the one face; the way found without a box is 14 mm from the other.
+    box = {"gripper_lower": (model.gripper_pose(HOME)[0, 3] - 0.01, -0.155, -1.0)}
+    guard = PostureGuard(model=model, config=PostureGuardConfig(**box))
+    free = guard.face_distances(plan.approach.positions).min(axis=0)
+    assert free.min() < 0.015
+
+    dut = make_plan(mug, matching, model, screen(), config=boxed(**box))
+
+    least = np.minimum(0.018, guard.face_distances(HOME[None])[0])
+    assert least[0] == pytest.approx(0.01)
+    # Between the postures that are checked, the way bulges by less than a millimetre.
+    for motion in (dut.approach, dut.descent):
+        assert np.all(guard.face_distances(motion.positions) >= least - 1e-3)
+
+
+def test_an_arm_outside_its_box_is_told_before_grasps_are_sought(mug, matching, model):
+    told: list[str] = []
+    height = model.gripper_pose(HOME)[2, 3]
+
+    with pytest.raises(PlanningError, match=r"stands outside .*gripper_upper\[2\].* 5.0 mm"):
+        make_plan(
+            mug,
+            matching,
+            model,
+            screen(),
+            config=boxed(gripper_upper=(0.85, 0.85, height - 0.005)),
+            progress=lambda what, share: told.append(what),
+        )
+
+    assert not told
 
 
 def test_what_the_plan_came_from_is_noted(plan):

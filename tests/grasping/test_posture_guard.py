@@ -90,12 +90,15 @@ def test_a_face_that_is_passed_is_said_to_be() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, deadline=None, max_examples=10)
-def test_the_boxes_alone_are_the_first_rule(seed: int) -> None:
+def test_the_nearest_of_all_faces_is_the_first_rule(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, (5, 7))
     dut = guard()
 
+    distances = dut.face_distances(q)
+
+    assert distances.shape == (5, 12)
     np.testing.assert_array_equal(
-        dut.workspace_clearances(q), dut.clearances(q)[:, PostureRule.WORKSPACE]
+        distances.min(axis=1), dut.clearances(q)[:, PostureRule.WORKSPACE]
     )
 
 

@@ -4,12 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poil_drake.errors import NoFeasibleGraspError
+from poil_drake.errors import InvalidValueError, NoFeasibleGraspError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.candidates import GraspCandidate
 from poil_drake.grasping.collision import SceneCloud
-from poil_drake.grasping.feasibility import FeasibilityConfig
+from poil_drake.grasping.feasibility import Failure, FeasibilityConfig
+from poil_drake.grasping.object_path import foresee_object_path
 from poil_drake.grasping.posture_guard import PostureGuardConfig
+from poil_drake.grasping.rehearsal import FeasibilityChecker
 from poil_drake.grasping.selection import SelectionConfig, rank_grasps, select_grasp
 
 NOTHING = np.zeros((0, 3))
@@ -91,7 +93,7 @@ def test_a_grasp_that_stays_in_the_box_is_chosen(choose, grasps, matching):
 
 
 def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(choose, grasps, matching):
-    with pytest.raises(NoFeasibleGraspError, match="2 take the arm out of the box") as info:
+    with pytest.raises(NoFeasibleGraspError, match="2 come too near to a face of the box") as info:
         choose(grasps, [matching], config=within(gripper_upper=(0.85, 0.07, 1.2)))
 
     found = re.search(
@@ -100,6 +102,43 @@ def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(choose, gra
     assert found is not None
     assert float(found[1]) == pytest.approx(8.0, abs=2.0)
     assert "poil.safety.posture" in info.value.remedy
+
+
+def test_the_best_configuration_of_the_arm_is_told(mug, model, grasps, matching):
+    # The left elbow leaves the box by less in one of the arm's configurations than in others.
+    config = within(body_upper=(1.1, 0.1, 1.5))
+    checker = FeasibilityChecker(model=model, scene=SceneCloud(NOTHING), config=config.feasibility)
+    path = foresee_object_path(
+        matching.target_points,
+        matching.reference,
+        object_points=mug.cloud.points,
+        part_points=mug.part_points,
+        scene=SceneCloud(NOTHING),
+        config=config.path,
+        collision=config.feasibility.collision,
+    )
+    findings = checker.rehearse(grasps, checker.configurations(grasps), path)
+    outside = [f.workspace_clearance for f in findings if f.failure is Failure.WORKSPACE]
+    assert len(set(outside)) > 2
+
+    with pytest.raises(NoFeasibleGraspError, match="2 come too near") as info:
+        rank_grasps(
+            grasps,
+            [matching],
+            model=model,
+            scene=SceneCloud(NOTHING),
+            object_points=mug.cloud.points,
+            part_points=mug.part_points,
+            config=config,
+        )
+
+    assert f"passed by {-1e3 * max(outside):.1f} mm" in str(info.value)
+
+
+@pytest.mark.parametrize("margin", [-0.01, np.nan, np.inf])
+def test_a_margin_must_be_a_distance(margin: float) -> None:
+    with pytest.raises(InvalidValueError, match="workspace_margin is"):
+        FeasibilityConfig(workspace_margin=margin)
 
 
 def test_feasible_matching_is_chosen(choose, grasps, matching, mug, make_matching):
