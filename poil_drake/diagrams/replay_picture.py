@@ -151,11 +151,14 @@ def _draw_velocities(axes: Any, data: ReplayPictureData) -> None:
 
 def _draw_velocity_difference(axes: Any, data: ReplayPictureData) -> None:
     comparison = data.summary.comparison
+    shift = 1e3 * comparison.tolerances.shift
     _draw_difference(
         axes,
-        comparison.differences[JOINT_VELOCITY],
+        comparison.judged[JOINT_VELOCITY],
         comparison.limits(JOINT_VELOCITY),
+        unjudged=comparison.differences[JOINT_VELOCITY] if shift else None,
         color=COLORS["points"],
+        label=f"judged: up to {shift:.0f} ms earlier or later" if shift else None,
     )
     axes.set_ylabel("their difference\n[rad/s]")
 
@@ -173,10 +176,15 @@ def _draw_track_distance(axes: Any, data: ReplayPictureData) -> None:
     axes.set_ylabel("tracked points'\ndistance [mm]")
 
 
-def _draw_difference(axes: Any, series: Series, limits: np.ndarray, **style: Any) -> None:
-    values, tolerance = (
-        np.where(np.isfinite(drawn), drawn, np.nan) for drawn in (series.values[:, 0], limits)
+def _draw_difference(
+    axes: Any, series: Series, limits: np.ndarray, *, unjudged: Series | None = None, **style: Any
+) -> None:
+    values, tolerance, plain = (
+        np.where(np.isfinite(drawn), drawn, np.nan)
+        for drawn in (series.values[:, 0], limits, (unjudged or series).values[:, 0])
     )
+    if unjudged is not None:
+        axes.plot(unjudged.times, plain, color=COLORS["muted"], linewidth=0.7, label="as it is")
     axes.plot(series.times, values, linewidth=1.0, **style)
     axes.plot(
         series.times,
@@ -186,6 +194,6 @@ def _draw_difference(axes: Any, series: Series, limits: np.ndarray, **style: Any
         linestyle="--",
         label="tolerance",
     )
-    largest = np.nanmax(np.concatenate([values, tolerance, [1e-9]]))
+    largest = np.nanmax(np.concatenate([values, plain, tolerance, [1e-9]]))
     axes.set_ylim(0.0, 1.15 * largest)
-    axes.legend(loc="upper right")
+    axes.legend(loc="upper left")

@@ -103,6 +103,7 @@ class ReplaySummary:
         signals = {
             signal: {
                 **dataclasses.asdict(comparison.statistics(signal)),
+                "judged_maximum": comparison.judged_maximum(signal),
                 "tolerance": comparison.tolerances.of(signal),
                 "phases": {
                     name: dataclasses.asdict(found)
@@ -123,6 +124,7 @@ class ReplaySummary:
                 "phases_agree": comparison.phases_agree,
                 "phases": [dataclasses.asdict(phase) for phase in comparison.phases],
                 "phase_start_tolerance": comparison.tolerances.phase_start,
+                "shift_tolerance": comparison.tolerances.shift,
                 "signals": signals,
                 "first_difference": None if first is None else dataclasses.asdict(first),
                 "unmatched_tracks": comparison.tracks.unmatched,

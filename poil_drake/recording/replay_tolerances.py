@@ -1,7 +1,10 @@
 """Up to which differences a run and its replay count as the same."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Self
+
+from poil_drake.errors import InvalidValueError
 
 JOINT_VELOCITY = "joint_velocity_rad_s"
 ANGULAR_VELOCITY = "angular_velocity_rad_s"
@@ -20,8 +23,9 @@ class ReplayTolerances:
         tracked_points: Of each tracked point [m], in the phases in which they move the arm.
         phase_start: Of the time at which a phase begins [s].
         shift: So much earlier or later the velocities may do the same [s], where points move the
-            arm: a point that is elsewhere by a little lets the field's reference jump when the
-            arm is elsewhere by as much.
+            arm, and for `phase_start` after: a point that is elsewhere by a little lets the field's
+            reference jump when the arm is elsewhere by as much. What swings to and fro faster than
+            that is not told apart.
         unmatched_tracks: Share of the tracks, in the phases in which they move the arm, that only
             one of the two has, or that show no point that both saw.
         point_phases: The phases in which the points move the arm. In others nothing depends on
@@ -40,6 +44,13 @@ class ReplayTolerances:
     point_phases: tuple[str, ...] = ("follow",)
     elsewhere: "ReplayTolerances | None" = None
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.shift < math.inf:
+            raise InvalidValueError(
+                f"ReplayTolerances.shift is {self.shift} s.",
+                remedy="It must be finite, and not negative.",
+            )
+
     def of(self, signal: str) -> float:
         """Returns the tolerance of a signal, where points move the arm."""
         return {
@@ -52,7 +63,8 @@ class ReplayTolerances:
     def at_speed(self, speed: float) -> Self:
         """Returns the tolerances of a run at a share of the usual speed, in (0, 1].
 
-        The motion is slower by that share, and takes longer by as much to come to a place.
+        The motion is slower by that share, and takes longer by as much to come to a place; `shift`
+        is `phase_start` at most.
         """
         return replace(
             self,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -95,8 +95,9 @@ class RunComparison:
     """How a replay differs from the run.
 
     Attributes:
-        differences: Signal -> its differences, infinite where only one of the two is finite. Of
-            velocities, while points move the arm, what is left of them if they may be
+        differences: Signal -> its differences, infinite where only one of the two is finite.
+        judged: The same, as far as they count: of velocities, while points move the arm and for
+            `ReplayTolerances.phase_start` after, what is left of them if either run may be
             `ReplayTolerances.shift` earlier or later.
         phases: The phases of both, in order.
         spans: Each phase of the recorded run: name, start and end [s].
@@ -107,6 +108,7 @@ class RunComparison:
     """
 
     differences: Mapping[str, Series]
+    judged: Mapping[str, Series]
     phases: Sequence[PhaseComparison]
     spans: Sequence[tuple[str, float, float]]
     tolerances: ReplayTolerances
@@ -141,7 +143,7 @@ class RunComparison:
         return found
 
     def limits(self, signal: str) -> np.ndarray:
-        """Returns the tolerance (T,) of each difference of a signal; infinite where none counts.
+        """Returns the tolerance (T,) of each judged difference; infinite where none counts.
 
         Points count in the phases in which they move the arm. While both runs are in the same other
         phase, which began at the same time, velocities are held to `ReplayTolerances.elsewhere`;
@@ -150,21 +152,18 @@ class RunComparison:
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
         if signal == TRACKED_POINTS:
-            return np.where(self.moved_by_points(times), usual, math.inf)
+            return np.where(_moved(times, self.spans, tolerances), usual, math.inf)
         limits = np.full(len(times), usual)
         if strict is not None:
             for start, end in self._together(strict.phase_start):
                 limits[(times >= start) & (times < end)] = strict.of(signal)
-        limits[self.moved_by_points(times, fading=tolerances.phase_start)] = usual
+        limits[_moved(times, self.spans, tolerances, fading=tolerances.phase_start)] = usual
         return limits
 
-    def moved_by_points(self, times: np.ndarray, *, fading: float = 0.0) -> np.ndarray:
-        """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] ago."""
-        moved = np.zeros(len(times), dtype=bool)
-        for name, start, end in self.spans:
-            if name in self.tolerances.point_phases:
-                moved |= (times >= start) & (times < end + fading)
-        return moved
+    def judged_maximum(self, signal: str) -> float:
+        """Returns the largest judged difference where the signal's tolerance holds; NaN if none."""
+        held = self.limits(signal) == self.tolerances.of(signal)
+        return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
     def _together(self, tolerance: float) -> Iterator[tuple[float, float]]:
         """Yields from when until when [s] both are in a phase that they began together."""
@@ -191,7 +190,7 @@ class RunComparison:
         return min(found, key=lambda one: one.time, default=None)
 
     def _signals_apart(self) -> Iterator[FirstDifference]:
-        for signal, series in self.differences.items():
+        for signal, series in self.judged.items():
             limits = self.limits(signal)
             above = np.flatnonzero(series.values[:, 0] > limits)
             if above.size:
@@ -256,26 +255,38 @@ def compare_runs(
     commands = SignalPair.of(recorded.commands, replayed.commands)
     twists = SignalPair.of(recorded.twist, replayed.twist)
     tracks = compare_tracks(recorded.tracks, replayed.tracks)
-    comparison = RunComparison(
-        differences={
-            **_velocity_differences(commands, twists, shift=0.0),
-            TRACKED_POINTS: tracks.distances,
-        },
+    plain = _velocity_differences(commands, twists, shift=0.0)
+    left = _velocity_differences(commands, twists, shift=tolerances.shift)
+    spans = _spans(recorded)
+    judged = {}
+    for signal, series in plain.items():
+        moved = _moved(series.times, spans, tolerances, fading=tolerances.phase_start)
+        values = np.where(moved[:, None], left[signal].values, series.values)
+        judged[signal] = Series(series.times, values)
+    return RunComparison(
+        differences={**plain, TRACKED_POINTS: tracks.distances},
+        judged={**judged, TRACKED_POINTS: tracks.distances},
         phases=_compare_phases(recorded.phases, replayed.phases),
-        spans=_spans(recorded),
+        spans=spans,
         tolerances=tolerances,
         tracks=tracks,
         commands=len(recorded.commands),
     )
-    if not tolerances.shift:
-        return comparison
-    shifted = _velocity_differences(commands, twists, shift=tolerances.shift)
-    differences = dict(comparison.differences)
-    for signal, left in shifted.items():
-        times, plain = left.times, differences[signal].values
-        moved = comparison.moved_by_points(times, fading=tolerances.phase_start)
-        differences[signal] = Series(times, np.where(moved[:, None], left.values, plain))
-    return replace(comparison, differences=differences)
+
+
+def _moved(
+    times: np.ndarray,
+    spans: Sequence[tuple[str, float, float]],
+    tolerances: ReplayTolerances,
+    *,
+    fading: float = 0.0,
+) -> np.ndarray:
+    """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] ago."""
+    moved = np.zeros(len(times), dtype=bool)
+    for name, start, end in spans:
+        if name in tolerances.point_phases:
+            moved |= (times >= start) & (times < end + fading)
+    return moved
 
 
 def _velocity_differences(

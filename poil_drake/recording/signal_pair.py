@@ -34,7 +34,8 @@ class SignalPair(NamedTuple):
 
         Args:
             shift: Either may do so much earlier or later what the other one does [s]: what counts
-                is how far one is from all that the other one is within that time.
+                is how far, element by element, each is outside the range of values that the other
+                one has within that time, whichever of the two is farther out.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]

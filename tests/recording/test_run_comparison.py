@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poil_drake.errors import InvalidValueError
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.recorded_run import LoggedTrack, PhaseStart, RecordedRun
 from poil_drake.recording.replay_tolerances import (
@@ -309,9 +310,34 @@ def test_velocities_may_come_later_only_while_points_move_the_arm(phase, late, s
         twists = [(0.0,) * 6] * 8
         return make_run(times=times, commands=commands, twists=twists, phases=[(0.0, phase)])
 
-    commands = compare_runs(jumping(0), jumping(late), tolerances)
+    dut = compare_runs(jumping(0), jumping(late), tolerances)
 
-    assert commands.same is same
+    assert dut.same is same
+    # What is reported is the difference as it is.
+    assert dut.statistics(JOINT_VELOCITY).maximum == pytest.approx(0.3)
+    assert dut.judged[JOINT_VELOCITY].values.max() == pytest.approx(0.0 if same else 0.3)
+    if phase == "follow":
+        assert dut.judged_maximum(JOINT_VELOCITY) == pytest.approx(0.0 if same else 0.3)
+
+
+@pytest.mark.parametrize(("until", "same"), [(0.3, True), (0.05, False)])
+def test_velocities_may_come_later_for_a_while_after_points_moved_the_arm(until, same):
+    # At 0.45 s, the points let go 0.15 s ago, or 0.4 s; for 0.25 s it fades away.
+    tolerances = dataclasses.replace(PERCEPTION_TOLERANCES.at_speed(SPEED), elsewhere=TOLERANCES)
+    times = (0.03 * np.arange(20)).tolist()
+
+    def jumping(at):
+        commands = [(0.3 * (k >= at), 0.0) for k in range(20)]
+        phases = [(0.0, "follow"), (until, "retreat")]
+        return make_run(times=times, commands=commands, twists=[(0.0,) * 6] * 20, phases=phases)
+
+    assert compare_runs(jumping(15), jumping(16), tolerances).same is same
+
+
+@pytest.mark.parametrize("shift", [-0.01, math.nan, math.inf])
+def test_a_shift_must_be_a_time(shift):
+    with pytest.raises(InvalidValueError, match="shift is"):
+        dataclasses.replace(PERCEPTION_TOLERANCES, shift=shift)
 
 
 def test_a_peak_that_only_one_has_is_not_late():
