@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 SCENARIO ?=
+STUCK := -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 
 .PHONY: help setup run test lint bench clean
 
@@ -19,10 +20,10 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# What runs at the pace of the clock comes last, alone.
+# What runs at the pace of the clock comes last, alone. A test that hangs says where, and ends its process.
 test: setup lint
-	$(VENV)/bin/pytest -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
-	$(VENV)/bin/pytest -m real_time
+	$(VENV)/bin/pytest -m "not real_time" $(STUCK) --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+	$(VENV)/bin/pytest -m real_time $(STUCK)
 
 lint: setup
 	$(VENV)/bin/ruff check

@@ -220,7 +220,9 @@ def driver(
     duration: Annotated[
         float,
         typer.Option(
-            "--duration", callback=positive, help="End after so long [s of the robot's time]."
+            "--duration",
+            callback=positive,
+            help="End after so long (seconds of the robot's time); by default never.",
         ),
     ] = math.inf,
     json: Annotated[Path | None, typer.Option("--json", help="Where a summary goes.")] = None,

@@ -97,38 +97,48 @@ def RunDriver(
         period=min(config.status_period, scenario.poil.rates.plant),
         config=RealTimeLoopConfig(time_scale=hardware.time_scale),
     )
-    reason = "its time was up"
+    reason = "stopped by the user"  # As long as nothing else is known.
     try:
-        if robot.renderer is not None:
-            robot.renderer.warm_up()
-        simulator.Initialize()
-        say(f"the simulated driver listens on {url}; Ctrl-C ends it")
-        # What stands for a robot must not be late, whatever else this machine does.
-        priority = min(hardware.realtime_priority + 1, 99) if hardware.realtime_priority else 0
-        with QuietInterpreter(), RealTimeScheduling(priority):
-            while root.get_time() < duration:
-                loop.AdvanceTo(min(scenario.poil.rates.next_report(root.get_time()), duration))
-                truth.judge_now(root)
-    except BaseException as error:  # Also of signals; it goes on once the summary is written.
-        reason = failure_reason(error)
-        raise
+        try:
+            if robot.renderer is not None:
+                robot.renderer.warm_up()
+            simulator.Initialize()
+            say(f"the simulated driver listens on {url}; Ctrl-C ends it")
+            # What stands for a robot must not be late, whatever else this machine does.
+            priority = min(hardware.realtime_priority + 1, 99) if hardware.realtime_priority else 0
+            with QuietInterpreter(), RealTimeScheduling(priority):
+                while root.get_time() < duration:
+                    loop.AdvanceTo(min(scenario.poil.rates.next_report(root.get_time()), duration))
+                    truth.judge_now(root)
+            reason = "its time was up"
+        except BaseException as error:  # Of signals, too; it goes on once the summary is written.
+            reason = failure_reason(error)
+            raise
+        finally:
+            with HeldSignals():  # A second one must not lose what is written here.
+                summary = _summary(scenario, root.get_time(), truth, loop, reason)
+                if json is not None:
+                    write_json(plain_json(asdict(summary)), json)
+                poil = scenario.poil
+                hangs = f"hangs (for {summary.hanging_time:.1f} s so far)"
+                verdict = hangs if summary.hangs else "does not hang"
+                say(f"in the simulation the {poil.object} {verdict} on the {poil.fixture}")
     finally:
-        with HeldSignals():  # A second one must not lose what is written here.
-            robot.Close()
-            hung = truth.judge.hanging_time(root.get_time())
-            summary = DriverSummary(
-                hangs=hung >= REQUIRED_HANGING_TIME,
-                reason=reason,
-                hanging_time=hung,
-                seed=scenario.random_seed,
-                simulated=root.get_time(),
-                time_scale=hardware.time_scale,
-                largest_lag=hardware.time_scale * max(loop.timing.lateness, default=0.0),
-                figures=loop.timing.figures(),
-            )
-            if json is not None:
-                write_json(plain_json(asdict(summary)), json)
-            poil = scenario.poil
-            verdict = f"hangs (for {hung:.1f} s so far)" if summary.hangs else "does not hang"
-            say(f"in the simulation the {poil.object} {verdict} on the {poil.fixture}")
+        robot.Close()
     return summary
+
+
+def _summary(
+    scenario: Scenario, now: float, truth: SimulatedTruth, loop: RealTimeLoop, reason: str
+) -> DriverSummary:
+    hung, time_scale = truth.judge.hanging_time(now), scenario.poil.hardware.time_scale
+    return DriverSummary(
+        hangs=hung >= REQUIRED_HANGING_TIME,
+        reason=reason,
+        hanging_time=hung,
+        seed=scenario.random_seed,
+        simulated=now,
+        time_scale=time_scale,
+        largest_lag=time_scale * max(loop.timing.lateness, default=0.0),
+        figures=loop.timing.figures(),
+    )

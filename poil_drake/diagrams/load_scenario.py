@@ -175,7 +175,8 @@ def _anchored(node: Any, directory: Path) -> Any:
     if not isinstance(node, dict):
         return node
     node = copy.deepcopy(node)
-    for directive in node.get("directives") or []:
+    directives = node.get("directives")
+    for directive in directives if isinstance(directives, list) else ():
         for key in ("add_model", "add_directives"):
             entry = directive.get(key) if isinstance(directive, dict) else None
             if isinstance(entry, dict) and isinstance(entry.get("file"), str):

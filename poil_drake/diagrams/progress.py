@@ -1,6 +1,6 @@
 """A progress bar for the command line."""
 
-import shutil
+import os
 import sys
 from types import TracebackType
 from typing import Self
@@ -29,15 +29,15 @@ class ProgressBar:
         """Shows that the fraction (in [0, 1]) of `what` is done."""
         if what != self._what or self._bar is None:
             self._finish()
-            self._what, size = what, shutil.get_terminal_size()
+            self._what = what
+            columns, lines = _unknown_size()
             self._bar = tqdm(
                 total=1.0,
                 desc=what,
                 disable=self._disable,
                 bar_format="{desc:<28} {percentage:3.0f}% |{bar:30}| {elapsed}",
-                # Some terminals say that they have no columns and rows.
-                ncols=size.columns,
-                nrows=size.lines,
+                ncols=columns,
+                nrows=lines,
                 mininterval=0.2 if sys.stderr.isatty() else 3600.0,
             )
         self._bar.update(min(max(fraction, self._bar.n), 1.0) - self._bar.n)
@@ -58,3 +58,12 @@ class ProgressBar:
         traceback: TracebackType | None,
     ) -> None:
         self._finish()
+
+
+def _unknown_size() -> tuple[int | None, int | None]:
+    """Returns the columns and lines to draw for where a terminal says that it has none."""
+    try:
+        size = os.get_terminal_size(sys.stderr.fileno())
+    except (OSError, ValueError):
+        return None, None
+    return None if size.columns else 80, None if size.lines else 24

@@ -12,6 +12,7 @@ import typing
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 from pydrake.common.yaml import yaml_dump, yaml_load_typed
 
 from poil_drake.errors import PoilError, ScenarioError
@@ -118,10 +119,7 @@ def _merge_drake(node: Any, schema: Any, default: Any, path: str) -> Any:
         ).value
     except _DRAKE_ERRORS as error:
         _find_culprit(node, schema, path)
-        schema, _ = _strip_optional(schema)
-        reason = "" if _is_union(schema) or schema in _KINDS else _reason(error)
-        given = node.get("_tag", node) if isinstance(node, collections.abc.Mapping) else node
-        raise _wrong(path, given, f"{_name(schema)}{reason}") from error
+        raise _misfit(node, schema, path, error) from error
 
 
 _KINDS = {
@@ -129,6 +127,7 @@ _KINDS = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
+    np.ndarray: "a list of numbers",
 }
 
 _DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, AttributeError, AssertionError)
@@ -148,14 +147,37 @@ def _find_culprit(node: Any, schema: Any, path: str) -> None:
                 _merge_drake(value, fields[key], None, f"{path}.{key}")
 
 
-def _name(schema: Any) -> str:
-    """Returns what a scenario's author would call a type."""
-    if _is_union(schema):
-        tags = [f"!{member.__name__}" for member in typing.get_args(schema)]
-        return f"a mapping with one of the tags {', '.join(tags)}"
+def _misfit(node: Any, schema: Any, path: str, error: Exception) -> ScenarioError:
+    """Returns the error of a value that Drake could not make anything of."""
+    schema, _ = _strip_optional(schema)
     if schema in _KINDS:
-        return _KINDS[schema]
-    return getattr(schema, "__name__", str(schema))
+        return _wrong(path, node, _KINDS[schema])
+    if not _is_union(schema):
+        return _wrong(path, node, f"{getattr(schema, '__name__', schema)}{_reason(error)}")
+    member = _union_member(schema, node)
+    if member is not None:
+        return _wrong(path, node, f"!{_tag(member)}{_reason(error)}")
+    given = node["_tag"] if isinstance(node, collections.abc.Mapping) else node
+    return _wrong(path, given, " or ".join(_choices(schema)))
+
+
+def _tag(member: type) -> str:
+    """Returns the YAML tag of a union's member; Drake's templates are named with parameters."""
+    return member.__name__.partition("𝓣")[0]
+
+
+def _choices(schema: Any) -> list[str]:
+    """Returns what the author of a scenario may write for a union."""
+    members = [_strip_optional(member)[0] for member in typing.get_args(schema)]
+    choices = [_KINDS[member] for member in members if member in _KINDS]
+    mappings = [m for m in members if dataclasses.is_dataclass(m) or hasattr(m, "__fields__")]
+    # Drake marks with an underscore what is there for its own error messages.
+    tags = [f"!{_tag(member)}" for member in mappings if not member.__name__.startswith("_")]
+    if len(tags) > 1:
+        choices.append(f"a mapping with one of the tags {', '.join(tags)}")
+    elif tags:
+        choices.append(f"a mapping with the tag {tags[0]}")
+    return choices
 
 
 def _reason(error: Exception) -> str:
@@ -219,7 +241,7 @@ def _union_member(schema: Any, node: Any) -> Any:
         return None
     members = typing.get_args(schema)
     tag = str(node.get("_tag", "")).removeprefix("!")
-    return next((m for m in members if m.__name__ == tag), None if tag else members[0])
+    return next((m for m in members if _tag(m) == tag), None if tag else members[0])
 
 
 def _require(node: Any, kind: type, wanted: str, path: str) -> None:

@@ -26,6 +26,8 @@ from poil_drake.systems.panda_lcm_messages import (
     encode_panda_command,
 )
 
+pytestmark = pytest.mark.real_time
+
 
 class Client:
     """Listens to the driver, and talks to it."""

@@ -140,6 +140,20 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
             "{cameras: {left: {X_PB: {translation: [1, 2]}}}}",
             r"'cameras.left.X_PB.*' is .*\[1, 2\]",
         ),
+        (
+            "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
+            "X_PB.translation' is '!Uniform', but a list of numbers or a mapping with one of the "
+            "tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
+        ),
+        (
+            "{cameras: {left: {X_PB: {translation: !UniformVector {min: [1, 2], max: [3, 4]}}}}}",
+            r"X_PB.translation' is .*\[3, 4\].*, but !UniformVector",
+        ),
+        (
+            "{cameras: {left: {renderer_class: 3}}}",
+            "renderer_class' is 3, but text .* or a mapping with one of the tags !RenderEngineVtk",
+        ),
+        ("{directives: 3}", "'directives' is 3, but a list is needed"),
         ("{cameras: {left: {lcm_bus: lab}}}", "cameras.left.lcm_bus is 'lab'.*Choose one of: def"),
         ("{visualization: {lcm_bus: lab}}", "visualization.lcm_bus is 'lab'"),
         ("{visualization: {publish_period: 0}}", "visualization.publish_period is 0"),

@@ -1,7 +1,10 @@
+import fcntl
 import os
 import pty
+import struct
 import subprocess
 import sys
+import termios
 
 import pytest
 
@@ -26,21 +29,34 @@ def test_each_thing_that_is_done_has_a_bar(capsys: pytest.CaptureFixture[str]) -
     assert any(bar.startswith("closed loop") and "100% |" in bar for bar in bars)
 
 
-def test_bars_can_be_read_on_a_terminal_that_says_it_has_no_columns() -> None:
-    terminal, end = pty.openpty()  # 0 columns and 0 rows
+def shown_on_terminal(columns: int, lines: int, *, stdout: int | None = None) -> str:
+    """What a terminal of a size gets to see of two bars on its standard error."""
+    terminal, end = pty.openpty()
+    fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
     try:
         subprocess.run(
             [sys.executable, "-P", "-c", _SHOW],
             stdin=end,
-            stdout=end,
+            stdout=stdout,
             stderr=end,
             env={name: value for name, value in os.environ.items() if name != "COLUMNS"},
             check=True,
         )
-        shown = os.read(terminal, 100_000).decode()
+        return os.read(terminal, 100_000).decode()
     finally:
         os.close(end)
         os.close(terminal)
 
+
+def test_bars_can_be_read_on_a_terminal_that_says_it_has_no_columns() -> None:
+    shown = shown_on_terminal(0, 0)
+
     assert "planning" in shown
     assert "closed loop" in shown
+
+
+def test_bars_are_no_wider_than_the_terminal_that_they_are_on() -> None:
+    shown = shown_on_terminal(50, 24, stdout=subprocess.DEVNULL)
+
+    assert "planning" in shown
+    assert max(len(bar) for bar in shown.replace("\n", "\r").split("\r")) <= 50
