@@ -133,7 +133,8 @@ def bench_latency(
         typer.Option("--hardware", help="The period of the commands to a stand-in robot instead."),
     ] = False,
     duration: Annotated[
-        float, typer.Option("--duration", min=10.0, help="With --hardware: how long to run (seconds).")
+        float,
+        typer.Option("--duration", min=10.0, help="With --hardware: how long to run (seconds)."),
     ] = 60.0,
     json: Json = Path("out/bench_latency.json"),
 ) -> None:

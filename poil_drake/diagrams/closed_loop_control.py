@@ -97,6 +97,7 @@ def AddControl(
             cameras=[] if poil.tracker == GROUND_TRUTH else station.camera_names,
             config=_safety(poil, speed),
             clock=station.clock,
+            command_expiry=poil.hardware.command_expiry,
             stopwatch=stopwatch,
         ),
         "sequencer": SkillSequencer(

@@ -3,6 +3,7 @@
 import math
 import time
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
@@ -23,6 +24,13 @@ from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.shared_channel import SharedChannel
 
 _REST = np.zeros(NUM_JOINTS)
+
+
+class _Instant(NamedTuple):
+    """A time by the driver's clock [s since the epoch], and by one that nobody sets [s]."""
+
+    stamp: float
+    steady: float
 
 
 class PandaCommandSender(LeafSystem):
@@ -77,7 +85,7 @@ class PandaCommandSender(LeafSystem):
             offset: Of the first [s]: where it is a part of the period, commands go out so long
                 after the update that made them, at an even pace if the loop waits for that.
             max_age: Of a velocity that is still sent [s], by the context's time.
-            expiry: For how long the driver follows a command [s], by the clock.
+            expiry: For how long the driver follows a command [s of the context's time].
             update_age: Returns how long ago the period's update began [s of the context's time]: a
                 process that was halted meanwhile knows it from that.
             max_update_age: What that may be, for anything to be sent [s].
@@ -112,24 +120,26 @@ class PandaCommandSender(LeafSystem):
             if self._mailbox.newest is None:
                 return
             period, start = self._period / self._time_scale, time.monotonic()
-            followed = self._time_scale * (start - self._sent_at) <= self._expiry
-            motion = self._motion() if followed else JointMotion.at_rest(_REST)
-            velocities = self._limiter.braking(motion)
+            velocities = self._limiter.braking(self._motion())
             elapsed = 0.0
             while elapsed < period * len(velocities) + duration:
-                step = int(elapsed / period)
-                self._publish(velocities[step] if step < len(velocities) else _REST)
+                now = self._now()
+                step = int((now.steady - start) / period)
+                self._publish(velocities[step] if step < len(velocities) else _REST, now)
                 time.sleep(period)
                 elapsed = time.monotonic() - start
 
     def _send(self, context: Context) -> None:
         self.channel.CheckAlone()
+        # Before all that is looked at: a process that is halted on the way sends a command that
+        # says itself how old it is, and the driver drops it.
+        now = self._now()
         if self._mailbox.newest is None or not self._update_age() <= self._max_update_age:
             return
         wanted = self._wanted(context)
         if wanted is None:
             wanted = self._limiter.step(self._motion(), _REST).velocity
-        self._publish(wanted)
+        self._publish(wanted, now)
 
     def _wanted(self, context: Context) -> np.ndarray | None:
         if not self._velocity.HasValue(context):
@@ -142,21 +152,25 @@ class PandaCommandSender(LeafSystem):
         return velocity if all_finite(velocity) else None
 
     def _motion(self) -> JointMotion:
-        """Returns what the arm was told last.
+        """Returns what the arm was told last; rest where the driver has stopped it since.
 
         Its acceleration is that of the last period: within one, jerks build up all that is allowed.
         """
         newest, before = self._sent
-        if not newest.any():
+        followed = self._time_scale * (time.monotonic() - self._sent_at) <= self._expiry
+        if not (followed and newest.any()):
             return JointMotion.at_rest(_REST)
         largest = self._limiter.acceleration
         acceleration = (newest - before) / self._period
         return JointMotion(_REST, newest, np.clip(acceleration, -largest, largest))
 
-    def _publish(self, velocity: np.ndarray) -> None:
-        self.commanded, self._sent_at = True, time.monotonic()
+    def _now(self) -> _Instant:
+        return _Instant(self._clock(), time.monotonic())
+
+    def _publish(self, velocity: np.ndarray, now: _Instant) -> None:
+        self.commanded, self._sent_at = True, now.steady
         self._sent.appendleft(np.array(velocity))
-        self.channel.Send(encode_panda_command(velocity, self._clock()))
+        self.channel.Send(encode_panda_command(velocity, now.stamp))
 
 
 class HandCommandSender(LeafSystem):

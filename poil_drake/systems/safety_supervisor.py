@@ -28,6 +28,9 @@ _INPUTS = {
     "reset": 1,
     "replayed_position": NUM_JOINTS,
 }
+_COMING_TO_REST = 0.1
+"""So long after its last command has expired an arm has come to rest [s]."""
+
 _UNKNOWN = np.full(NUM_JOINTS, np.nan)
 _REST = np.zeros(NUM_JOINTS)
 
@@ -68,7 +71,8 @@ class SafetySupervisor(LeafSystem):
     - `velocity` (7,) [rad/s]: what goes to the robot, always within the limits of speed,
       acceleration and jerk, and such that the arm can brake from it within the joints' position
       limits and the rules of the posture guard, from where it is commanded to be and from where it
-      is measured. Only after the process was held up it is at once what the arm is measured to do.
+      is measured. Only after the process was held up it is at once what the arm is measured to do,
+      or zero where the robot's driver has stopped it since.
     - `velocity_time` (1,) [s]: when it was computed.
     - `fault` (1,): a `SafetyFault`. After a fault the arm brakes, and rests until a reset finds it
       at rest and nothing wrong any more.
@@ -97,6 +101,7 @@ class SafetySupervisor(LeafSystem):
         cameras: Sequence[str] = (),
         config: SafetyConfig | None = None,
         clock: Callable[[], float] | None = None,
+        command_expiry: float = 0.1,
         stopwatch: Stopwatch | None = None,
     ):
         """Constructs the supervisor.
@@ -109,6 +114,7 @@ class SafetySupervisor(LeafSystem):
             config: When the arm is stopped, and how fast it may be.
             clock: Tells how long the process was held up [s]: the context's time stands still then.
                 It must not be set meanwhile. None where nobody waits, as in simulation.
+            command_expiry: For how long the robot's driver follows a command [s], by that clock.
             stopwatch: Where to note how long updates take, under "control".
 
         Raises:
@@ -123,7 +129,7 @@ class SafetySupervisor(LeafSystem):
                 remedy=f"Give {NUM_JOINTS} of each.",
             )
         self._period, self._stopwatch = period, stopwatch or Stopwatch()
-        self._clock = clock
+        self._clock, self._command_expiry = clock, command_expiry
         self._limiter = VelocityLimiter(limits=limits, period=period, config=config.limiter)
         self._guard = PostureGuard(model=model, config=config.posture)
         self._torque_limits = np.array(config.external_torque)
@@ -181,12 +187,9 @@ class SafetySupervisor(LeafSystem):
         wanted = self._inputs["velocity"].Eval(context)
         stalled = self._stalled_for(state["updated_at"])
         if stalled > self._config.stall_limit:
-            speeds = self._inputs["panda.velocity_measured"].Eval(context)
-            motion = _measured_motion(motion, measured, speeds, self._config.rest_speed)
+            motion = self._motion_after(stalled, motion, measured, context)
         elif stalled > 0.0:
-            # The driver followed the last velocity for longer than the period, or less long.
-            lead = (stalled - self._period) * motion.velocity
-            motion = motion._replace(position=motion.position + lead)
+            motion = self._followed(stalled, motion)
         replayed = self._inputs["replayed_position"]
         if replayed.HasValue(context):
             motion = motion._replace(position=np.array(replayed.Eval(context)))
@@ -202,6 +205,29 @@ class SafetySupervisor(LeafSystem):
         state["scale"][0] = scale
         state["fault"][0] = memory.fault
         state["memory"][:] = memory
+
+    def _followed(self, stalled: float, motion: JointMotion) -> JointMotion:
+        """Returns where the last velocity led to that was followed for so long [s]."""
+        lead = (stalled - self._period) * motion.velocity
+        return motion._replace(position=motion.position + lead)
+
+    def _motion_after(
+        self, stalled: float, motion: JointMotion, measured: np.ndarray, context: Context
+    ) -> JointMotion:
+        """Returns what an arm does that was left without commands for long [s].
+
+        What is measured may be from before: a process that was halted finds old messages first, or
+        had looked at the newest one when it was halted. It counts only if it says itself to be
+        fresh, and is not older than an arm takes to come to rest.
+        """
+        age = self._inputs["panda.status"].Eval(context)[1]
+        fresh = abs(age) <= self._config.status_age_limit
+        if fresh and stalled <= self._command_expiry + _COMING_TO_REST:
+            speeds = self._inputs["panda.velocity_measured"].Eval(context)
+            return _measured_motion(motion, measured, speeds, self._config.rest_speed)
+        if stalled <= self._command_expiry:
+            return self._followed(stalled, motion)
+        return JointMotion.at_rest(np.array(measured if all_finite(measured) else motion.position))
 
     def _stalled_for(self, updated_at: np.ndarray) -> float:
         """Returns how long ago the last update was by the clock [s], and notes this one."""
@@ -277,10 +303,10 @@ class SafetySupervisor(LeafSystem):
 def _measured_motion(
     motion: JointMotion, measured: np.ndarray, speeds: np.ndarray, rest_speed: float
 ) -> JointMotion:
-    """Returns what an arm does that was left without commands for long.
+    """Returns what an arm is measured to do.
 
-    It may follow the last one still, or the driver may have stopped it. What is not known is as it
-    was commanded, at rest.
+    It may follow the last command still, or the driver may have stopped it. What is not known is as
+    it was commanded, at rest.
     """
     position = np.array(measured if all_finite(measured) else motion.position)
     if not all_finite(speeds) or np.abs(speeds).max() <= rest_speed:

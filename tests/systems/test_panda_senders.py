@@ -70,6 +70,47 @@ def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
     assert comes_to_rest(time=np.nan)
 
 
+class HaltedBench(Bench):
+    """Its process is halted for a while [s] just after it has seen how old the update is."""
+
+    halt = 0.0
+
+    @property
+    def update_age(self) -> float:
+        self.clock.now += self.halt
+        return 0.0
+
+    @update_age.setter
+    def update_age(self, value: float) -> None: ...
+
+
+def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
+    bench = HaltedBench()
+    bench.say(status_message(START).encode())
+    bench.halt = 1.0
+
+    (command,) = bench.send(np.full(7, 0.1))
+
+    # The driver drops what is older than 0.1 s.
+    assert bench.clock.now == START + 1.0
+    assert command.utime == round(1e6 * START)
+
+
+def test_braking_does_not_begin_from_what_was_commanded_long_ago(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = FakeTime()
+    monkeypatch.setattr(panda_senders, "time", time)
+    bench = Bench()
+    bench.say(status_message(START).encode())
+    speed_up(bench, speed=0.6)
+
+    time.now += 0.2
+    (command,) = bench.send(np.full(7, np.nan))
+
+    assert not any(command.joint_velocity)
+
+
 def test_commands_go_out_once_every_period() -> None:
     bench = Bench()
     bench.say(status_message(START).encode())

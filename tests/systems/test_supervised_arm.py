@@ -90,6 +90,35 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
     assert np.any(told) == moves
 
 
+@pytest.mark.parametrize(
+    ("held_up", "age", "expected"),
+    [
+        (1.0, 0.001, 0.0),  # It was looked at, and then the process was halted.
+        (1.0, 0.95, 0.0),  # It had waited in the socket.
+        (0.15, 0.149, 0.0),
+        (0.09, 0.089, 0.2),  # The driver follows the last command still.
+    ],
+)
+def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
+    held_up: float, age: float, expected: float
+) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
+    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
+    dut.tick(50, velocity=velocity)
+
+    dut.hold_up(held_up)
+    before = {"panda.velocity_measured": 0.9 * velocity}
+    dut.tick(1, **before, **{"panda.status": [float(RobotMode.MOVE), age, 1.0]})
+
+    assert dut.fault is SafetyFault.LOOP_STALLED
+    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
+    told, braked = np.abs(dut.velocities[-1]), expected - largest
+    assert np.all(told <= expected)
+    assert np.all(told >= braked)
+    dut.tick(20)
+    assert np.all(np.abs(dut.velocities[-20:]) <= expected)
+
+
 class Network:
     """A network in memory; each of Drake's would keep files open."""
 
