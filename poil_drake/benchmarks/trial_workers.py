@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple
@@ -103,6 +104,7 @@ class ProcessWorkers:
         )
         # Ctrl-C goes to the whole process group, yet is for this process alone, which then ends its
         # workers: they inherit that it is blocked. SIGTERM waits until they can be ended.
+        resource_tracker.ensure_running()  # As it starts, it lets them through again.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
         try:
             with _environment_of_workers():

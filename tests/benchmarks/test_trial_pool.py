@@ -119,6 +119,32 @@ if __name__ == "__main__":
 """
 
 
+FIRST = """
+import signal
+from poil_drake.benchmarks.trial_pool import run_trials
+from trial_functions import blocked
+
+if __name__ == "__main__":
+    for _, found in run_trials(blocked, [(0,)], jobs=1):
+        print(signal.SIGINT in found)
+"""
+
+
+def test_ctrl_c_does_not_reach_the_very_first_worker(tmp_path: Path) -> None:
+    script = tmp_path / "study.py"
+    script.write_text(FIRST)
+
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={"PYTHONPATH": str(Path(__file__).parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+    assert done.stdout == "True\n"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_however_the_run_is_stopped_no_worker_is_left(
     tmp_path: Path, number: signal.Signals

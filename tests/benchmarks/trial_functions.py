@@ -56,6 +56,11 @@ def unwritable(seed: int) -> object:
     return threading.Lock()
 
 
+def blocked(seed: int) -> set[int]:
+    """Returns which signals do not reach its worker."""
+    return set(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+
+
 def endless(seed: int) -> None:
     """Tells that it has begun, and never ends."""
     os.write(1, b"begun\n")
