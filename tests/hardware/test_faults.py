@@ -139,6 +139,8 @@ class Execute:
             closed_loop_perception, "MakeScenarioTracker", lambda poil: tracker or PriorTracker()
         )
         for _ in range(ATTEMPTS):
+            if tracker is not None and tracker.grave:
+                Path(tracker.grave).unlink(missing_ok=True)  # As the last attempt left it.
             with stand_in(scenario, self._pictures, self._folder, fault=fault) as robot:
                 summary = ExecutePlan(
                     plan,
