@@ -20,9 +20,9 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# What runs at the pace of the clock comes last, alone. A test that hangs says where, and ends its process.
+# A core for each process. What runs at the pace of the clock comes last, alone. A test that hangs says where, and ends its process.
 test: setup lint
-	$(VENV)/bin/pytest -m "not real_time" $(STUCK) --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+	OMP_NUM_THREADS=1 $(VENV)/bin/pytest -m "not real_time" $(STUCK) --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 	$(VENV)/bin/pytest -m real_time $(STUCK)
 
 lint: setup
