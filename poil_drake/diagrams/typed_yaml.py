@@ -155,9 +155,9 @@ def _misfit(node: Any, schema: Any, path: str, error: Exception) -> ScenarioErro
     if not _is_union(schema):
         return _wrong(path, node, f"{getattr(schema, '__name__', schema)}{_reason(error)}")
     member = _union_member(schema, node)
-    if member is not None:
+    if member is not None and member not in _KINDS:
         return _wrong(path, node, f"!{_tag(member)}{_reason(error)}")
-    given = node["_tag"] if isinstance(node, collections.abc.Mapping) else node
+    given = node.get("_tag", node) if isinstance(node, collections.abc.Mapping) else node
     return _wrong(path, given, " or ".join(_choices(schema)))
 
 

@@ -294,7 +294,7 @@ def _velocity_differences(
 ) -> dict[str, Series]:
     """Returns each velocity's differences (T, 1), if it may be so much earlier or later [s]."""
     joints, twist = commands.differences(shift), twists.differences(shift)
-    largest = np.max(np.abs(joints), axis=1, initial=0.0)
+    largest = np.max(joints, axis=1, initial=0.0)
     angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
     return {
         JOINT_VELOCITY: Series(commands.times, largest[:, None]),

@@ -153,6 +153,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
             "{cameras: {left: {renderer_class: 3}}}",
             "renderer_class' is 3, but text .* or a mapping with one of the tags !RenderEngineVtk",
         ),
+        ("{cameras: {left: {renderer_class: {a: 1}}}}", "renderer_class' is {'a': 1}, but text "),
         ("{directives: 3}", "'directives' is 3, but a list is needed"),
         ("{cameras: {left: {lcm_bus: lab}}}", "cameras.left.lcm_bus is 'lab'.*Choose one of: def"),
         ("{visualization: {lcm_bus: lab}}", "visualization.lcm_bus is 'lab'"),
