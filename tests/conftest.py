@@ -3,12 +3,17 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
 from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
+
+# How fast a machine is decides no test.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
 
 
 @pytest.fixture(scope="session")
@@ -36,6 +41,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--write-fault-table",
         action="store_true",
         help="Write docs/hardware_faults.md from what tests/hardware finds.",
+    )
+    parser.addoption(
+        "--time-scale",
+        type=float,
+        help="The robot's seconds per second in tests/hardware; else as the machine permits.",
     )
 
 

@@ -18,12 +18,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.lcm import DrakeLcmParams
 
-from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_image_messages import encode_images
@@ -42,6 +41,9 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.panda_velocity_driver import NUM_JOINTS
 from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.statuses import RobotMode
+
+if TYPE_CHECKING:
+    from poil_drake.diagrams.scenario import Scenario  # Takes longer to import than all above.
 
 PERIOD = 0.001
 """Of the driver's loop [s]."""
@@ -67,6 +69,7 @@ class StandInSetup:
         pictures: What the cameras show: an npz with "<camera>.rgb", ".depth" and ".label".
         cameras: Their names.
         image_period: Between two pictures [s].
+        time_scale: Seconds of the robot's time, in which all these are, per second.
         fault: For those that misbehave: how.
         after: And when [s], counted from the arm's first motion.
     """
@@ -78,6 +81,7 @@ class StandInSetup:
     pictures: str
     cameras: tuple[str, ...]
     image_period: float = 0.125
+    time_scale: float = 1.0
     fault: str = ""
     after: float = 0.0
 
@@ -122,14 +126,18 @@ class StandInRobot:
     def _hear(self, message: bytes) -> None:
         command = decode_panda_command(message)
         self.commanded.append(command.stamp)
-        self.told.append((time.time(), float(np.abs(command.velocity).max())))
+        self.told.append((self.clock(), float(np.abs(command.velocity).max())))
 
     def _hear_hand(self, message: bytes) -> None:
-        self.hand_told.append((time.time(), decode_hand_command(message).width))
+        self.hand_told.append((self.clock(), decode_hand_command(message).width))
+
+    def clock(self) -> float:
+        """Returns the time [s since the epoch, scaled]."""
+        return self.setup.time_scale * time.time()
 
     def now(self) -> float:
-        """Returns the driver's time [s since the epoch]."""
-        return time.time()
+        """Returns the driver's time [s since the epoch, scaled]."""
+        return self.clock()
 
     def wanted(self, now: float) -> np.ndarray:
         """Returns the velocity (7,) [rad/s] that the arm shall have."""
@@ -143,7 +151,7 @@ class StandInRobot:
         now = self.now()
         self.velocity = self.velocity + _SMOOTHING * (self.wanted(now) - self.velocity)
         self.position = self.position + PERIOD * self.velocity
-        self.speeds.append((time.time(), float(np.abs(self.velocity).max())))
+        self.speeds.append((self.clock(), float(np.abs(self.velocity).max())))
         self.say(now)
         if tick % round(HAND_PERIOD / PERIOD) == 0:
             self.move_hand(now)
@@ -203,26 +211,26 @@ class StandInRobot:
             ended.set()
 
         def show_for_ever() -> None:
-            while not ended.wait(self.setup.image_period):
+            while not ended.wait(self.setup.image_period / self.setup.time_scale):
                 self.show()
 
         sys.setswitchinterval(1e-4)  # A picture must not hold up the statuses.
         for work in (wait, show_for_ever):
             threading.Thread(target=work, daemon=True).start()
         print(_READY, end="", flush=True)
-        start, tick = time.monotonic(), 0
+        period, start, tick = PERIOD / self.setup.time_scale, time.monotonic(), 0
         # What stands for a robot must not be late, whatever else this machine does.
         with RealTimeScheduling(_PRIORITY):
             while not ended.is_set():
                 elapsed = time.monotonic() - start
-                while tick * PERIOD < elapsed:
+                while tick * period < elapsed:
                     self.step(tick)
                     tick += 1
-                time.sleep(0.5 * PERIOD)
+                time.sleep(0.5 * period)
         print(json.dumps(self.seen()), flush=True)
 
 
-def with_own_networks(scenario: Scenario) -> Scenario:
+def with_own_networks(scenario: "Scenario") -> "Scenario":
     """Returns a scenario with LCM networks on this machine that nobody else uses."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
     for one in sockets:

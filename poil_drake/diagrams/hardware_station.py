@@ -48,7 +48,7 @@ _REOPEN = 3.0
 a second meanwhile, and by then the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
-"""For so long somebody else's commands are listened for [s]: a dozen periods of a control loop."""
+"""How long to listen for other commands [s of the robot's time]: a dozen control periods."""
 
 _LOOK = 0.01
 """Between two looks whether everything is there [s]."""
@@ -253,7 +253,7 @@ class HardwareStation(Station):
         """Listens for a while whether somebody else commands, or another robot reports."""
         for channel in channels:
             channel.foreign = 0
-        end = time.monotonic() + _LISTEN
+        end = time.monotonic() + _LISTEN / self._config.time_scale
         while time.monotonic() < end:
             self.HandleMessages()
             self._robot.arm.CheckOneSender()

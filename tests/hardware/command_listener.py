@@ -1,9 +1,9 @@
 """Writes which commands come, until a while after the process that started it is gone.
 
-`command_listener.py URL FILE`; it says a line when it listens.
+`command_listener.py URL FILE TIME_SCALE`; it says a line when it listens.
 """
 
-import json
+import math
 import select
 import sys
 import time
@@ -11,28 +11,32 @@ from pathlib import Path
 
 import numpy as np
 
+from poil_drake.recording.plain_json import write_json
 from poil_drake.systems.lcm_network import LcmNetwork
 from poil_drake.systems.panda_lcm_messages import PandaChannels, decode_panda_command
 
-AFTERWARDS = 1.5
+AFTERWARDS = 1.5  # [s of the robot's time]
 
 
-def main(url: str, path: Path) -> None:
+def main(url: str, path: Path, time_scale: float) -> None:
     told: list[tuple[float, float]] = []
 
+    def now() -> float:
+        return time_scale * time.time()
+
     def hear(message: bytes) -> None:
-        told.append((time.time(), float(np.abs(decode_panda_command(message).velocity).max())))
+        told.append((now(), float(np.abs(decode_panda_command(message).velocity).max())))
 
     lcm = LcmNetwork(url)
     lcm.Subscribe(PandaChannels().command, hear)
     print("ready", flush=True)
-    end = None
-    while end is None or time.monotonic() < end:
+    end = math.inf
+    while now() < end:
         lcm.HandleSubscriptions(10)
-        if end is None and select.select([sys.stdin], [], [], 0.0)[0]:
-            end = time.monotonic() + AFTERWARDS
-    path.write_text(json.dumps(told))
+        if end == math.inf and select.select([sys.stdin], [], [], 0.0)[0]:
+            end = now() + AFTERWARDS
+    write_json(told, path, indent=None)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]))

@@ -1,9 +1,13 @@
 """What the tests with a stand-in robot share."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hardware_bench import execute, hardware_scenario, swinging_plan, track_with
+from machine_pace import ROOM, Pace, first_kept, halvings
+from prior_tracker import PriorTracker
 
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.station import CaptureFrame, MakeStation
@@ -30,3 +34,31 @@ def pictures(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Pa
     }
     np.savez(path, **arrays)
     return path
+
+
+@pytest.fixture(scope="session")
+def time_scale(
+    request: pytest.FixtureRequest,
+    scenario: Scenario,
+    pictures: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> float:
+    """Seconds of the robot's time per second: as many as this machine keeps up with, by a trial."""
+    chosen = request.config.getoption("--time-scale")
+    if chosen is not None:
+        return chosen
+
+    def attempt(time_scale: float) -> tuple[Pace, Pace]:
+        trial = hardware_scenario(scenario, time_scale=time_scale)
+        summary, seen = execute(
+            swinging_plan(), trial, pictures, tmp_path_factory.mktemp("trial"), fault="reflex"
+        )
+        pace = seen.pace(summary.figures, trial)
+        return pace, pace
+
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        track_with(PriorTracker(), monkeypatch)
+        scale, pace = first_kept(halvings(1.0), attempt, worst=ROOM)
+    if scale < 1.0:
+        warnings.warn(f"Real-time tests run at a time scale of {scale:g}: {pace}.", stacklevel=1)
+    return scale

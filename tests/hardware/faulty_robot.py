@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +20,20 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.statuses import RobotMode
 
 MOVING = 0.02  # [rad/s]: faster than this is no rest.
+BAD_FOR = 0.6  # [s]: some messages are bad for so long, and then a reflex ends the run.
 
 
-def start_listener(url: str) -> None:
+def start_listener(setup: StandInSetup) -> None:
     """Starts what hears the commands that nobody else hears any more."""
     program = Path(__file__).with_name("command_listener.py")
     listener = subprocess.Popen(
-        [sys.executable, str(program), url, sys.argv[1] + ".told"],
+        [
+            sys.executable,
+            str(program),
+            setup.robot_url,
+            sys.argv[1] + ".told",
+            str(setup.time_scale),
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -44,10 +50,15 @@ class FaultyRobot(StandInRobot):
         self.last_message = b""
         self.obeyed = np.zeros(7)
         if setup.fault == "driver_killed":
-            start_listener(setup.robot_url)
+            start_listener(setup)
 
     def faulty(self, *names: str) -> bool:
         return self.fault_at is not None and self.setup.fault in names
+
+    @property
+    def in_reflex(self) -> bool:
+        late = self.fault_at is not None and self.clock() - self.fault_at > BAD_FOR
+        return self.faulty("reflex") or (self.faulty("some_bad") and late)
 
     def now(self) -> float:
         if self.faulty("clock_ahead"):
@@ -59,17 +70,17 @@ class FaultyRobot(StandInRobot):
     def step(self, tick: int) -> None:
         super().step(tick)
         if self.moved_at is None and self.speeds[-1][1] > MOVING:
-            self.moved_at = time.time()
+            self.moved_at = self.clock()
             print("moving", flush=True)
-        due = self.moved_at is not None and time.time() - self.moved_at >= self.setup.after
+        due = self.moved_at is not None and self.clock() - self.moved_at >= self.setup.after
         if due and self.fault_at is None and self.setup.fault:
-            self.fault_at = time.time()
+            self.fault_at = self.clock()
             if self.setup.fault == "driver_killed":
                 print(json.dumps(self.seen()), flush=True)
                 os.kill(os.getpid(), signal.SIGKILL)
 
     def wanted(self, now: float) -> np.ndarray:
-        if self.faulty("reflex"):
+        if self.in_reflex:
             return np.zeros(7)
         if not self.faulty("packets_lost") or len(self.commanded) % 3 == 0:
             self.obeyed = super().wanted(now)
@@ -80,7 +91,7 @@ class FaultyRobot(StandInRobot):
         torque, mode = status.torque_external, status.mode
         if self.faulty("pushed"):
             torque = torque + np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        if self.faulty("reflex"):
+        if self.in_reflex:
             mode = RobotMode.REFLEX
         return PandaStatus(
             stamp=stamp,

@@ -5,12 +5,16 @@ import json
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pytest
+from machine_pace import Pace
+from prior_tracker import PriorTracker
 from short_skill import HOME, rise, short_plan
 
 from poil_drake.benchmarks.stand_in_robot import (
@@ -19,16 +23,23 @@ from poil_drake.benchmarks.stand_in_robot import (
     with_own_networks,
 )
 from poil_drake.control.joint_trajectory import JointTrajectory
+from poil_drake.diagrams import closed_loop_perception
+from poil_drake.diagrams.run_report import OutputPaths
+from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.skill_run import ExecutePlan
 from poil_drake.grasping.execution_plan import ExecutionPlan
 
 SWING = 0.6
 HELD_WIDTH = 0.01
+PATIENCE = 3600.0  # [s]: only a test that fails waits for so long.
 
 
-def hardware_scenario(scenario: Scenario, *, speed: float = 0.2) -> Scenario:
+def hardware_scenario(scenario: Scenario, *, time_scale: float, speed: float = 0.2) -> Scenario:
     """Returns a scenario with networks of its own."""
-    hardware = dataclasses.replace(scenario.poil.hardware, speed=speed, ready_timeout=20.0)
+    hardware = dataclasses.replace(
+        scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=PATIENCE
+    )
     poil = dataclasses.replace(scenario.poil, hardware=hardware)
     return with_own_networks(dataclasses.replace(scenario, poil=poil))
 
@@ -56,7 +67,60 @@ def _plan(approach: JointTrajectory, end: np.ndarray) -> ExecutionPlan:
         approach=approach,
         descent=JointTrajectory([0.0, 0.125], [end, end], np.zeros((2, 7))),
         lift_height=0.02,
+        retreat_distance=0.01,
     )
+
+
+def track_with(tracker: PriorTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has closed loops track with it."""
+    monkeypatch.setattr(closed_loop_perception, "MakeScenarioTracker", lambda poil: tracker)
+
+
+def execute(
+    plan: ExecutionPlan,
+    scenario: Scenario,
+    pictures: Path,
+    folder: Path,
+    *,
+    fault: str = "",
+) -> tuple[RunSummary, "Seen"]:
+    """Executes a plan on the hardware path, and returns its summary and what the stand-in saw."""
+    with stand_in(scenario, pictures, folder, fault=fault) as robot:
+        summary = ExecutePlan(
+            plan,
+            scenario,
+            outputs=OutputPaths(json=folder / "run.json", mcap=folder / "run.mcap"),
+            hardware=True,
+            show=False,
+            show_progress=False,
+            check=False,
+        )
+        return summary, Seen(**robot.finish())
+
+
+class Seen(NamedTuple):
+    """What the stand-in robot saw; times are [s since the epoch] by its clock."""
+
+    speeds: list[tuple[float, float]]
+    commanded: list[float]
+    told: list[tuple[float, float]]
+    hand_told: list[tuple[float, float]]
+    fault_at: float | None
+    moved_at: float | None
+
+    def pace(self, figures: Mapping[str, float], scenario: Scenario) -> Pace:
+        """Returns how well the stand-in, and the run of a scenario with some figures, kept up."""
+        gap = float(np.diff([t for t, _ in self.speeds]).max())
+        scale = 1e-3 * scenario.poil.hardware.time_scale
+        late = scale * figures.get("tick_lateness_max_ms", 0.0)
+        busy = scale * figures.get("tick_duration_p99_ms", 0.0) / scenario.poil.rates.control
+        return Pace(max(gap, late), busy)
+
+    def rest_after(self, time: float, *, speed: float = 0.01) -> float:
+        """Returns for how long after a time [s] the arm was faster than a speed [rad/s], or was
+        told to be: it may have stopped by itself."""
+        moving = [t for t, v in (*self.speeds, *self.told) if v > speed]
+        return max([0.0, *(t - time for t in moving)])
 
 
 @dataclass
@@ -70,7 +134,7 @@ class StandIn:
     def finish(self) -> dict:
         """Ends it and returns what it saw."""
         if self.seen is None:
-            said, _ = self.process.communicate(timeout=20)
+            said, _ = self.process.communicate()
             self.seen = json.loads(said.splitlines()[-1])
             if self.process.returncode == -signal.SIGKILL:
                 self.seen["told"] = self._listened()
@@ -78,12 +142,9 @@ class StandIn:
 
     def _listened(self) -> list:
         """Returns what another process heard when the robot was killed."""
-        deadline = time.monotonic() + 20.0
-        while time.monotonic() < deadline:
-            if self.listened.exists() and (text := self.listened.read_text()):
-                return json.loads(text)
+        while not self.listened.exists():
             time.sleep(0.05)
-        raise AssertionError(f"{self.listened} was not written.")
+        return json.loads(self.listened.read_text())
 
 
 @contextmanager
@@ -103,7 +164,7 @@ def stand_in(
         pictures: What the cameras show (npz).
         directory: For its files.
         fault: How it misbehaves.
-        after: When [s], counted from the arm's first motion.
+        after: When [s of the robot's time], counted from the arm's first motion.
         position: Where the arm stands (7,) [rad].
     """
     setup = StandInSetup(
@@ -113,6 +174,7 @@ def stand_in(
         holds=HELD_WIDTH,
         pictures=str(pictures),
         cameras=tuple(scenario.cameras),
+        time_scale=scenario.poil.hardware.time_scale,
         fault=fault,
         after=after,
     )

@@ -28,7 +28,7 @@ class PriorTracker:
     """Moves the points along with the held object.
 
     Attributes:
-        stall: For how long one step takes, once the object is carried [s].
+        stall: For how long one step takes, once the object is carried [s, not scaled].
         grave: If not empty, the process is killed once the object is carried, and leaves this file.
         rises: Whether a new process works; else it is killed as soon as it starts to track.
     """

@@ -7,12 +7,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hardware_bench import StandIn, hardware_scenario, stand_in
+from hardware_bench import Seen, StandIn, hardware_scenario, stand_in
+from machine_pace import Pace, first_kept, repeated
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -27,20 +27,42 @@ HERE = Path(__file__).parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
 REST = 0.15
 FAST = 0.2  # [rad/s]: the swing is well on its way.
+Stop = Callable[..., "Run"]
 
 
 class Run:
-    """A run in a process of its own, against a stand-in robot in another one."""
+    """A run in a process of its own, against a stand-in robot in another one.
 
-    def __init__(self, robot: StandIn, scenario: Path, folder: Path):
-        self.robot, self.folder = robot, folder
+    Attributes:
+        scenario: What is run.
+        folder: Where its outputs are.
+        acted_at: When something was done to it [s since the epoch, by the robot's clock].
+        status: The status it ended with.
+        said: What it wrote to standard output and error.
+        seen: What the robot saw.
+    """
+
+    acted_at: float
+    status: int
+    said: tuple[str, str]
+    seen: Seen
+
+    def __init__(self, robot: StandIn, scenario: Scenario, folder: Path):
+        self.robot, self.scenario, self.folder = robot, scenario, folder
+        self.clock = scenario.poil.hardware.clock()
+        text = folder / "scenario.yaml"
+        text.write_text(DumpScenario(scenario))
         self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "executed_run.py"), str(scenario), str(folder)],
+            command(text, folder),
             env=ENVIRONMENT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
+
+    def sleep(self, duration: float) -> None:
+        """Sleeps for some of the robot's time [s]."""
+        time.sleep(duration / self.scenario.poil.hardware.time_scale)
 
     def wait_until_it_moves(self) -> None:
         """Waits for the stand-in's word, and then until its arm is fast."""
@@ -50,18 +72,17 @@ class Run:
             # It may have ended for a reason of its own.
             assert self.process.poll() is None, self.process.communicate()
         assert said.readline() == "moving\n"
-        time.sleep(0.5)
+        self.sleep(0.5)
 
-    def send(self, number: int) -> float:
-        """Sends a signal and returns when [s since the epoch]."""
-        now = time.time()
+    def send(self, number: int) -> None:
+        """Sends a signal."""
         self.process.send_signal(number)
-        return now
 
-    def finish(self) -> int:
-        """Waits for the end, and returns the status."""
-        self.said = self.process.communicate(timeout=60)
-        return self.process.returncode
+    def finish(self) -> None:
+        """Waits for the end."""
+        self.said = self.process.communicate()
+        self.status = self.process.returncode
+        self.seen = Seen(**self.robot.finish())
 
     @property
     def figures(self) -> dict:
@@ -71,29 +92,49 @@ class Run:
     def log(self) -> Path:
         return self.folder / "run.mcap"
 
-    def speeds(self) -> np.ndarray:
-        """Returns rows of time and the arm's largest joint speed."""
-        return np.array(self.robot.finish()["speeds"])
+
+def command(scenario: Path, folder: Path) -> list[str]:
+    return [sys.executable, str(HERE / "executed_run.py"), str(scenario), str(folder)]
 
 
 @pytest.fixture
-def run(scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[Run]:
-    scenario = hardware_scenario(scenario)
-    text = tmp_path / "scenario.yaml"
-    text.write_text(DumpScenario(scenario))
-    with stand_in(scenario, pictures, tmp_path) as robot:
-        run = Run(robot, text, tmp_path)
-        try:
-            yield run
-        finally:
-            if run.process.poll() is None:
-                run.process.kill()
-            run.process.communicate()
+def stop(scenario: Scenario, time_scale: float, pictures: Path, tmp_path: Path) -> Stop:
+    """Does something to a run while the arm moves, and returns it once it has ended.
+
+    `stop(act, figures=)` calls `act(run)`; `figures` is whether the figures that the run leaves
+    tell how well it kept up.
+    """
+
+    def stop(act: Callable[[Run], None], *, figures: bool = True) -> Run:
+        def attempt(time_scale: float) -> tuple[Run, Pace]:
+            chosen = hardware_scenario(scenario, time_scale=time_scale)
+            with stand_in(chosen, pictures, tmp_path) as robot:
+                run = Run(robot, chosen, tmp_path)
+                try:
+                    run.wait_until_it_moves()
+                    run.acted_at = run.clock()
+                    act(run)
+                    run.finish()
+                finally:
+                    if run.process.poll() is None:
+                        run.process.kill()
+                        run.process.communicate()
+            return run, run.seen.pace(run.figures["figures"] if figures else {}, chosen)
+
+        return first_kept(repeated(time_scale), attempt)[1]
+
+    return stop
 
 
 def is_whole(log: Path) -> bool:
     with log.open("rb") as stream:
         return make_reader(stream).get_summary() is not None
+
+
+def was_told_to_rest(run: Run) -> bool:
+    """Returns whether the arm was told to rest for longer than the driver follows a command."""
+    told = [time for time, speed in run.seen.told if speed == 0.0]
+    return max(told, default=0.0) - run.acted_at > run.scenario.poil.hardware.command_expiry
 
 
 @pytest.mark.parametrize(
@@ -104,44 +145,41 @@ def is_whole(log: Path) -> bool:
         (signal.SIGHUP, 129, "the terminal has gone"),
     ],
 )
-def test_a_signal_brings_the_arm_to_rest(run: Run, number: int, status: int, reason: str) -> None:
-    run.wait_until_it_moves()
-    stopped_at = run.send(number)
+def test_a_signal_brings_the_arm_to_rest(stop: Stop, number: int, status: int, reason: str) -> None:
+    run = stop(lambda run: run.send(number))
 
-    assert run.finish() == status, run.said
-    speeds = run.speeds()
-    assert speeds[speeds[:, 0] < stopped_at, 1][-1] > FAST
-    assert rest_after(speeds, stopped_at) <= REST
+    assert run.status == status, run.said
+    assert [speed for time, speed in run.seen.speeds if time < run.acted_at][-1] > FAST
+    assert run.seen.rest_after(run.acted_at) <= REST
+    assert was_told_to_rest(run)
     assert run.figures["reason"] == reason
     assert is_whole(run.log)
 
 
-def rest_after(speeds: np.ndarray, start: float) -> float:
-    """Returns for how long after a time the arm was faster than 0.01 rad/s [s]."""
-    moving = speeds[(speeds[:, 0] > start) & (speeds[:, 1] > 0.01), 0]
-    return float(moving[-1] - start) if moving.size else 0.0
+def test_an_impatient_user_does_not_keep_the_arm_from_resting(stop: Stop) -> None:
+    def interrupt_repeatedly(run: Run) -> None:
+        for _ in range(6):
+            run.send(signal.SIGINT)
+            run.sleep(0.02)
+
+    run = stop(interrupt_repeatedly, figures=False)
+
+    assert run.status != 0
+    assert run.seen.rest_after(run.acted_at) <= REST
+    assert was_told_to_rest(run)
 
 
-def test_an_impatient_user_does_not_keep_the_arm_from_resting(run: Run) -> None:
-    run.wait_until_it_moves()
-    stopped_at = run.send(signal.SIGINT)
-    for _ in range(5):
-        time.sleep(0.02)
-        run.send(signal.SIGINT)
+def test_a_run_that_is_halted_and_goes_on_does_not_move_the_arm_again(stop: Stop) -> None:
+    def halt(run: Run) -> None:
+        run.send(signal.SIGSTOP)
+        run.sleep(1.0)
+        run.send(signal.SIGCONT)
 
-    assert run.finish() != 0
-    assert rest_after(run.speeds(), stopped_at) <= REST
+    run = stop(halt, figures=False)
 
-
-def test_a_run_that_is_halted_and_goes_on_does_not_move_the_arm_again(run: Run) -> None:
-    run.wait_until_it_moves()
-    halted_at = run.send(signal.SIGSTOP)
-    time.sleep(1.0)
-    run.send(signal.SIGCONT)
-
-    assert run.finish() == 1
+    assert run.status == 1
     # The driver's expiry of 0.1 s, and the low pass.
-    assert rest_after(run.speeds(), halted_at) <= 0.1 + REST
+    assert run.seen._replace(told=[]).rest_after(run.acted_at) <= 0.1 + REST
     assert run.figures["reason"].startswith(SAFETY_FAULT_TEXT[SafetyFault.LOOP_STALLED])
     assert is_whole(run.log)
 
@@ -158,42 +196,31 @@ def times_of(log: Path) -> list[float]:
     return times
 
 
-def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(run: Run) -> None:
-    run.wait_until_it_moves()
-    killed_at = run.send(signal.SIGKILL)
+def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(stop: Stop) -> None:
+    run = stop(lambda run: run.send(signal.SIGKILL), figures=False)
 
-    assert run.finish() == -signal.SIGKILL
-    time.sleep(0.5)
-    seen = run.robot.finish()
-    assert rest_after(np.array(seen["speeds"]), killed_at) <= 0.1 + REST
-    commanded = seen["commanded"]
+    assert run.status == -signal.SIGKILL
+    assert run.seen._replace(told=[]).rest_after(run.acted_at) <= 0.1 + REST
+    commanded = run.seen.commanded
     # The log begins with the loop, and lacks what filled no chunk of 64 kB.
     assert max(times_of(run.log)) > commanded[-1] - commanded[0] - 0.5
 
 
-def test_a_second_run_refuses_to_command_beside_the_first(run: Run, tmp_path: Path) -> None:
-    run.wait_until_it_moves()
+def test_a_second_run_refuses_to_command_beside_the_first(stop: Stop, tmp_path: Path) -> None:
     folder = tmp_path / "second"
     folder.mkdir()
+    ended = []
 
-    second = subprocess.run(
-        [
-            sys.executable,
-            str(HERE / "executed_run.py"),
-            str(tmp_path / "scenario.yaml"),
-            str(folder),
-        ],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    run.send(signal.SIGINT)
-    run.finish()
+    def run_another(run: Run) -> None:
+        second = command(tmp_path / "scenario.yaml", folder)
+        ended.append(
+            subprocess.run(second, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+        )
+        run.send(signal.SIGINT)
 
-    assert second.returncode != 0
-    assert "Somebody else commands the robot" in second.stderr
-    assert (
-        "somebody else commands" in json.loads((folder / "run.json").read_text())["reason"].lower()
-    )
+    stop(run_another, figures=False)
+
+    assert ended[-1].returncode != 0
+    assert "Somebody else commands the robot" in ended[-1].stderr
+    reason = json.loads((folder / "run.json").read_text())["reason"]
+    assert "somebody else commands" in reason.lower()
