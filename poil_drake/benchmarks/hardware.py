@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from poil_drake.diagrams.progress import OneLineTqdm
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 from poil_drake.errors import StationError
@@ -67,7 +68,7 @@ def run_hardware_benchmark(
         StationError: if a driver does not start.
     """
     found: list[HardwareTrial] = []
-    with tempfile.TemporaryDirectory() as folder, tqdm(total=trials, desc="trials") as bar:
+    with tempfile.TemporaryDirectory() as folder, OneLineTqdm(total=trials, desc="trials") as bar:
         demonstration = Path(folder) / "demo.mcap"
         RecordScenarioDemonstration(ChooseScenario(), demonstration)
         for seed in range(trials):

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from poil_drake.benchmarks.control.se3_bcsdm import PoseTrajectory, Se3BcsdmConfig, se3_bcsdm
 from poil_drake.benchmarks.latency_control_path import ControlPath
 from poil_drake.benchmarks.latency_states import States, moving_body
 from poil_drake.control.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
+from poil_drake.diagrams.progress import OneLineTqdm
 from poil_drake.recording.plain_json import write_json
 
 _POINTS, _SAMPLES = 10, 500
@@ -80,7 +80,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
     gc.collect()
     gc.freeze()
     try:
-        with tqdm(total=2 * ticks, desc="ticks", delay=2.0, mininterval=0.5) as bar:
+        with OneLineTqdm(total=2 * ticks, desc="ticks") as bar:
             durations = _time(alike, ticks, bar)
             second = _time(subjects, ticks, bar)
     finally:
@@ -104,7 +104,7 @@ def summarize(names: Sequence[str], durations: np.ndarray) -> list[Row]:
     ]
 
 
-def _time(subjects: Sequence[Subject], ticks: int, bar: tqdm | None = None) -> np.ndarray:
+def _time(subjects: Sequence[Subject], ticks: int, bar: OneLineTqdm | None = None) -> np.ndarray:
     """Returns how long each subject took at each tick (ticks, len(subjects)) [s]."""
     random = np.random.default_rng(0)
     durations = np.empty((ticks, len(subjects)))

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from tqdm import tqdm
 
 from poil_drake.benchmarks.stand_in_robot import StandInSetup, running_stand_in, with_own_networks
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.planning import PlanScenario
+from poil_drake.diagrams.progress import OneLineTqdm
 from poil_drake.diagrams.real_time_loop import (
     LoopTiming,
     QuietInterpreter,
@@ -205,7 +205,7 @@ def _run(
             with (
                 QuietInterpreter(),
                 RealTimeScheduling(scenario.poil.hardware.realtime_priority, followers=True),
-                tqdm(total=round(duration), desc="seconds") as bar,
+                OneLineTqdm(total=round(duration), desc="seconds") as bar,
             ):
                 pace.AdvanceTo(_WARM_UP)
                 # The first track is there; what follows would be grasp and lift.

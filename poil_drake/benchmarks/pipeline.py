@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from poil_drake.benchmarks.pipeline_trial import TASKS, Trial, lost_trial, run_recorded_trial
 from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
+from poil_drake.diagrams.progress import OneLineTqdm
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
 from poil_drake.errors import InvalidValueError
@@ -57,7 +58,7 @@ def run_pipeline_benchmark(
         ray_address=ray_address,
         trials_per_worker=1,
     )
-    with tqdm(total=len(arguments), desc="trials") as bar:
+    with OneLineTqdm(total=len(arguments), desc="trials") as bar:
         for index, end in ends:
             results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
             tqdm.write(_row(results[index]))

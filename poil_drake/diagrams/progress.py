@@ -1,18 +1,41 @@
-"""A progress bar for the command line."""
+"""Progress bars for the command line."""
 
 import os
 import sys
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from tqdm import tqdm
+
+
+class OneLineTqdm(tqdm):
+    """A tqdm bar that, where standard error is no terminal, writes one line: once it is closed."""
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        """Takes what tqdm takes."""
+        self._drawn = sys.stderr.isatty()
+        super().__init__(*args, **kwargs)
+
+    def display(self, *args: Any, **kwargs: Any) -> None:
+        """Draws the bar, on a terminal."""
+        if self._drawn:
+            super().display(*args, **kwargs)
+
+    def clear(self, *args: Any, **kwargs: Any) -> None:
+        """Wipes the bar, on a terminal."""
+        if self._drawn:
+            super().clear(*args, **kwargs)
+
+    def close(self) -> None:
+        """Draws the bar for the last time."""
+        self._drawn = True
+        super().close()
 
 
 class ProgressBar:
     """Shows what is being done and how far it is; a `with` block.
 
     Calling it with (what, fraction in [0, 1]) moves the bar; a new `what` begins a new bar.
-    Where standard error is no terminal, each finished bar is one line.
     """
 
     def __init__(self, *, disable: bool = False):
@@ -22,7 +45,7 @@ class ProgressBar:
             disable: Draws nothing.
         """
         self._disable = disable
-        self._bar: tqdm | None = None
+        self._bar: OneLineTqdm | None = None
         self._what = ""
 
     def __call__(self, what: str, fraction: float) -> None:
@@ -31,14 +54,14 @@ class ProgressBar:
             self._finish()
             self._what = what
             columns, lines = _unknown_size()
-            self._bar = tqdm(
+            self._bar = OneLineTqdm(
                 total=1.0,
                 desc=what,
                 disable=self._disable,
                 bar_format="{desc:<28} {percentage:3.0f}% |{bar:30}| {elapsed}",
                 ncols=columns,
                 nrows=lines,
-                mininterval=0.2 if sys.stderr.isatty() else 3600.0,
+                mininterval=0.2,
             )
         self._bar.update(min(max(fraction, self._bar.n), 1.0) - self._bar.n)
 

@@ -8,7 +8,7 @@ import termios
 
 import pytest
 
-from poil_drake.diagrams.progress import ProgressBar
+from poil_drake.diagrams.progress import OneLineTqdm, ProgressBar
 
 _SHOW = """
 from poil_drake.diagrams.progress import ProgressBar
@@ -24,9 +24,23 @@ def test_each_thing_that_is_done_has_a_bar(capsys: pytest.CaptureFixture[str]) -
         dut("planning", 0.25)
         dut("closed loop", 1.0)
 
-    bars = capsys.readouterr().err.replace("\n", "\r").split("\r")
-    assert any(bar.startswith("planning") and " 25% |" in bar for bar in bars)
-    assert any(bar.startswith("closed loop") and "100% |" in bar for bar in bars)
+    planning, closed_loop = capsys.readouterr().err.splitlines()[1::2]
+    assert planning.startswith("planning")
+    assert " 25% |" in planning
+    assert closed_loop.startswith("closed loop")
+    assert "100% |" in closed_loop
+
+
+def test_what_is_no_terminal_gets_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with OneLineTqdm(total=3, desc="trials", mininterval=0.0) as dut:
+        for trial in range(3):
+            OneLineTqdm.write(f"trial {trial}")
+            dut.update()
+
+    said = capsys.readouterr()
+    assert said.out.split("\n") == ["trial 0", "trial 1", "trial 2", ""]
+    assert said.err.count("\n") == 1
+    assert said.err.count("trials: 100%") == 1
 
 
 def shown_on_terminal(columns: int, lines: int, *, stdout: int | None = None) -> str:

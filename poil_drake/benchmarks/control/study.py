@@ -30,6 +30,7 @@ from poil_drake.benchmarks.control.task_pictures import DrawTask
 from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
+from poil_drake.diagrams.progress import OneLineTqdm
 from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
@@ -131,7 +132,7 @@ def run_control_study(
         run_control_trial, arguments, shared=(trained,), jobs=jobs, ray_address=ray_address
     )
     hard = asdict(_HARD) if config.hard else None
-    bar = tqdm(ends, total=len(arguments), desc="trials", smoothing=0.05)
+    bar = OneLineTqdm(ends, total=len(arguments), desc="trials", smoothing=0.05)
     written = time.monotonic()
     try:
         for index, end in bar:
@@ -245,7 +246,7 @@ def _train(
     trained: dict[tuple[str, str], Any] = {}
     if not wanted:
         return trained
-    with tqdm(total=len(wanted), desc="policies trained, or found in the cache") as bar:
+    with OneLineTqdm(total=len(wanted), desc="policies trained, or found in the cache") as bar:
         for index, end in run_trials(train_policy, wanted, jobs=jobs, ray_address=ray_address):
             if isinstance(end, LostTrial):
                 raise InvalidValueError(
