@@ -10,7 +10,7 @@ from poil_drake.diagrams.html_recording import MakeMeshcat
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.planning import PlanScenario
 
-scenario = LoadScenario(filename=default_scenario_file(), data="{poil: {eta: 2.0}}")
+scenario = LoadScenario(filename=default_scenario_file(), data="{poil: {eta: 3.0}}")
 demonstration = Path("out/demo.mcap")
 RecordDemonstration(scenario, demonstration)
 plan = PlanScenario(scenario, demonstration)
@@ -18,4 +18,4 @@ meshcat = MakeMeshcat()
 print(meshcat.web_url())
 with MakeClosedLoop(scenario, plan, meshcat=meshcat) as loop:
     simulator = Simulator(loop.diagram)
-    simulator.AdvanceTo(20.0)
+    simulator.AdvanceTo(16.0)

@@ -1,5 +1,10 @@
-"""What whole runs share: one demonstration, one plan, recorded and made once a session."""
+"""What tests share: one demonstration, one plan and one run, made once for all processes."""
 
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +15,8 @@ from poil_drake.diagrams.planning import PlanScenario
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.scenario_choice import ChooseScenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
+
+MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 # How fast a machine is decides no test.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -23,17 +30,48 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="session")
-def demonstration(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built-in demonstration."""
-    path = tmp_path_factory.mktemp("demonstration") / "demo.mcap"
-    RecordDemonstration(scenario, path)
-    return path
+def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
+    """Returns a path that the first process of these tests makes which wants it."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    def make_once(name: str, make: Callable[[Path], object]) -> Path:
+        path, unfinished = folder / name, folder / f"unfinished_{name}"
+        with (folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                make(unfinished)
+                unfinished.rename(path)
+        return path
+
+    return make_once
 
 
 @pytest.fixture(scope="session")
-def plan(scenario: Scenario, demonstration: Path) -> ExecutionPlan:
+def demonstration(scenario: Scenario, make_once: MakeOnce) -> Path:
+    """The built-in demonstration."""
+    return make_once("demo.mcap", lambda path: RecordDemonstration(scenario, path))
+
+
+@pytest.fixture(scope="session")
+def plan(scenario: Scenario, demonstration: Path, make_once: MakeOnce) -> ExecutionPlan:
     """The plan to hang the package's own mug as the demonstration shows."""
-    return PlanScenario(scenario, demonstration)
+    path = make_once("plan.npz", lambda path: PlanScenario(scenario, demonstration).save(path))
+    return ExecutionPlan.load(path)
+
+
+@pytest.fixture(scope="session")
+def whole_run(make_once: MakeOnce) -> Path:
+    """The folder of outputs of `poil run`."""
+
+    def run(folder: Path) -> None:
+        folder.mkdir()
+        poil = Path(sys.executable).with_name("poil")
+        done = subprocess.run([poil, "run"], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+    return make_once("whole_run", run) / "out"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

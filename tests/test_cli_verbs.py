@@ -53,6 +53,7 @@ def test_a_plan_is_made_and_executed(
     figures = json.loads(Path("out/run.json").read_text())
     assert figures["success"] is True
     assert figures["tracker"] == "ground_truth"
+    assert figures["tracking_error"]["maximum"] < 1e-9
 
 
 def test_a_demonstration_is_recorded_to_the_same_bytes(

@@ -17,7 +17,6 @@ def test_the_body_arrives(flags: list[str], tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
         check=False,
     )
 

@@ -20,7 +20,6 @@ def check(folder: Path, **programs: str) -> subprocess.CompletedProcess:
         env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
     )
 

@@ -168,7 +168,7 @@ def test_however_the_run_is_stopped_no_worker_is_left(
         run.send_signal(number)
 
     # The workers write to the same pipes, which only end when all who could write have ended.
-    output, errors = run.communicate(timeout=30)
+    output, errors = run.communicate()
     assert output == ""
     assert run.returncode == -number
     if number == signal.SIGINT:  # Told once, by the one who was asked to stop.

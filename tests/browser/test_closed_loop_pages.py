@@ -1,5 +1,7 @@
 """What a viewer sees of a real closed loop: on the live page, and in the recording of the run."""
 
+import dataclasses
+
 import pytest
 from pydrake.systems.analysis import Simulator
 
@@ -26,7 +28,8 @@ DRAWN = {
 def recorded(plan: ExecutionPlan, scenario: Scenario, tmp_path_factory: pytest.TempPathFactory):
     """A short run that was drawn live and recorded: its Meshcat and its HTML file."""
     meshcat = MakeMeshcat()
-    loop = MakeClosedLoop(scenario, plan, meshcat=meshcat)
+    poil = dataclasses.replace(scenario.poil, tracker="ground_truth")
+    loop = MakeClosedLoop(dataclasses.replace(scenario, poil=poil), plan, meshcat=meshcat)
     path = tmp_path_factory.mktemp("html") / "run.html"
     with HtmlRecording(meshcat, path):
         Simulator(loop.diagram).AdvanceTo(DURATION)

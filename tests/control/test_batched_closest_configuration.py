@@ -16,7 +16,7 @@ def make_reference(positions: np.ndarray) -> PointTrajectory:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 1000.0]))
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 def test_the_choice_is_the_single_states_however_far_the_origin_is(seed, distance):
     rng = np.random.default_rng(seed)
     positions = np.cumsum(rng.normal(scale=0.01, size=(SAMPLES, COUNT, 3)), axis=0) + distance

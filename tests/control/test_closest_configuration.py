@@ -87,7 +87,7 @@ def test_place_between_samples_of_an_even_motion(x, expected):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 def test_place_between_samples_is_the_best_of_both_segments(seed):
     rng = np.random.default_rng(seed)
     positions = np.cumsum(rng.normal(size=(3, 4, 3)), axis=0)

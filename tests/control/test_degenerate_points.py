@@ -10,7 +10,7 @@ from poil_drake.control.twist_fit import fit_twist, fit_twist_to_inliers
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
-property_test = settings(derandomize=True, deadline=None, max_examples=50)
+property_test = settings(derandomize=True, max_examples=50)
 seeds = st.integers(0, 2**32 - 1)
 
 

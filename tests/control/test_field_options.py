@@ -84,7 +84,7 @@ def test_window_is_left_only_where_the_other_branch_is_much_closer():
 
 
 @given(seeds)
-@settings(derandomize=True, deadline=None, max_examples=15)
+@settings(derandomize=True, max_examples=15)
 def test_field_is_lipschitz_along_lines_beside_the_reference(seed):
     rng = np.random.default_rng(seed)
     # Straight but at a varying speed: a straight line has no medial axis.
@@ -133,7 +133,7 @@ def test_field_turns_smoothly_with_a_turning_reference():
 
 
 @given(seeds)
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(derandomize=True, max_examples=20)
 def test_potential_falls_under_speed_limits_too(seed):
     rng = np.random.default_rng(seed)
     reference = PointTrajectory(

@@ -8,7 +8,7 @@ from poil_drake.control.stability import critical_rotations, moment_matrix, rota
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp, rotation_log
 
-property_test = settings(derandomize=True, deadline=None, max_examples=40)
+property_test = settings(derandomize=True, max_examples=40)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -93,7 +93,7 @@ def test_escape_takes_the_logarithm_of_the_distance_along_every_way_out(saddle, 
 
 
 @given(seeds)
-@settings(derandomize=True, deadline=None, max_examples=10)
+@settings(derandomize=True, max_examples=10)
 def test_escape_in_any_direction_takes_the_logarithm_of_the_distance_at_the_fastest_rate(seed):
     rng = np.random.default_rng(seed)
     W = random_moments(rng)

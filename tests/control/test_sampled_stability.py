@@ -11,7 +11,7 @@ from poil_drake.control.stability import rotation_potential, rotation_velocity
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
-property_test = settings(derandomize=True, deadline=None, max_examples=40)
+property_test = settings(derandomize=True, max_examples=40)
 seeds = st.integers(0, 2**32 - 1)
 
 

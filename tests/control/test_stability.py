@@ -8,7 +8,7 @@ from poil_drake.control.twist_fit import fit_twist
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
-property_test = settings(derandomize=True, deadline=None, max_examples=100)
+property_test = settings(derandomize=True, max_examples=100)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -147,7 +147,7 @@ def critical_rotations_found(W, R):
 
 
 @given(seeds, st.booleans())
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(derandomize=True, max_examples=20)
 def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, flat):
     rng = np.random.default_rng(seed)
     # Points in a plane have a singular W, but no other critical rotations.
@@ -164,7 +164,7 @@ def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, f
 
 
 @given(seeds)
-@settings(derandomize=True, deadline=None, max_examples=10)
+@settings(derandomize=True, max_examples=10)
 def test_flow_of_any_points_converges_from_any_rotation(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(rng.integers(3, 12), 3)) * rng.uniform(0.3, 1.0, size=3)

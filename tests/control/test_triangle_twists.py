@@ -8,7 +8,7 @@ from poil_drake.geometry.triples import TripleConfig, choose_triples
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 def test_residuals_are_those_of_the_twist_fitted_to_each_triangle(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(scale=0.03, size=(6, 3)) + rng.normal(size=3)

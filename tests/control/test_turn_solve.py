@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from poil_drake.control import turn_solve as dut
 
-property_test = settings(derandomize=True, deadline=None, max_examples=200)
+property_test = settings(derandomize=True, max_examples=200)
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -9,7 +9,7 @@ from poil_drake.geometry import triples
 from poil_drake.geometry.rigid_transform import rotation_exp, skew
 from poil_drake.geometry.triples import TripleConfig
 
-property_test = settings(derandomize=True, deadline=None, max_examples=100)
+property_test = settings(derandomize=True, max_examples=100)
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -40,7 +40,7 @@ def random_problem(seed: int, *, joints: int = 7) -> tuple[np.ndarray, ...]:
 
 
 @given(seeds, st.sampled_from([6, 7]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_as_much_of_the_twist_as_a_linear_program_finds(seed: int, joints: int) -> None:
     V, J, pull, lowest, highest = random_problem(seed, joints=joints)
 

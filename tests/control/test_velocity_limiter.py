@@ -34,7 +34,7 @@ def drive(limiter, start, wanted):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=40)
+@settings(derandomize=True, max_examples=40)
 def test_no_limit_is_exceeded_whatever_is_wanted(seed):
     rng = np.random.default_rng(seed)
     start = rng.uniform(LIMITS.lower + 0.06, LIMITS.upper - 0.06)

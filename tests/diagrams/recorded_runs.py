@@ -74,6 +74,15 @@ def with_rates(scenario: Scenario, **rates: float) -> Scenario:
     return dataclasses.replace(scenario, poil=poil)
 
 
+def beginning(source: Path, target: Path, duration: float) -> Path:
+    """Copies the beginning [s] of a log."""
+
+    def keep(topic: str, message: Message) -> bytes | None:
+        return message.data if message.log_time <= 1e9 * duration else None
+
+    return rewritten(source, target, message=keep)
+
+
 def rewritten(
     source: Path,
     target: Path,

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from pydrake.lcm import DrakeLcm
-from pydrake.systems.analysis import Simulator
+from network_bench import NetworkBench
 
-from poil_drake.diagrams.driver_station import DriverStation, MakeDriverStation
-from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.diagrams.driver_station import MakeDriverStation
+from poil_drake.diagrams.scenario import Scenario
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm_mailbox import LcmMailbox
 from poil_drake.systems.panda_lcm_messages import (
@@ -18,32 +17,23 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.simulated_driver import SimulatedDriverConfig
 from poil_drake.systems.statuses import RobotMode
 
-START = 1_790_000_000.0
 WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])
 
 
-class Bench:
-    """The dut, and a client that sends what it is told every 1/256 s."""
+class ClientBench(NetworkBench):
+    """The dut and a client that commands the arm 256 times a second."""
 
-    def __init__(self, config: SimulatedDriverConfig | None = None):
-        self.lcm = DrakeLcm("memq://driver_station")
-        self.dut: DriverStation = MakeDriverStation(
-            ChooseScenario(), self.lcm, config=config, clock=self.now
+    def __init__(self, scenario: Scenario, config: SimulatedDriverConfig | None = None):
+        super().__init__(
+            lambda **network: MakeDriverStation(scenario, config=config, **network).diagram
         )
-        self.simulator = Simulator(self.dut.diagram)
-        self.context = self.simulator.get_mutable_context()
         self.arm = LcmMailbox(self.lcm, "PANDA_STATUS", decode_panda_status)
         self.hand = LcmMailbox(self.lcm, "PANDA_HAND_STATUS", decode_hand_status)
 
-    def now(self) -> float:
-        return START + self.context.get_time()
-
-    def advance(self, duration: float, velocity: np.ndarray | None = None) -> None:
+    def drive(self, duration: float, velocity: np.ndarray) -> None:
         for _ in range(round(duration * 256)):
-            if velocity is not None:
-                self.lcm.Publish("PANDA_COMMAND", encode_panda_command(velocity, self.now()))
-            self.simulator.AdvanceTo(self.context.get_time() + 1 / 256)
-        self.lcm.HandleSubscriptions(0)
+            self.publish("PANDA_COMMAND", encode_panda_command(velocity, self.now()))
+            self.advance(1 / 256)
 
     @property
     def joints(self) -> np.ndarray:
@@ -51,12 +41,16 @@ class Bench:
         return self.arm.newest.position
 
 
-def test_arm_follows_the_velocities_it_is_sent() -> None:
-    bench = Bench()
+@pytest.fixture
+def bench(scenario: Scenario) -> ClientBench:
+    return ClientBench(scenario)
+
+
+def test_arm_follows_the_velocities_it_is_sent(bench: ClientBench) -> None:
     bench.advance(0.1)
     before = bench.joints
 
-    bench.advance(0.5, WANTED)
+    bench.drive(0.5, WANTED)
 
     # The joints' controllers lag by some hundredths of a second.
     np.testing.assert_allclose(bench.joints - before, 0.5 * WANTED, atol=0.025)
@@ -65,9 +59,8 @@ def test_arm_follows_the_velocities_it_is_sent() -> None:
     assert bench.arm.newest.success_rate == 1.0
 
 
-def test_arm_rests_when_commands_stop() -> None:
-    bench = Bench()
-    bench.advance(0.3, WANTED)
+def test_arm_rests_when_commands_stop(bench: ClientBench) -> None:
+    bench.drive(0.3, WANTED)
 
     bench.advance(0.1 + 0.15)
 
@@ -78,19 +71,18 @@ def test_arm_rests_when_commands_stop() -> None:
     np.testing.assert_allclose(bench.joints, stopped, atol=1e-3)
 
 
-def test_hand_closes_and_opens() -> None:
-    bench = Bench()
+def test_hand_closes_and_opens(bench: ClientBench) -> None:
     bench.advance(0.1)
 
     for width in (0.02, 0.07):
-        bench.lcm.Publish("PANDA_HAND_COMMAND", encode_hand_command(width, 40.0, bench.now()))
+        bench.publish("PANDA_HAND_COMMAND", encode_hand_command(width, 40.0, bench.now()))
         bench.advance(1.2)
         assert bench.hand.newest is not None
         assert bench.hand.newest.width == pytest.approx(width, abs=2e-3)
 
 
-def test_driver_ends_where_the_arm_runs_into_the_table() -> None:
-    bench = Bench(SimulatedDriverConfig(torque_limit=20.0))
+def test_driver_ends_where_the_arm_runs_into_the_table(scenario: Scenario) -> None:
+    bench = ClientBench(scenario, SimulatedDriverConfig(torque_limit=20.0))
 
     with pytest.raises(StationError, match="reflex"):
-        bench.advance(4.0, np.array([0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        bench.drive(4.0, np.array([0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))

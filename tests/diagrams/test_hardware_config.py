@@ -55,12 +55,13 @@ def test_the_table_may_be_named_twice() -> None:
 
 def test_the_steady_clock_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = HardwareConfig(time_scale=0.5).steady_clock()
-    before = clock()
-    assert before == pytest.approx(0.5 * time.time(), abs=0.1)
+    earliest, before, latest = 0.5 * time.time(), clock(), 0.5 * time.time()
+    assert earliest <= before + 1e-3
+    assert before <= latest + 1e-3
 
     monkeypatch.setattr(time, "time", lambda: 1000.0)
 
-    assert 0.0 <= clock() - before < 0.1
+    assert clock() >= before
 
 
 def test_cameras_are_chosen_by_their_tag() -> None:

@@ -2,36 +2,32 @@
 
 import numpy as np
 import pytest
-from pydrake.lcm import DrakeLcm
-from pydrake.systems.analysis import Simulator
+from network_bench import NetworkBench
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from system_bench import SystemBench
 
 from poil_drake.control.velocity_limiter import VelocityLimiter
 from poil_drake.diagrams.driver_station import MakeDriverStation
 from poil_drake.diagrams.panda_hardware import AddPandaHardware
-from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.station import MakeStation
 from poil_drake.systems.arm_plant import MakePandaKinematics
 from poil_drake.systems.safety_faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 
-START = 1_790_000_000.0
 PERIOD = 1 / 256
 WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])
 
 
-class Bench:
+class HardwareBench(SystemBench):
     """The dut and a simulated robot, advanced in turn."""
 
-    def __init__(self, *, dry_run: bool = False) -> None:
-        self.lcm = DrakeLcm("memq://panda_hardware")
-        self.robot = Simulator(
-            MakeDriverStation(ChooseScenario(), self.lcm, clock=self.now).diagram
-        )
+    def __init__(self, scenario: Scenario, *, dry_run: bool = False) -> None:
+        self.robot = NetworkBench(lambda **network: MakeDriverStation(scenario, **network).diagram)
         builder = DiagramBuilder()
         self.hardware = AddPandaHardware(
             builder=builder,
-            lcm=self.lcm,
+            lcm=self.robot.lcm,
             name="panda",
             period=PERIOD,
             limiter=VelocityLimiter(
@@ -40,26 +36,19 @@ class Bench:
                 config=SafetyConfig().limiter,
             ),
             dry_run=dry_run,
-            clock=self.now,
+            clock=self.robot.now,
         )
-        self.dut: Diagram = builder.Build()
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
+        super().__init__(builder.Build())
 
-    def now(self) -> float:
-        return START + self.robot.get_context().get_time()
-
-    def advance(self, duration: float, *, robot: bool = True) -> None:
+    def advance(self, duration: float) -> None:
         for _ in range(round(duration / PERIOD)):
-            if robot:
-                self.robot.AdvanceTo(self.robot.get_context().get_time() + PERIOD)
-            self.simulator.AdvanceTo(self.context.get_time() + PERIOD)
+            self.robot.advance(PERIOD)
+            super().advance(PERIOD)
 
-    def fix(self, name: str, value: np.ndarray) -> None:
-        self.dut.GetInputPort(name).FixValue(self.context, value)
 
-    def read(self, name: str) -> np.ndarray:
-        return self.dut.GetOutputPort(name).Eval(self.context)
+@pytest.fixture
+def bench(scenario: Scenario) -> HardwareBench:
+    return HardwareBench(scenario)
 
 
 def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
@@ -69,9 +58,9 @@ def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
 
 
 @pytest.mark.parametrize("dry_run", [False, True])
-def test_ports_are_those_of_the_simulated_robot(dry_run: bool) -> None:
-    bench = Bench(dry_run=dry_run)
-    station_inputs, station_outputs = ports(MakeStation(ChooseScenario(), cameras=False))
+def test_ports_are_those_of_the_simulated_robot(scenario: Scenario, dry_run: bool) -> None:
+    bench = HardwareBench(scenario, dry_run=dry_run)
+    station_inputs, station_outputs = ports(MakeStation(scenario, cameras=False))
 
     inputs, outputs = ports(bench.dut)
 
@@ -82,10 +71,9 @@ def test_ports_are_those_of_the_simulated_robot(dry_run: bool) -> None:
     assert set(station_outputs) - set(outputs) == cheats
 
 
-def test_arm_moves_as_commanded_and_is_seen_to() -> None:
-    bench = Bench()
+def test_arm_moves_as_commanded_and_is_seen_to(bench: HardwareBench) -> None:
     bench.advance(0.1)
-    before = bench.read("panda.position_measured").copy()
+    before = bench.read("panda.position_measured")
 
     bench.fix("panda.velocity", WANTED)
     bench.advance(0.5)
@@ -98,45 +86,41 @@ def test_arm_moves_as_commanded_and_is_seen_to() -> None:
     assert success == 1.0
 
 
-def test_hand_opens_and_closes() -> None:
-    bench = Bench()
+def test_hand_opens_and_closes(bench: HardwareBench) -> None:
     bench.advance(0.2)
 
-    bench.fix("hand.width", np.array([0.03]))
+    bench.fix("hand.width", 0.03)
     bench.advance(1.3)
 
     assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=2e-3)
 
 
-def test_before_the_first_status_nothing_moves() -> None:
-    bench = Bench()
+def test_before_the_first_status_nothing_moves(bench: HardwareBench) -> None:
     bench.fix("panda.velocity", WANTED)
 
-    bench.advance(0.1, robot=False)
+    bench.simulator.AdvanceTo(0.1)  # without the robot
 
     assert np.isnan(bench.read("panda.position_measured")).all()
     assert bench.read("panda.status")[1] == np.inf
-    assert bench.robot.get_context().get_time() == 0.0
+    assert bench.robot.time == 0.0
 
 
-def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent() -> None:
-    bench = Bench(dry_run=True)
-    sent: list[bytes] = []
-    for channel in ("PANDA_COMMAND", "PANDA_HAND_COMMAND"):
-        bench.lcm.Subscribe(channel, sent.append)
+def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario) -> None:
+    bench = HardwareBench(scenario, dry_run=True)
+    sent = [bench.robot.hear(name) for name in ("PANDA_COMMAND", "PANDA_HAND_COMMAND")]
     bench.advance(0.1)
-    before = bench.read("panda.position_measured").copy()
+    before = bench.read("panda.position_measured")
     real = bench.hardware.arm.newest
     assert real is not None
 
     bench.fix("panda.velocity", WANTED)
-    bench.fix("hand.width", np.array([0.03]))
+    bench.fix("hand.width", 0.03)
     bench.advance(0.5)
 
     np.testing.assert_allclose(before, real.position, atol=1e-6)
     moved = bench.read("panda.position_measured") - before
     np.testing.assert_allclose(moved, 0.5 * WANTED, atol=2 * PERIOD)
     assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=1e-6)
-    assert sent == []
+    assert sent == [[], []]
     assert bench.hardware.sender is None
     np.testing.assert_allclose(bench.hardware.arm.newest.position, before, atol=1e-5)

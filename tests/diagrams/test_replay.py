@@ -11,7 +11,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from mcap.records import Message
-from recorded_runs import moving_plan, record, rewritten, with_rates
+from recorded_runs import beginning, moving_plan, record, rewritten, with_rates
 from short_skill import short_scenario
 
 from poil_drake.diagrams.replay import Replay
@@ -257,11 +257,9 @@ def test_perception_repeats_itself_exactly_where_the_images_are_exact(
 
 @pytest.mark.render
 def test_perception_repeats_itself_closely_with_the_usual_images(
-    scenario: Scenario, plan: ExecutionPlan, tmp_path: Path
+    whole_run: Path, tmp_path: Path
 ) -> None:
-    path = record(tmp_path / "run.mcap", scenario, plan, 6.0)
-
-    summary = replay(path)
+    summary = replay(beginning(whole_run / "run.mcap", tmp_path / "run.mcap", 6.0))
 
     assert summary.same, summary.closing_line()
     assert starts(summary)[-1][0] == "follow"
@@ -278,9 +276,9 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
 
 
 @pytest.fixture(scope="module")
-def seen(scenario: Scenario, plan: ExecutionPlan, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of a second, with images."""
-    return record(tmp_path_factory.mktemp("seen") / "run.mcap", scenario, plan, 1.0)
+def seen(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first second of a run, with images."""
+    return beginning(whole_run / "run.mcap", tmp_path_factory.mktemp("seen") / "run.mcap", 1.0)
 
 
 @pytest.mark.render

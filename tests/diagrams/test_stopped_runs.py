@@ -75,7 +75,6 @@ def test_a_signal_ends_the_run_with_its_status_and_complete_outputs(
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=120,
         check=False,
     )
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry import rigid_transform as dut
 
-property_test = settings(derandomize=True, deadline=None, max_examples=200)
+property_test = settings(derandomize=True, max_examples=200)
 
 axes = (
     st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda a: np.linalg.norm(a) > 1e-3)

@@ -70,7 +70,7 @@ def test_point_behind_the_camera_has_no_pixel():
 
 
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.integers(1, 3), st.integers(0, 2))
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 def test_normals_of_planes_are_exact_and_face_the_camera(x, y, step, smoothing):
     normal = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
 

@@ -18,7 +18,7 @@ def bent_path(seed: int, count: int = 30) -> np.ndarray:
     return share * turn + 0.3 * bend * np.sin(np.pi * share)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 1000))
 def test_limits_are_kept_from_rest_to_rest(seed: int):
     config = JointTimingConfig()

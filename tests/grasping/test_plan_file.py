@@ -242,7 +242,7 @@ def damaged(content: bytes, flips: list[tuple[float, int]], kept: float) -> byte
 
 FLIPS = st.lists(st.tuples(st.floats(0, 1), st.integers(1, 255)), max_size=4)
 # The fixtures only hold a file, which no example changes.
-SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @SHARED

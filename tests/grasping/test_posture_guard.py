@@ -89,7 +89,7 @@ def test_a_face_that_is_passed_is_said_to_be() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=10)
+@settings(derandomize=True, max_examples=10)
 def test_the_nearest_of_all_faces_is_the_first_rule(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, (5, 7))
     dut = guard()
@@ -127,7 +127,7 @@ def test_without_a_table_nothing_is_too_low() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(derandomize=True, max_examples=20)
 def test_distance_to_itself_is_that_of_the_planners_check(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, size=(20, 7))
     checker = RobotCollisionChecker(

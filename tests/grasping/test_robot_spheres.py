@@ -33,7 +33,7 @@ def cylinder_surface(radius: float, length: float) -> np.ndarray:
     return np.concatenate([side, caps]) * [radius, radius, length]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(LENGTH, LENGTH, LENGTH, st.floats(0.01, 0.1))
 def test_spheres_enclose_a_box(x: float, y: float, z: float, cell: float):
     upper = np.array([x, y, z])
@@ -43,7 +43,7 @@ def test_spheres_enclose_a_box(x: float, y: float, z: float, cell: float):
     assert_covered(box_surface(np.zeros(3), upper), centers, radius)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(LENGTH, LENGTH, st.floats(0.01, 0.1))
 def test_spheres_enclose_a_cylinder(length: float, radius: float, spacing: float):
     centers, sphere_radius = cover_cylinder(length, radius, spacing)

@@ -44,7 +44,7 @@ def test_a_full_queue_drops_what_may_be_dropped():
     dut = BackgroundWorker(name="test", capacity=1)
 
     dut.submit(lambda: (started.set(), gate.wait()))
-    assert started.wait(10)
+    started.wait()
     dut.submit(lambda: done.append("waits"))
     dut.submit(lambda: done.append("dropped"), may_drop=True)
     gate.set()
@@ -74,5 +74,5 @@ def test_jobs_begin_when_no_loop_computes(monkeypatch):
         TURNS.give()
 
     assert waited
-    assert done.wait(60.0)
+    done.wait()
     dut.close()

@@ -30,7 +30,7 @@ def load_all(path):
     return [frame.images[0] for frame in load_demonstration(path).frames]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(fraction=st.floats(0.0, 1.0, exclude_max=True))
 def test_a_cut_off_file_is_refused(recording, fraction):
     whole, path = recording
@@ -48,7 +48,7 @@ def test_a_cut_off_file_can_be_recovered(recording):
         load_all(path)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_a_damaged_byte_is_noticed_or_does_not_matter(recording, data):
     whole, path = recording
@@ -66,7 +66,7 @@ def test_a_damaged_byte_is_noticed_or_does_not_matter(recording, data):
         np.testing.assert_array_equal(damaged.depth, wanted.depth)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(content=st.binary(max_size=300), with_magic=st.booleans())
 def test_any_other_bytes_are_refused(recording, content, with_magic):
     whole, path = recording

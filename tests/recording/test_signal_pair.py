@@ -46,7 +46,7 @@ def test_unknown_samples_are_apart_by_themselves_and_bound_nothing() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.5))
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 def test_differences_are_those_found_one_by_one(seed: int, shift: float) -> None:
     random = np.random.default_rng(seed)
     times = np.cumsum(random.uniform(0.01, 0.2, 12))

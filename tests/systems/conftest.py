@@ -1,10 +1,11 @@
-"""Toy arms built in code, whose kinematics can be written down by hand; a tracker's bench."""
+"""Toy arms built in code, whose kinematics can be written down by hand; shared benches."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from point_tracker_bench import Bench
+from panda_bench import RobotBench, make_arm_bench, make_hand_bench
+from point_tracker_bench import MakeBench, TrackerBench
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -73,12 +74,22 @@ def gantry() -> ArmKinematics:
 
 
 @pytest.fixture
-def make_bench() -> Iterator[Callable[..., Bench]]:
-    """Makes benches of the point tracker; their workers end with the test."""
-    benches: list[Bench] = []
+def arm() -> RobotBench:
+    return make_arm_bench()
 
-    def make(**arguments) -> Bench:
-        benches.append(Bench(**arguments))
+
+@pytest.fixture
+def hand() -> RobotBench:
+    return make_hand_bench()
+
+
+@pytest.fixture
+def make_bench() -> Iterator[MakeBench]:
+    """Makes benches of the point tracker; their workers end with the test."""
+    benches: list[TrackerBench] = []
+
+    def make(**arguments) -> TrackerBench:
+        benches.append(TrackerBench(**arguments))
         return benches[-1]
 
     yield make

@@ -1,5 +1,9 @@
 """The Panda's drivers on networks in memory, and what talks to them."""
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import numpy as np
 from drake import (
     lcmt_panda_command,
@@ -7,8 +11,9 @@ from drake import (
     lcmt_schunk_wsg_command,
     lcmt_schunk_wsg_status,
 )
-from pydrake.lcm import DrakeLcm
-from pydrake.systems.analysis import Simulator
+from network_bench import NetworkBench
+from pydrake.systems.framework import System
+from system_bench import START, SystemBench
 
 from poil_drake.control.velocity_limiter import VelocityLimiter
 from poil_drake.systems.arm_plant import MakePandaKinematics
@@ -23,30 +28,13 @@ from poil_drake.systems.panda_senders import HandCommandSender, PandaCommandSend
 from poil_drake.systems.safety_faults import SafetyConfig
 
 PERIOD = 1 / 256
-
-
-START = 1_790_000_000.0
-
-
 LIMITER = VelocityLimiter(
     limits=MakePandaKinematics().joint_limits, period=PERIOD, config=SafetyConfig().limiter
 )
-
-
 JOINTS = [0.1, -0.2, 0.3, -1.5, 0.5, 1.6, 0.7]
 
 
-class Clock:
-    """A clock that is set by hand [s since the epoch]."""
-
-    def __init__(self) -> None:
-        self.now = START
-
-    def __call__(self) -> float:
-        return self.now
-
-
-def status_message(stamp: float, **changes: object) -> lcmt_panda_status:
+def arm_status(stamp: float, **changes: object) -> bytes:
     message = lcmt_panda_status()
     message.utime = round(1e6 * stamp)
     message.num_joints = 7
@@ -60,7 +48,13 @@ def status_message(stamp: float, **changes: object) -> lcmt_panda_status:
     message.control_command_success_rate = 0.98
     for name, value in changes.items():
         setattr(message, name, value)
-    return message
+    return message.encode()
+
+
+def hand_status(width: float, stamp: float = START) -> bytes:
+    message = lcmt_schunk_wsg_status()
+    message.utime, message.actual_position_mm = round(1e6 * stamp), 1e3 * width
+    return message.encode()
 
 
 class FakeTime:
@@ -79,88 +73,80 @@ class FakeTime:
         self.now += duration
 
 
-class Bench:
-    """Both systems on a network in memory, and a driver that says what it is told to."""
+class RobotBench(NetworkBench):
+    """A command sender and a status receiver on one network; the test plays the driver.
 
-    def __init__(self, **options: float):
-        self.clock, self.lcm = Clock(), DrakeLcm("memq://test")
-        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_panda_status, same_sender=same_panda)
-        self.receiver = PandaStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
-        self.simulator = Simulator(self.receiver)
-        self.sender = PandaCommandSender(
-            lcm=self.lcm,
-            channel="COMMAND",
-            mailbox=self.mailbox,
-            limiter=LIMITER,
-            period=PERIOD,
-            update_age=lambda: self.update_age,
-            clock=self.clock,
-            **options,
+    Attributes:
+        receiver: The receiver, in a simulation of its own.
+        sent: Commands since the start, or since the last `send` or `rest` began.
+        elapsed: Time since `START` by the clock [s]; set by the test.
+        update_age: Age of the last update, as the sender is told [s].
+    """
+
+    elapsed = update_age = 0.0
+
+    def __init__(
+        self,
+        make_sender: Callable[..., System],
+        make_receiver: Callable[..., System],
+        make_mailbox: Callable[..., LcmMailbox],
+        decode_command: Callable[[bytes], Any],
+    ):
+        def make(**network: Any) -> System:
+            self.mailbox = make_mailbox(network["lcm"], "STATUS")
+            return make_sender(
+                channel="COMMAND",
+                mailbox=self.mailbox,
+                update_age=lambda: self.update_age,
+                **network,
+            )
+
+        super().__init__(make)
+        self.sent = self.hear("COMMAND", decode_command)
+        self.receiver = SystemBench(
+            make_receiver(mailbox=self.mailbox, period=PERIOD, clock=self.now)
         )
-        self.update_age = 0.0
-        self.context = self.sender.CreateDefaultContext()
-        self.sent: list[lcmt_panda_command] = []
-        self.lcm.Subscribe("COMMAND", lambda raw: self.sent.append(lcmt_panda_command.decode(raw)))
 
-    def say(self, message: bytes) -> None:
-        self.lcm.Publish("STATUS", message)
-        self.lcm.HandleSubscriptions(0)
+    def now(self) -> float:
+        return START + self.elapsed
 
-    def read(self, name: str) -> np.ndarray:
-        context = self.simulator.get_mutable_context()
-        self.simulator.AdvanceTo(context.get_time() + PERIOD)
-        return self.receiver.GetOutputPort(name).Eval(context)
+    def say(self, status: bytes) -> None:
+        self.publish("STATUS", status)
 
-    def send(self, velocity: np.ndarray | None = None, time: float | None = None) -> list:
-        if velocity is not None:
-            self.sender.GetInputPort("velocity").FixValue(self.context, velocity)
-        if time is not None:
-            self.sender.GetInputPort("velocity_time").FixValue(self.context, [time])
+    def show(self, port: str) -> np.ndarray:
+        """Evaluates the receiver's port after its next update."""
+        self.receiver.advance(PERIOD)
+        return self.receiver.read(port)
+
+    def send(self, **inputs: Any) -> list[Any]:
+        """Returns what the sender sends with these inputs."""
+        self.fix(**inputs)
         self.sent.clear()
-        self.sender.ForcedPublish(self.context)
+        self.dut.ForcedPublish(self.context)
+        self.lcm.HandleSubscriptions(0)
+        return self.sent
+
+    def rest(self, duration: float) -> list[Any]:
+        """Returns what the sender sends on the way out."""
+        self.sent.clear()
+        self.dut.SendRest(duration)
         self.lcm.HandleSubscriptions(0)
         return self.sent
 
 
-class HandBench:
-    """The hand's systems on a network in memory."""
+def make_arm_bench(bench: type[RobotBench] = RobotBench, **options: float) -> RobotBench:
+    return bench(
+        partial(PandaCommandSender, limiter=LIMITER, period=PERIOD, **options),
+        PandaStatusReceiver,
+        partial(LcmMailbox, decode=decode_panda_status, same_sender=same_panda),
+        lcmt_panda_command.decode,
+    )
 
-    def __init__(self, *, offset: float = 0.0) -> None:
-        self.update_age = 0.0
-        self.clock, self.lcm = Clock(), DrakeLcm("memq://hand")
-        self.mailbox = LcmMailbox(self.lcm, "STATUS", decode_hand_status)
-        self.receiver = HandStatusReceiver(mailbox=self.mailbox, period=PERIOD, clock=self.clock)
-        self.simulator = Simulator(self.receiver)
-        self.sender = HandCommandSender(
-            lcm=self.lcm,
-            channel="COMMAND",
-            mailbox=self.mailbox,
-            period=0.1,
-            offset=offset,
-            update_age=lambda: self.update_age,
-            clock=self.clock,
-        )
-        self.context = self.sender.CreateDefaultContext()
-        self.sent: list[lcmt_schunk_wsg_command] = []
-        self.lcm.Subscribe(
-            "COMMAND", lambda raw: self.sent.append(lcmt_schunk_wsg_command.decode(raw))
-        )
 
-    def say(self, width: float, stamp: float = START) -> None:
-        message = lcmt_schunk_wsg_status()
-        message.utime, message.actual_position_mm = round(1e6 * stamp), 1e3 * width
-        self.lcm.Publish("STATUS", message.encode())
-        self.lcm.HandleSubscriptions(0)
-
-    def width(self) -> float:
-        context = self.simulator.get_mutable_context()
-        self.simulator.AdvanceTo(context.get_time() + PERIOD)
-        return float(self.receiver.GetOutputPort("width_measured").Eval(context)[0])
-
-    def send(self, width: float | None) -> list[lcmt_schunk_wsg_command]:
-        if width is not None:
-            self.sender.GetInputPort("width").FixValue(self.context, [width])
-        self.sent.clear()
-        self.sender.ForcedPublish(self.context)
-        self.lcm.HandleSubscriptions(0)
-        return self.sent
+def make_hand_bench(**options: float) -> RobotBench:
+    return RobotBench(
+        partial(HandCommandSender, period=0.1, **options),
+        HandStatusReceiver,
+        partial(LcmMailbox, decode=decode_hand_status),
+        lcmt_schunk_wsg_command.decode,
+    )

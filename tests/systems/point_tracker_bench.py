@@ -1,18 +1,19 @@
 """A scene, a tracker whose points tell of every frame, and both in a diagram with the system."""
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
+from system_bench import SystemBench
 
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
-from poil_drake.systems.absent import ABSENT, Absent
+from poil_drake.systems.absent import Absent
 from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
-from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
 
 PERIOD = 1 / 8
@@ -82,7 +83,7 @@ class SummingTracker:
         return TrackerOutput(points, TrackedPoints(points, np.ones(N), frame.stamp), False)
 
 
-class Bench:
+class TrackerBench(SystemBench):
     """Scene and tracker in a diagram."""
 
     def __init__(
@@ -94,46 +95,30 @@ class Bench:
         with_stamps: bool = False,
         moving: float = 1.0,
         query_points: np.ndarray | None = QUERY,
-        masks: PartMasks | None = MASKS,
+        masks: PartMasks | Absent = MASKS,
         stopwatch: Stopwatch | None = None,
     ):
         builder = DiagramBuilder()
         self.scene = builder.AddSystem(scene or Scene(moving=moving))
-        self.dut = builder.AddSystem(
-            PointTracker(
-                tracker=tracker or SummingTracker(),
-                cameras=[CAMERA],
-                num_points=N,
-                query_points=query_points,
-                config=config,
-                stopwatch=stopwatch,
-            )
+        dut = PointTracker(
+            tracker=tracker or SummingTracker(),
+            cameras=[CAMERA],
+            num_points=N,
+            query_points=query_points,
+            config=config,
+            stopwatch=stopwatch,
         )
+        builder.AddSystem(dut)
         wires = {"rgb": "left.rgb_image", "depth": "left.depth_image"}
         wires |= {"object_motion": "object_motion"}
         wires |= {"stamp": "left.image_time"} if with_stamps else {}
         for output, name in wires.items():
-            builder.Connect(self.scene.GetOutputPort(output), self.dut.GetInputPort(name))
-        self.simulator = Simulator(builder.Build())
-        self.context = self.dut.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
-        self.fix_masks(masks)
-
-    def fix_masks(self, masks: PartMasks | None) -> None:
-        self.dut.GetInputPort("masks").FixValue(
-            self.context, Value(ABSENT if masks is None else masks)
-        )
-
-    def advance_to(self, time: float) -> None:
-        self.simulator.AdvanceTo(time)
+            builder.Connect(self.scene.GetOutputPort(output), dut.GetInputPort(name))
+        super().__init__(dut, builder.Build(), masks=masks)
 
     @property
     def points(self) -> TrackedPoints:
-        return self.dut.GetOutputPort("tracked_points").Eval(self.context)
+        return self.read("tracked_points")
 
-    @property
-    def status(self) -> TrackerStatus:
-        return TrackerStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
 
-    @property
-    def frame(self) -> MultiViewFrame | Absent:
-        return self.dut.GetOutputPort("frame").Eval(self.context)
+MakeBench = Callable[..., TrackerBench]

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
+from system_bench import SystemBench
 
 from poil_drake.control.joint_limits import JointLimits
 from poil_drake.grasping.robot_model import PandaModel
@@ -23,7 +22,7 @@ LIMITS = JointLimits(
 )
 
 
-class SupervisorBench:
+class SupervisorBench(SystemBench):
     """Runs a supervisor tick by tick, with an arm that follows at once.
 
     The velocities between two ticks are taken to be on a straight line, so that the arm's position
@@ -35,8 +34,10 @@ class SupervisorBench:
         inputs: What the inputs that are connected show, or functions of the time [s] that say it;
             the arm's posture and speed only where they are not measured as they are.
         velocities: (K, 7) what the supervisor said at each tick [rad/s].
-        now: The time by the clock of a supervisor that is `timed` [s].
+        held_up: By how much the clock of a `timed` supervisor is ahead of the simulation [s].
     """
+
+    held_up = 0.0
 
     def __init__(
         self,
@@ -46,17 +47,15 @@ class SupervisorBench:
         cameras: Sequence[str] = (),
         timed: bool = False,
     ):
-        self.now = 1000.0
-        self.dut = SafetySupervisor(
+        dut = SafetySupervisor(
             model=MODEL,
             limits=LIMITS,
             period=PERIOD,
             cameras=cameras,
             config=config,
-            clock=(lambda: self.now) if timed else None,
+            clock=self.now if timed else None,
         )
-        self._simulator = Simulator(self.dut)
-        self._context = self._simulator.get_mutable_context()
+        super().__init__(dut)
         self.q = np.array(start, dtype=float)
         self.velocities: list[np.ndarray] = []
         self.inputs: dict[str, Any] = {
@@ -66,14 +65,8 @@ class SupervisorBench:
         }
         self.inputs |= {f"{camera}.image_time": [np.nan] for camera in cameras}
 
-    @property
-    def context(self) -> Context:
-        """The supervisor's context."""
-        return self._context
-
-    @property
-    def time(self) -> float:
-        return self._context.get_time()
+    def now(self) -> float:
+        return self.time + self.held_up
 
     def tick(self, count: int = 1, **changes: Any) -> None:
         """Runs some updates, with changed inputs from now on."""
@@ -82,31 +75,26 @@ class SupervisorBench:
             speed = self.velocities[-1] if self.velocities else np.zeros(7)
             measured = {"panda.position_measured": self.q, "panda.velocity_measured": speed}
             for name, value in (measured | self.inputs).items():
-                shown = value(self.time) if callable(value) else value
-                self.dut.GetInputPort(name).FixValue(self._context, shown)
-            self._simulator.AdvancePendingEvents()
-            told = np.array(self.output("velocity"))
+                self.fix(name, value(self.time) if callable(value) else value)
+            self.simulator.AdvancePendingEvents()
+            told = self.read("velocity")
             self.q = self.q + 0.5 * PERIOD * (speed + told)
             self.velocities.append(told)
-            self.now += PERIOD
-            self._simulator.AdvanceTo(len(self.velocities) * PERIOD)
+            self.advance_to(len(self.velocities) * PERIOD)
 
     def hold_up(self, duration: float) -> None:
         """Lets the clock, and the arm with its last velocity, go on for a while [s] by itself."""
-        self.now += duration
+        self.held_up += duration
         self.q = self.q + duration * self.velocities[-1]
-
-    def output(self, name: str) -> np.ndarray:
-        return self.dut.GetOutputPort(name).Eval(self._context)
 
     @property
     def fault(self) -> SafetyFault:
-        return SafetyFault(int(self.output("fault")[0]))
+        return SafetyFault(int(self.read("fault")[0]))
 
     @property
     def scale(self) -> float:
-        return float(self.output("scale")[0])
+        return float(self.read("scale")[0])
 
     @property
     def commanded(self) -> np.ndarray:
-        return self.dut.commanded_motion(self._context).position
+        return self.dut.commanded_motion(self.context).position

@@ -3,9 +3,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from system_bench import SystemBench
 
 from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.perception.images import CameraModel, RgbdImage
@@ -59,52 +58,44 @@ class Painter:
         return tuple(np.full((H, W), 5 + view, np.int16) for view in range(2))
 
 
-class Bench:
-    """The cameras before a moving plant."""
-
-    def __init__(
-        self,
-        *,
-        delay: float,
-        painter: Painter | None = None,
-        plant: Moving | None = None,
-        stopwatch: Stopwatch | None = None,
-    ):
-        builder = DiagramBuilder()
-        plant = builder.AddSystem(plant or Moving())
-        self.painter = painter or Painter()
-        self.dut = builder.AddSystem(
-            DelayedCameras(
-                renderer=self.painter,
-                cameras=CAMERAS,
-                num_positions=2,
-                num_velocities=1,
-                period=PERIOD,
-                delay=delay,
-                stopwatch=stopwatch,
-            )
-        )
-        builder.Connect(plant.get_output_port(), self.dut.GetInputPort("plant_state"))
-        self.simulator = Simulator(builder.Build())
-        self.context = self.dut.GetMyContextFromRoot(self.simulator.get_context())
-
-    def read(self, port: str) -> np.ndarray:
-        value = self.dut.GetOutputPort(port).Eval(self.context)
-        return value.copy() if isinstance(value, np.ndarray) else np.array(value.data)
-
-    def time_shown(self) -> float:
-        return self.read("left.image_time")[0]
+def make_bench(
+    *,
+    delay: float,
+    painter: Painter | None = None,
+    plant: Moving | None = None,
+    stopwatch: Stopwatch | None = None,
+) -> SystemBench:
+    """The cameras, connected to a moving plant."""
+    dut = DelayedCameras(
+        renderer=painter or Painter(),
+        cameras=CAMERAS,
+        num_positions=2,
+        num_velocities=1,
+        period=PERIOD,
+        delay=delay,
+        stopwatch=stopwatch,
+    )
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(plant or Moving())
+    builder.AddSystem(dut)
+    builder.Connect(plant.get_output_port(), dut.GetInputPort("plant_state"))
+    return SystemBench(dut, builder.Build())
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    bench = Bench(delay=3 / 32)
+def painter() -> Painter:
+    return Painter()
+
+
+@pytest.fixture
+def bench(painter: Painter) -> Iterator[SystemBench]:
+    bench = make_bench(delay=3 / 32, painter=painter)
     yield bench
     bench.dut.close()
 
 
-def test_before_the_first_image_is_due_there_is_none(bench: Bench) -> None:
-    bench.simulator.AdvanceTo(3 / 32)
+def test_before_the_first_image_is_due_there_is_none(bench: SystemBench) -> None:
+    bench.advance_to(3 / 32)
 
     for camera in ("left", "right"):
         for kind in ("rgb_image", "depth_image", "label_image"):
@@ -114,22 +105,22 @@ def test_before_the_first_image_is_due_there_is_none(bench: Bench) -> None:
 
 @pytest.mark.parametrize("delay", [1 / 64, 3 / 32, 1 / 8, 3 / 16, 0.3])
 def test_each_capture_appears_exactly_its_delay_later(delay: float) -> None:
-    bench = Bench(delay=delay)
+    bench = make_bench(delay=delay)
 
     previous = np.nan
     for tick in range(4):
         stamp = tick * PERIOD
         # Time's end is before the updates of that instant.
-        bench.simulator.AdvanceTo(stamp + delay)
-        np.testing.assert_equal(bench.time_shown(), previous)
-        bench.simulator.AdvanceTo(stamp + delay + AFTER)
-        assert bench.time_shown() == stamp
+        bench.advance_to(stamp + delay)
+        np.testing.assert_equal(bench.read("left.image_time"), previous)
+        bench.advance_to(stamp + delay + AFTER)
+        assert bench.read("left.image_time") == stamp
         previous = stamp
     bench.dut.close()
 
 
-def test_images_are_of_the_moment_of_their_capture(bench: Bench) -> None:
-    bench.simulator.AdvanceTo(PERIOD + 3 / 32 + AFTER)
+def test_images_are_of_the_moment_of_their_capture(bench: SystemBench) -> None:
+    bench.advance_to(PERIOD + 3 / 32 + AFTER)
 
     for view, camera in enumerate(("left", "right")):
         assert bench.read(f"{camera}.image_time") == PERIOD
@@ -143,38 +134,40 @@ def test_images_are_of_the_moment_of_their_capture(bench: Bench) -> None:
         assert (bench.read(f"{camera}.label_image") == 5 + view).all()
 
 
-def test_labels_are_rendered_of_the_images_shown_and_only_when_wanted(bench: Bench) -> None:
-    bench.simulator.AdvanceTo(0.5)
-    assert bench.painter.labels_of == []
+def test_labels_are_rendered_of_the_images_shown_and_only_when_wanted(
+    bench: SystemBench, painter: Painter
+) -> None:
+    bench.advance_to(0.5)
+    assert painter.labels_of == []
 
     bench.read("left.label_image")
 
     bench.read("right.label_image")
 
-    assert bench.painter.labels_of == [0.375], "once for all cameras"
+    assert painter.labels_of == [0.375], "once for all cameras"
 
 
 def test_the_simulation_goes_on_until_images_are_due_and_waits_for_them_then(
-    bench: Bench,
+    bench: SystemBench, painter: Painter
 ) -> None:
-    bench.painter.go.clear()
-    bench.simulator.AdvanceTo(3 / 32)  # would never come back if it waited at the capture
+    painter.go.clear()
+    bench.advance_to(3 / 32)  # would never come back if it waited at the capture
 
     # Somebody else lets the painter go, some time after the release has begun to wait.
-    threading.Timer(0.05, bench.painter.go.set).start()
-    bench.simulator.AdvanceTo(3 / 32 + AFTER)
+    threading.Timer(0.05, painter.go.set).start()
+    bench.advance_to(3 / 32 + AFTER)
 
-    assert bench.painter.go.is_set()
-    assert bench.time_shown() == 0.0
+    assert painter.go.is_set()
+    assert bench.read("left.image_time") == 0.0
 
 
 def test_what_is_not_a_number_is_not_rendered() -> None:
-    bench = Bench(delay=1 / 16, plant=Moving(spoilt_at=2 * PERIOD))
+    bench = make_bench(delay=1 / 16, plant=Moving(spoilt_at=2 * PERIOD))
 
-    bench.simulator.AdvanceTo(2 * PERIOD + 1 / 16 + AFTER)
-    assert bench.time_shown() == PERIOD, "the last image stays, and ages"
-    bench.simulator.AdvanceTo(3 * PERIOD + 1 / 16 + AFTER)
-    assert bench.time_shown() == 3 * PERIOD
+    bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
+    assert bench.read("left.image_time") == PERIOD, "the last image stays, and ages"
+    bench.advance_to(3 * PERIOD + 1 / 16 + AFTER)
+    assert bench.read("left.image_time") == 3 * PERIOD
     bench.dut.close()
 
 
@@ -183,16 +176,16 @@ def test_an_error_in_rendering_shows_when_images_are_due() -> None:
         def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
             raise StationError("The cameras' process has ended.", remedy="See what it wrote.")
 
-    bench = Bench(delay=1 / 16, painter=Broken())
+    bench = make_bench(delay=1 / 16, painter=Broken())
 
-    bench.simulator.AdvanceTo(1 / 16)
+    bench.advance_to(1 / 16)
     with pytest.raises(StationError, match="has ended"):
-        bench.simulator.AdvanceTo(1 / 16 + AFTER)
+        bench.advance_to(1 / 16 + AFTER)
     bench.dut.close()
 
 
-def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: Bench) -> None:
-    bench.simulator.AdvanceTo(0.5)
+def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: SystemBench) -> None:
+    bench.advance_to(0.5)
     assert bench.read("left.rgb_image").size > 0
     bench.read("left.label_image")
     root = bench.simulator.get_mutable_context()
@@ -203,40 +196,37 @@ def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: Bench) -
 
     for kind in ("rgb_image", "depth_image", "label_image"):
         assert bench.read(f"left.{kind}").size == 0
-    assert np.isnan(bench.time_shown())
-    bench.simulator.AdvanceTo(3 / 32 + AFTER)
-    assert bench.time_shown() == 0.0
+    assert np.isnan(bench.read("left.image_time"))
+    bench.advance_to(3 / 32 + AFTER)
+    assert bench.read("left.image_time") == 0.0
 
 
-def test_after_closing_an_error_says_what_was_closed(bench: Bench) -> None:
-    bench.simulator.AdvanceTo(PERIOD)
+def test_after_closing_an_error_says_what_was_closed(bench: SystemBench) -> None:
+    bench.advance_to(PERIOD)
     bench.dut.close()
 
     with pytest.raises(StationError, match=r"has been closed.*Close the loop after"):
-        bench.simulator.AdvanceTo(PERIOD + AFTER)
+        bench.advance_to(PERIOD + AFTER)
 
 
-def test_nothing_feeds_through(bench: Bench) -> None:
+def test_nothing_feeds_through(bench: SystemBench) -> None:
     assert not bench.dut.HasAnyDirectFeedthrough()
 
 
-def test_a_consumer_gets_whole_frames_with_the_time_of_capture(bench: Bench) -> None:
+def test_a_consumer_gets_whole_frames_with_the_time_of_capture(bench: SystemBench) -> None:
     class Onlooker(LeafSystem):
         def __init__(self) -> None:
             super().__init__()
             self.ports = CameraPorts(system=self, cameras=CAMERAS, label_ids={"mug": (5, 6)})
 
-    onlooker = Onlooker()
-    context = onlooker.CreateDefaultContext()
-    bench.simulator.AdvanceTo(1 / 4)
+    onlooker = SystemBench(Onlooker())
+    bench.advance_to(1 / 4)
     for camera in ("left", "right"):
         for kind in ("rgb_image", "depth_image", "label_image", "image_time"):
             port = bench.dut.GetOutputPort(f"{camera}.{kind}")
-            value = port.Eval(bench.context)
-            value = value if isinstance(value, np.ndarray) else AbstractValue.Make(value)
-            onlooker.GetInputPort(f"{camera}.{kind}").FixValue(context, value)
+            onlooker.fix(port.get_name(), port.Eval(bench.context))
 
-    frame = onlooker.ports.capture(context)
+    frame = onlooker.dut.ports.capture(onlooker.context)
 
     assert frame is not None
     assert frame.stamp == PERIOD
@@ -245,9 +235,9 @@ def test_a_consumer_gets_whole_frames_with_the_time_of_capture(bench: Bench) -> 
 
 def test_a_stopwatch_counts_rendering_and_waiting() -> None:
     stopwatch = Stopwatch()
-    bench = Bench(delay=1 / 16, stopwatch=stopwatch)
+    bench = make_bench(delay=1 / 16, stopwatch=stopwatch)
 
-    bench.simulator.AdvanceTo(3 * PERIOD)
+    bench.advance_to(3 * PERIOD)
     bench.dut.close()
 
     assert stopwatch.durations("rendering").shape == (3,)
@@ -257,4 +247,4 @@ def test_a_stopwatch_counts_rendering_and_waiting() -> None:
 @pytest.mark.parametrize("delay", [0.0, -0.1, np.nan, 1e-17])
 def test_cameras_without_a_delay_are_refused(delay: float) -> None:
     with pytest.raises(InvalidValueError, match="delay"):
-        Bench(delay=delay)
+        make_bench(delay=delay)

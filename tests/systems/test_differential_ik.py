@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from system_bench import SystemBench
 
 from poil_drake.control.joint_limits import JointLimits
 from poil_drake.control.twist_resolution import TwistResolutionConfig, resolve_twist
@@ -15,23 +15,16 @@ CONFIG = DifferentialIkConfig(resolution=RESOLUTION)
 ALONG_X = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
 
 
-class Bench:
-    """The dut on the gantry, whose measured joint positions are what it commanded, integrated."""
+class ArmBench(SystemBench):
+    """The dut and an arm that integrates its commands."""
 
-    def __init__(self, gantry: ArmKinematics):
-        self.dut = DifferentialIk(kinematics=gantry, period=PERIOD, config=CONFIG)
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
-        self.positions = np.zeros(7)
-        self.tick = 0
+    positions = np.zeros(7)
 
     def step(self, twist: np.ndarray, positions: np.ndarray | None = None) -> np.ndarray:
         """Runs one update and returns the velocity that it commands."""
-        measured = self.positions if positions is None else positions
-        self.dut.GetInputPort("spatial_velocity").FixValue(self.context, twist)
-        self.dut.GetInputPort("panda.position_measured").FixValue(self.context, measured)
-        self.tick += 1
-        self.simulator.AdvanceTo(self.tick * PERIOD)
+        self.fix("panda.position_measured", self.positions if positions is None else positions)
+        self.fix(spatial_velocity=twist)
+        self.advance(PERIOD)
         velocity = self.read("velocity")
         self.positions = self.positions + PERIOD * velocity
         return velocity
@@ -41,38 +34,31 @@ class Bench:
             velocity = self.step(twist)
         return velocity
 
-    def read(self, name: str) -> np.ndarray:
-        return self.dut.GetOutputPort(name).Eval(self.context).copy()
 
-    @property
-    def status(self) -> IkStatus:
-        return IkStatus(int(self.read("status")[0]))
+@pytest.fixture
+def bench(gantry: ArmKinematics) -> ArmBench:
+    return ArmBench(DifferentialIk(kinematics=gantry, period=PERIOD, config=CONFIG))
 
 
-def test_before_the_first_update_nothing_moves(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
-
+def test_before_the_first_update_nothing_moves(bench: ArmBench) -> None:
     np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
     assert bench.read("scale") == 1.0
-    assert bench.status is IkStatus.OK
+    assert bench.read("status") == IkStatus.OK
     assert bench.read("command_time") == -np.inf
 
 
-def test_a_free_motion_is_shared_by_the_joints_that_can_make_it(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
-
+def test_a_free_motion_is_shared_by_the_joints_that_can_make_it(bench: ArmBench) -> None:
     velocity = bench.settle(ALONG_X, ticks=20)
 
     # Two slides along x: the shortest answer is half the speed each; both are equally far out, so
     # the nominal posture pulls neither.
     np.testing.assert_allclose(velocity, [0.1, 0.1, 0, 0, 0, 0, 0], atol=1e-12)
     assert bench.read("scale") == pytest.approx(1.0)
-    assert bench.status is IkStatus.OK
+    assert bench.read("status") == IkStatus.OK
     assert bench.read("command_time") == 19 * PERIOD
 
 
-def test_the_answer_is_that_of_the_pure_function(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
+def test_the_answer_is_that_of_the_pure_function(bench: ArmBench) -> None:
     positions = np.array([0.1, -0.3, 0.2, 0.5, 0.0, 0.0, 0.0])
     twist = np.array([0.3, -0.2, 0.5, 0.4, 0.1, -0.6])
     # At zero turns: ω from the three turns, v from the slides, two of them along x.
@@ -92,8 +78,7 @@ def test_the_answer_is_that_of_the_pure_function(gantry: ArmKinematics) -> None:
     assert bench.read("scale") == pytest.approx(expected.scale, abs=1e-12)
 
 
-def test_saturation_keeps_the_direction(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
+def test_saturation_keeps_the_direction(bench: ArmBench) -> None:
     twist = np.array([0.0, 0.0, 0.0, 1.0, 2.0, -3.0])
 
     velocity = bench.settle(twist, ticks=50)
@@ -102,52 +87,45 @@ def test_saturation_keeps_the_direction(gantry: ArmKinematics) -> None:
     achieved = np.array([velocity[0] + velocity[1], velocity[2], velocity[3]])
     np.testing.assert_allclose(achieved, 0.3 * twist[3:], atol=1e-9)
     assert bench.read("scale") == pytest.approx(0.3)
-    assert bench.status is IkStatus.LIMITED
+    assert bench.read("status") == IkStatus.LIMITED
 
 
-def test_a_step_is_limited_by_one_factor_for_all_joints(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
+def test_a_step_is_limited_by_one_factor_for_all_joints(bench: ArmBench) -> None:
     twist = np.array([0.1, 0.0, 0.0, 0.0, 0.2, 0.4])
 
     velocity = bench.step(twist)
 
     # 0.8 of 8 m/s^2 for one period, for the fastest joint; the others in proportion.
     np.testing.assert_allclose(velocity[[4, 2, 3]], np.array([0.25, 0.5, 1.0]) * 6.4 * PERIOD)
-    assert bench.status is IkStatus.LIMITED
+    assert bench.read("status") == IkStatus.LIMITED
 
 
-def test_at_a_joint_limit_it_slows_down_and_is_stuck(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
+def test_at_a_joint_limit_it_slows_down_and_is_stuck(bench: ArmBench) -> None:
     up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
     statuses = []
     for _ in range(2000):
         bench.step(up)
-        statuses.append(bench.status)
+        statuses.append(bench.read("status")[0])
 
     assert bench.positions[3] == pytest.approx(2.0 - RESOLUTION.position_margin, abs=1e-3)
-    assert statuses[100] is IkStatus.OK
-    assert statuses[-1] is IkStatus.STUCK
+    assert statuses[100] == IkStatus.OK
+    assert statuses[-1] == IkStatus.STUCK
     assert IkStatus.LIMITED in statuses[101:-1]
     assert bench.step(-up)[3] < 0.0
 
 
-def test_an_input_that_is_not_finite_keeps_an_arm_at_rest(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
-
+def test_an_input_that_is_not_finite_keeps_an_arm_at_rest(bench: ArmBench) -> None:
     for twist, positions in (
         (np.full(6, np.nan), np.zeros(7)),
         (ALONG_X, np.full(7, np.nan)),
         (np.full(6, np.inf), np.zeros(7)),
     ):
         np.testing.assert_array_equal(bench.step(twist, positions), np.zeros(7))
-        assert bench.status is IkStatus.INVALID_INPUT
+        assert bench.read("status") == IkStatus.INVALID_INPUT
         assert bench.read("scale") == 0.0
 
 
-def test_an_input_that_is_not_finite_stops_a_moving_arm_without_a_jump(
-    gantry: ArmKinematics,
-) -> None:
-    bench = Bench(gantry)
+def test_an_input_that_is_not_finite_stops_a_moving_arm_without_a_jump(bench: ArmBench) -> None:
     velocity = bench.settle(3.0 * ALONG_X, ticks=50)
     assert velocity[0] == pytest.approx(0.3)
 
@@ -158,18 +136,17 @@ def test_an_input_that_is_not_finite_stops_a_moving_arm_without_a_jump(
         velocity = slower
 
     np.testing.assert_array_equal(velocity, np.zeros(7))
-    assert bench.status is IkStatus.INVALID_INPUT
+    assert bench.read("status") == IkStatus.INVALID_INPUT
 
 
-def test_command_time_tells_of_every_update(gantry: ArmKinematics) -> None:
-    bench = Bench(gantry)
+def test_command_time_tells_of_every_update(bench: ArmBench) -> None:
     bench.settle(np.full(6, np.nan), ticks=7)
 
     assert bench.read("command_time") == 6 * PERIOD
 
 
-def test_nothing_feeds_through(gantry: ArmKinematics) -> None:
-    assert not Bench(gantry).dut.HasAnyDirectFeedthrough()
+def test_nothing_feeds_through(bench: ArmBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
 
 
 def test_a_posture_of_another_arm_is_refused(two_joint_arm: ArmKinematics) -> None:

@@ -2,9 +2,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from pydrake.common.value import Value
-from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
+from system_bench import SystemBench
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.tracked_points import TrackedPoints
@@ -40,47 +39,33 @@ def seen(positions: np.ndarray, stamp: float) -> TrackedPoints:
     return TrackedPoints(positions, np.ones(N), stamp)
 
 
-class Bench:
-    """A propagator and the inputs that it gets, tick by tick."""
-
-    def __init__(self, arm: ArmKinematics, *, max_age: float = 0.5):
-        self.dut = FkPropagator(num_points=N, kinematics=arm, period=PERIOD, max_age=max_age)
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
-        self.tick = 0
-        self.give(TrackedPoints.lost(N, -np.inf))
-        self.hold(1.0)
-
-    @property
-    def time(self) -> float:
-        return self.tick * PERIOD
-
-    def give(self, tracked: object) -> None:
-        self.dut.GetInputPort("tracked_points").FixValue(self.context, Value(tracked))
-
-    def hold(self, holding: float) -> None:
-        self.dut.GetInputPort("holding").FixValue(self.context, [holding])
+class ArmBench(SystemBench):
+    """Feeds the dut joint positions, tick by tick."""
 
     def step(self, q: np.ndarray) -> None:
         """Runs the update of the current tick."""
-        self.dut.GetInputPort("panda.position_measured").FixValue(self.context, q)
-        self.tick += 1
-        self.simulator.AdvanceTo(self.time)
+        self.fix("panda.position_measured", q)
+        self.advance(PERIOD)
 
     def step_to(self, tick: int, q: Callable[[float], np.ndarray] = joints) -> None:
-        while self.tick < tick:
+        while self.time < tick * PERIOD:
             self.step(q(self.time))
-
-    def read(self, name: str) -> np.ndarray:
-        return self.dut.GetOutputPort(name).Eval(self.context).copy()
 
     def points(self) -> np.ndarray:
         return self.read("points").reshape(-1, 3)
 
 
-def test_before_the_first_update(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
+def make_bench(arm: ArmKinematics, max_age: float = 0.5) -> ArmBench:
+    dut = FkPropagator(num_points=N, kinematics=arm, period=PERIOD, max_age=max_age)
+    return ArmBench(dut, tracked_points=TrackedPoints.lost(N, -np.inf), holding=1.0)
 
+
+@pytest.fixture
+def bench(two_joint_arm: ArmKinematics) -> ArmBench:
+    return make_bench(two_joint_arm)
+
+
+def test_before_the_first_update(bench: ArmBench) -> None:
     assert np.all(np.isnan(bench.points()))
     assert np.all(bench.read("confidence") == 0.0)
     assert bench.read("age") == np.inf
@@ -88,9 +73,7 @@ def test_before_the_first_update(two_joint_arm: ArmKinematics) -> None:
     np.testing.assert_array_equal(bench.read("object_motion"), np.eye(4).ravel())
 
 
-def test_before_the_first_track_only_the_gripper_is_known(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-
+def test_before_the_first_track_only_the_gripper_is_known(bench: ArmBench) -> None:
     bench.step_to(5)
 
     assert np.all(np.isnan(bench.points()))
@@ -102,14 +85,11 @@ def test_before_the_first_track_only_the_gripper_is_known(two_joint_arm: ArmKine
 
 
 @pytest.mark.parametrize("latency", [0, 1, 16, 40])
-def test_late_tracks_of_a_held_object_are_brought_up_to_now(
-    two_joint_arm: ArmKinematics, latency: int
-) -> None:
-    bench = Bench(two_joint_arm)
+def test_late_tracks_of_a_held_object_are_brought_up_to_now(bench: ArmBench, latency: int) -> None:
     for tick in range(160):
         if tick >= latency and (tick - latency) % 32 == 0:
             stamp = (tick - latency) * PERIOD
-            bench.give(seen(held_points(stamp), stamp))
+            bench.fix(tracked_points=seen(held_points(stamp), stamp))
         bench.step(joints(tick * PERIOD))
 
         if tick >= latency:
@@ -118,9 +98,7 @@ def test_late_tracks_of_a_held_object_are_brought_up_to_now(
             assert np.all(bench.read("confidence") == 1.0)
 
 
-def test_object_motion_is_the_hands_since_the_start(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-
+def test_object_motion_is_the_hands_since_the_start(bench: ArmBench) -> None:
     bench.step_to(101)
 
     expected = gripper_pose(joints(100 * PERIOD)) @ np.linalg.inv(gripper_pose(joints(0.0)))
@@ -133,10 +111,9 @@ def test_object_motion_is_the_hands_since_the_start(two_joint_arm: ArmKinematics
     ("image_time", "tick"), [(76 * PERIOD, 76), (100 * PERIOD, 100), (np.nan, 100), (9.0, 100)]
 )
 def test_object_motion_is_of_the_images_that_are_there(
-    two_joint_arm: ArmKinematics, image_time: float, tick: int
+    bench: ArmBench, image_time: float, tick: int
 ) -> None:
-    bench = Bench(two_joint_arm)
-    bench.dut.GetInputPort("image_time").FixValue(bench.context, [image_time])
+    bench.fix(image_time=image_time)
 
     bench.step_to(101)
 
@@ -150,29 +127,26 @@ def test_object_motion_is_of_the_images_that_are_there(
 def test_object_motion_at_images_from_before_the_history_is_not_known(
     two_joint_arm: ArmKinematics,
 ) -> None:
-    bench = Bench(two_joint_arm, max_age=0.25)
-    bench.dut.GetInputPort("image_time").FixValue(bench.context, [PERIOD])
+    bench = make_bench(two_joint_arm, max_age=0.25)
+    bench.fix(image_time=PERIOD)
 
     bench.step_to(101)
 
     assert np.all(np.isnan(bench.read("object_motion")))
 
 
-def test_points_move_with_the_hand_whatever_images_there_are(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(seen(held_points(0.0), 0.0))
-    bench.dut.GetInputPort("image_time").FixValue(bench.context, [2 * PERIOD])
+def test_points_move_with_the_hand_whatever_images_there_are(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0), image_time=2 * PERIOD)
 
     bench.step_to(60)
 
     np.testing.assert_allclose(bench.points(), held_points(59 * PERIOD), rtol=0.0, atol=1e-9)
 
 
-def test_a_stamp_between_two_ticks_is_interpolated(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
+def test_a_stamp_between_two_ticks_is_interpolated(bench: ArmBench) -> None:
     bench.step_to(50)
     stamp = 40.4 * PERIOD
-    bench.give(seen(held_points(stamp), stamp))
+    bench.fix(tracked_points=seen(held_points(stamp), stamp))
 
     bench.step(joints(bench.time))
 
@@ -181,10 +155,8 @@ def test_a_stamp_between_two_ticks_is_interpolated(two_joint_arm: ArmKinematics)
 
 
 @pytest.mark.parametrize("holding", [0.0, 0.5, np.nan])
-def test_what_is_not_held_stays(two_joint_arm: ArmKinematics, holding: float) -> None:
-    bench = Bench(two_joint_arm)
-    bench.hold(holding)
-    bench.give(seen(P_G, 0.0))
+def test_what_is_not_held_stays(bench: ArmBench, holding: float) -> None:
+    bench.fix(holding=holding, tracked_points=seen(P_G, 0.0))
 
     bench.step_to(60)
 
@@ -192,12 +164,10 @@ def test_what_is_not_held_stays(two_joint_arm: ArmKinematics, holding: float) ->
     np.testing.assert_array_equal(bench.read("object_motion"), np.eye(4).ravel())
 
 
-def test_the_object_moves_from_the_grasp_on(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-    bench.hold(0.0)
+def test_the_object_moves_from_the_grasp_on(bench: ArmBench) -> None:
+    bench.fix(holding=0.0)
     bench.step_to(30)
-    bench.give(seen(held_points(29 * PERIOD), 29 * PERIOD))
-    bench.hold(1.0)
+    bench.fix(tracked_points=seen(held_points(29 * PERIOD), 29 * PERIOD), holding=1.0)
 
     bench.step_to(60)
 
@@ -206,8 +176,8 @@ def test_the_object_moves_from_the_grasp_on(two_joint_arm: ArmKinematics) -> Non
 
 
 def test_a_track_that_grows_too_old_loses_its_confidence(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm, max_age=0.25)
-    bench.give(seen(held_points(0.0), 0.0))
+    bench = make_bench(two_joint_arm, max_age=0.25)
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
 
     bench.step_to(65)  # the update at 64 ticks, 0.25 s
     at_the_limit = bench.read("confidence")
@@ -221,9 +191,9 @@ def test_a_track_that_grows_too_old_loses_its_confidence(two_joint_arm: ArmKinem
 
 
 def test_a_track_from_before_the_history_is_unknown(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm, max_age=0.25)
+    bench = make_bench(two_joint_arm, max_age=0.25)
     bench.step_to(200)
-    bench.give(seen(P_G, 0.0))
+    bench.fix(tracked_points=seen(P_G, 0.0))
 
     bench.step(joints(bench.time))
 
@@ -231,11 +201,8 @@ def test_a_track_from_before_the_history_is_unknown(two_joint_arm: ArmKinematics
     assert np.all(bench.read("confidence") == 0.0)
 
 
-def test_without_joint_positions_the_motion_rests_and_the_age_grows(
-    two_joint_arm: ArmKinematics,
-) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(seen(held_points(0.0), 0.0))
+def test_without_joint_positions_the_motion_rests_and_the_age_grows(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
     bench.step_to(20)
     before = {name: bench.read(name) for name in ("points", "gripper_pose", "object_motion")}
 
@@ -246,11 +213,8 @@ def test_without_joint_positions_the_motion_rests_and_the_age_grows(
     assert bench.read("age") == 29 * PERIOD
 
 
-def test_the_hand_may_have_moved_while_joint_positions_were_missing(
-    two_joint_arm: ArmKinematics,
-) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(seen(held_points(0.0), 0.0))
+def test_the_hand_may_have_moved_while_joint_positions_were_missing(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
     bench.step_to(20)
     bench.step_to(30, lambda time: np.full(2, np.nan))
 
@@ -260,11 +224,10 @@ def test_the_hand_may_have_moved_while_joint_positions_were_missing(
     np.testing.assert_allclose(bench.points(), truth, rtol=0.0, atol=1e-9)
 
 
-def test_a_point_that_was_not_observed_has_no_confidence(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
+def test_a_point_that_was_not_observed_has_no_confidence(bench: ArmBench) -> None:
     positions, confidence = held_points(0.0), np.array([1.0, 0.0, 0.5, 1.0])
     positions[1] = np.nan
-    bench.give(TrackedPoints(positions, confidence, 0.0))
+    bench.fix(tracked_points=TrackedPoints(positions, confidence, 0.0))
 
     bench.step_to(10)
 
@@ -272,11 +235,10 @@ def test_a_point_that_was_not_observed_has_no_confidence(two_joint_arm: ArmKinem
     np.testing.assert_array_equal(np.isnan(bench.points()[:, 0]), [False, True, False, False])
 
 
-def test_a_short_loss_is_bridged(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(seen(held_points(0.0), 0.0))
+def test_a_short_loss_is_bridged(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
     bench.step_to(32)
-    bench.give(TrackedPoints.lost(N, 32 * PERIOD))
+    bench.fix(tracked_points=TrackedPoints.lost(N, 32 * PERIOD))
 
     bench.step_to(40)
 
@@ -285,29 +247,23 @@ def test_a_short_loss_is_bridged(two_joint_arm: ArmKinematics) -> None:
     np.testing.assert_allclose(bench.points(), held_points(39 * PERIOD), rtol=0.0, atol=1e-9)
 
 
-def test_a_stamp_that_does_not_advance_changes_nothing(two_joint_arm: ArmKinematics) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(seen(held_points(0.0), 0.0))
+def test_a_stamp_that_does_not_advance_changes_nothing(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
     bench.step_to(10)
-    bench.give(seen(np.zeros((N, 3)), 0.0))
+    bench.fix(tracked_points=seen(np.zeros((N, 3)), 0.0))
 
     bench.step_to(20)
 
     np.testing.assert_allclose(bench.points(), held_points(19 * PERIOD), rtol=0.0, atol=1e-9)
 
 
-def test_nothing_feeds_through(two_joint_arm: ArmKinematics) -> None:
-    dut = Bench(two_joint_arm).dut
-
-    assert not dut.HasAnyDirectFeedthrough()
+def test_nothing_feeds_through(bench: ArmBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
 
 
 @pytest.mark.parametrize("wrong", [ABSENT, np.zeros((N, 3)), TrackedPoints.lost(N + 1, 0.0)])
-def test_what_is_not_a_track_of_these_points_is_refused(
-    two_joint_arm: ArmKinematics, wrong: object
-) -> None:
-    bench = Bench(two_joint_arm)
-    bench.give(wrong)
+def test_what_is_not_a_track_of_these_points_is_refused(bench: ArmBench, wrong: object) -> None:
+    bench.fix(tracked_points=wrong)
 
     with pytest.raises(InvalidValueError, match="tracked_points"):
         bench.step(joints(0.0))

@@ -3,11 +3,10 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from system_bench import SystemBench
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.ground_truth_tracker import (
     GroundTruthTracker,
     GroundTruthTrackerConfig,
@@ -47,77 +46,65 @@ class Poses(LeafSystem):
         output.set_value([RigidTransform(), pose(context.get_time())])
 
 
-class Bench:
-    """The dut, watching the moving body."""
-
-    def __init__(
-        self,
-        config: GroundTruthTrackerConfig | None = None,
-        query_points: np.ndarray | None = QUERY,
-    ):
-        builder = DiagramBuilder()
-        poses = builder.AddSystem(Poses())
-        self.dut = builder.AddSystem(
-            GroundTruthTracker(
-                body_index=BodyIndex(1), num_points=N, query_points=query_points, config=config
-            )
+def make_bench(
+    config: GroundTruthTrackerConfig | None = None, query_points: np.ndarray | None = QUERY
+) -> SystemBench:
+    """The dut, which watches the moving body."""
+    builder = DiagramBuilder()
+    poses = builder.AddSystem(Poses())
+    dut = builder.AddSystem(
+        GroundTruthTracker(
+            body_index=BodyIndex(1), num_points=N, query_points=query_points, config=config
         )
-        builder.Connect(poses.GetOutputPort("body_poses"), self.dut.GetInputPort("body_poses"))
-        self.simulator = Simulator(builder.Build())
-        self.context = self.dut.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
-
-    @property
-    def points(self) -> TrackedPoints:
-        return self.dut.GetOutputPort("tracked_points").Eval(self.context)
-
-    @property
-    def status(self) -> TrackerStatus:
-        return TrackerStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
+    )
+    builder.Connect(poses.GetOutputPort("body_poses"), dut.GetInputPort("body_poses"))
+    return SystemBench(dut, builder.Build())
 
 
 def test_before_the_first_release_nothing_is_known() -> None:
-    bench = Bench()
+    bench = make_bench()
 
-    bench.simulator.AdvanceTo(1 / 16)
+    bench.advance_to(1 / 16)
 
-    assert bench.status is TrackerStatus.WAITING
-    assert bench.points.stamp == -np.inf
-    np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
+    assert bench.read("status") == TrackerStatus.WAITING
+    assert bench.read("tracked_points").stamp == -np.inf
+    np.testing.assert_array_equal(bench.read("tracked_points").confidence, np.zeros(N))
 
 
 @pytest.mark.parametrize("latency", [0.0, 1 / 16, 1 / 8, 0.3])
 def test_it_reports_the_truth_at_capture_a_latency_later(latency: float) -> None:
-    bench = Bench(GroundTruthTrackerConfig(latency=latency))
+    bench = make_bench(GroundTruthTrackerConfig(latency=latency))
 
     for tick in range(5):
-        bench.simulator.AdvanceTo(tick * PERIOD + latency + AFTER)
+        bench.advance_to(tick * PERIOD + latency + AFTER)
 
-        assert bench.status is TrackerStatus.TRACKING
-        assert bench.points.stamp == tick * PERIOD
-        np.testing.assert_allclose(bench.points.positions, where(tick * PERIOD), atol=1e-12)
+        points = bench.read("tracked_points")
+        assert bench.read("status") == TrackerStatus.TRACKING
+        assert points.stamp == tick * PERIOD
+        np.testing.assert_allclose(points.positions, where(tick * PERIOD), atol=1e-12)
 
 
 def test_it_waits_for_the_query_points() -> None:
-    bench = Bench(GroundTruthTrackerConfig(latency=0.0), query_points=None)
-    port = bench.dut.GetInputPort("query_points")
-    port.FixValue(bench.context, np.full(3 * N, np.nan))
-    bench.simulator.AdvanceTo(PERIOD + AFTER)
-    assert bench.status is TrackerStatus.WAITING
-    port.FixValue(bench.context, where(2 * PERIOD).ravel())
+    bench = make_bench(GroundTruthTrackerConfig(latency=0.0), query_points=None)
+    bench.fix(query_points=np.full(3 * N, np.nan))
+    bench.advance_to(PERIOD + AFTER)
+    assert bench.read("status") == TrackerStatus.WAITING
+    bench.fix(query_points=where(2 * PERIOD))
 
-    bench.simulator.AdvanceTo(4 * PERIOD + AFTER)
+    bench.advance_to(4 * PERIOD + AFTER)
 
-    np.testing.assert_allclose(bench.points.positions, where(4 * PERIOD), atol=1e-12)
+    points = bench.read("tracked_points")
+    np.testing.assert_allclose(points.positions, where(4 * PERIOD), atol=1e-12)
 
 
 def test_a_lost_frame_is_reported_as_lost() -> None:
-    bench = Bench(GroundTruthTrackerConfig(latency=0.0, frame_dropout=1.0))
+    bench = make_bench(GroundTruthTrackerConfig(latency=0.0, frame_dropout=1.0))
 
-    bench.simulator.AdvanceTo(AFTER)
+    bench.advance_to(AFTER)
 
-    assert bench.status is TrackerStatus.LOST
-    assert bench.points.stamp == 0.0
-    np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
+    assert bench.read("status") == TrackerStatus.LOST
+    assert bench.read("tracked_points").stamp == 0.0
+    np.testing.assert_array_equal(bench.read("tracked_points").confidence, np.zeros(N))
 
 
 def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
@@ -153,7 +140,7 @@ def test_frames_drop_out_as_often_as_asked_for() -> None:
 
 
 def test_nothing_feeds_through() -> None:
-    assert not Bench().dut.HasAnyDirectFeedthrough()
+    assert not make_bench().dut.HasAnyDirectFeedthrough()
 
 
 @pytest.mark.parametrize("wrong", [{"noise": -1.0}, {"point_dropout": 1.1}, {"frame_dropout": -1}])
@@ -164,10 +151,10 @@ def test_impossible_settings_are_refused(wrong: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("latency", [0.0, 3 / 16])
 def test_the_times_of_captures_and_releases_are_told(latency: float) -> None:
-    bench = Bench(GroundTruthTrackerConfig(latency=latency))
-    bench.simulator.AdvanceTo(3 / 16 + AFTER)
+    bench = make_bench(GroundTruthTrackerConfig(latency=latency))
+    bench.advance_to(3 / 16 + AFTER)
 
-    times = bench.dut.GetOutputPort("times").Eval(bench.context)
+    times = bench.read("times")
 
     released_of = 1 / 8 if latency == 0.0 else 0.0
     np.testing.assert_array_equal(times, [1 / 8, released_of + latency, released_of])

@@ -4,7 +4,7 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from system_bench import START, SystemBench
 
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.lcm_camera_feed import LcmCameraFeed
@@ -12,7 +12,6 @@ from poil_drake.systems.lcm_image_messages import decode_images
 from poil_drake.systems.lcm_network import LcmNetwork
 
 PERIOD = 1 / 8
-START = 1_790_000_000.0
 H, W = 3, 4
 
 
@@ -35,15 +34,15 @@ class Renderer:
         return (np.full((H, W), 5, np.int16),)
 
 
-class Bench:
-    """The dut and somebody who receives."""
+class FeedBench(SystemBench):
+    """The dut and a receiver of its images."""
 
     def __init__(self) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
             taken.bind(("", 0))
             url = f"udpm://239.255.76.67:{taken.getsockname()[1]}?ttl=0"
         self.renderer = Renderer()
-        self.dut = LcmCameraFeed(
+        dut = LcmCameraFeed(
             renderer=self.renderer,
             cameras=["left"],
             channels=["LEFT"],
@@ -52,19 +51,14 @@ class Bench:
             num_velocities=1,
             period=PERIOD,
             label_every=2,
-            clock=lambda: START + self.context.get_time(),
+            clock=self.now,
         )
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
+        super().__init__(dut, plant_state=[7.0, 0.0, 0.0])
         self.network, self.got = LcmNetwork(url), []
         self.network.Subscribe("LEFT", self.got.append)
-        self.dut.GetInputPort("plant_state").FixValue(self.context, [7.0, 0.0, 0.0])
-
-    def capture(self) -> None:
-        self.simulator.AdvanceTo(self.context.get_time() + PERIOD)
 
     def wait_for_renderer(self) -> None:
-        """Otherwise the next capture may find it busy still, and be left out."""
+        """Keeps the next capture from being skipped while the renderer is busy."""
         wait([self.dut._work])
 
     def receive(self, count: int) -> list[RgbdImage]:
@@ -74,12 +68,12 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    return Bench()
+def bench() -> FeedBench:
+    return FeedBench()
 
 
-def test_images_go_out_with_the_clock_of_their_capture(bench: Bench) -> None:
-    bench.capture()
+def test_images_go_out_with_the_clock_of_their_capture(bench: FeedBench) -> None:
+    bench.advance(PERIOD)
 
     image = bench.receive(1)[0]
 
@@ -87,9 +81,9 @@ def test_images_go_out_with_the_clock_of_their_capture(bench: Bench) -> None:
     assert image.stamp - START in (0.0, PERIOD)  # Drake may publish at the start, too.
 
 
-def test_labels_come_along_every_so_often(bench: Bench) -> None:
+def test_labels_come_along_every_so_often(bench: FeedBench) -> None:
     while len(bench.got) < 4:
-        bench.capture()
+        bench.advance(PERIOD)
         bench.wait_for_renderer()
         bench.receive(len(bench.got) + 1)
 
@@ -98,11 +92,11 @@ def test_labels_come_along_every_so_often(bench: Bench) -> None:
     assert labelled[:4] == [True, False, True, False]
 
 
-def test_captures_are_left_out_while_images_are_rendered(bench: Bench) -> None:
+def test_captures_are_left_out_while_images_are_rendered(bench: FeedBench) -> None:
     bench.renderer.go.clear()
     for _ in range(4):
-        bench.capture()  # would never come back if it waited for the renderer
-    assert bench.renderer.begun.wait(10.0)
+        bench.advance(PERIOD)  # would never come back if it waited for the renderer
+    bench.renderer.begun.wait()
     bench.renderer.go.set()
     bench.dut.close()  # the images in hand are finished first
 
@@ -110,17 +104,17 @@ def test_captures_are_left_out_while_images_are_rendered(bench: Bench) -> None:
     assert len(bench.receive(1)) == 1
 
 
-def test_what_the_renderer_meets_ends_the_simulation(bench: Bench) -> None:
+def test_what_the_renderer_meets_ends_the_simulation(bench: FeedBench) -> None:
     def fail(positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
         raise ZeroDivisionError
 
     bench.renderer.render = fail  # type: ignore[method-assign]
 
     def render_and_capture_again() -> None:
-        bench.capture()
-        wait([bench.dut._work])
+        bench.advance(PERIOD)
+        bench.wait_for_renderer()
         bench.dut.close()
-        bench.capture()
+        bench.advance(PERIOD)
 
     with pytest.raises(ZeroDivisionError):
         render_and_capture_again()

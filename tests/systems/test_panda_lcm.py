@@ -10,7 +10,8 @@ from drake import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from panda_bench import JOINTS, PERIOD, START, Bench, HandBench, status_message
+from panda_bench import JOINTS, PERIOD, RobotBench, arm_status, hand_status
+from system_bench import START
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.systems.panda_lcm_messages import (
@@ -20,35 +21,31 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.statuses import RobotMode
 
 
-def test_status_is_shown_in_the_signs_of_drake() -> None:
-    bench = Bench()
-    bench.say(status_message(START - 0.02).encode())
+def test_status_is_shown_in_the_signs_of_drake(arm: RobotBench) -> None:
+    arm.say(arm_status(START - 0.02))
 
-    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
-    np.testing.assert_allclose(bench.read("velocity_measured"), 0.01 * np.arange(7))
-    np.testing.assert_array_equal(bench.read("torque_external"), -np.arange(7.0))
-    assert bench.read("status") == pytest.approx([RobotMode.MOVE, 0.02, 0.98], abs=1e-6)
-
-
-def test_age_grows_when_statuses_stop_repeat_or_come_late() -> None:
-    bench = Bench()
-    bench.say(status_message(START).encode())
-    bench.clock.now += 0.3
-
-    bench.say(status_message(START).encode())
-    bench.say(status_message(START - 0.1, joint_position=[0.0] * 7).encode())
-
-    assert bench.read("status")[1] == pytest.approx(0.3, abs=1e-6)
-    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
-    assert bench.mailbox.late == 2
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
+    np.testing.assert_allclose(arm.show("velocity_measured"), 0.01 * np.arange(7))
+    np.testing.assert_array_equal(arm.show("torque_external"), -np.arange(7.0))
+    assert arm.show("status") == pytest.approx([RobotMode.MOVE, 0.02, 0.98], abs=1e-6)
 
 
-def test_clock_of_the_driver_shows_in_the_age() -> None:
-    bench = Bench()
+def test_age_grows_when_statuses_stop_repeat_or_come_late(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.elapsed += 0.3
 
-    bench.say(status_message(START + 1.0).encode())
+    arm.say(arm_status(START))
+    arm.say(arm_status(START - 0.1, joint_position=[0.0] * 7))
 
-    assert bench.read("status")[1] == pytest.approx(-1.0, abs=1e-6)
+    assert arm.show("status")[1] == pytest.approx(0.3, abs=1e-6)
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
+    assert arm.mailbox.late == 2
+
+
+def test_clock_of_the_driver_shows_in_the_age(arm: RobotBench) -> None:
+    arm.say(arm_status(START + 1.0))
+
+    assert arm.show("status")[1] == pytest.approx(-1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -56,65 +53,60 @@ def test_clock_of_the_driver_shows_in_the_age() -> None:
     [
         b"",
         b"abc",
-        status_message(START).encode()[:-5],
+        arm_status(START)[:-5],
         lcmt_schunk_wsg_status().encode(),
-        status_message(START, joint_position=[np.nan] * 7).encode(),
-        status_message(START, robot_mode=42).encode(),
+        arm_status(START, joint_position=[np.nan] * 7),
+        arm_status(START, robot_mode=42),
         lcmt_panda_status().encode(),  # Of no joints.
     ],
     ids=["empty", "noise", "cut off", "foreign", "not finite", "no mode", "no joints"],
 )
-def test_messages_that_are_no_status_change_nothing(message: bytes) -> None:
-    bench = Bench()
-    bench.say(status_message(START).encode())
+def test_messages_that_are_no_status_change_nothing(arm: RobotBench, message: bytes) -> None:
+    arm.say(arm_status(START))
 
-    bench.say(message)
+    arm.say(message)
 
-    assert bench.mailbox.malformed == 1
-    np.testing.assert_array_equal(bench.read("position_measured"), JOINTS)
+    assert arm.mailbox.malformed == 1
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
     with pytest.raises(InvalidValueError, match="no status of a Panda"):
         decode_panda_status(message)
 
 
 @given(st.binary(max_size=600), st.booleans())
-@settings(derandomize=True, deadline=None, max_examples=300)
+@settings(derandomize=True, max_examples=300)
 def test_no_message_at_all_is_an_error_of_its_own(noise: bytes, own: bool) -> None:
-    message = status_message(START).encode()[:8] + noise if own else noise
+    message = arm_status(START)[:8] + noise if own else noise
     for decode in (decode_panda_status, decode_hand_status):
         with contextlib.suppress(InvalidValueError):
             decode(message)
 
 
-def test_width_of_the_hand_is_shown_while_it_is_news() -> None:
-    bench = HandBench()
-    assert np.isnan(bench.width())
+def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
+    assert np.isnan(hand.show("width_measured"))
 
-    bench.say(0.035)
+    hand.say(hand_status(0.035))
 
-    assert bench.width() == pytest.approx(0.035)
-    bench.clock.now += 0.6
+    assert hand.show("width_measured") == pytest.approx(0.035)
+    hand.elapsed += 0.6
     # What stops the whole robot is for others to say first.
-    believed = [bench.width() for _ in range(round(0.12 / PERIOD))]
+    believed = [hand.show("width_measured") for _ in range(round(0.12 / PERIOD))]
     assert believed[0] == pytest.approx(0.035)
     assert np.isnan(believed[-1])
 
 
-def test_status_of_a_hand_that_is_none_changes_nothing() -> None:
-    bench = HandBench()
-    bench.say(0.035)
+def test_status_of_a_hand_that_is_none_changes_nothing(hand: RobotBench) -> None:
+    hand.say(hand_status(0.035))
 
-    bench.say(float("nan"), START + 0.1)
-    bench.lcm.Publish("STATUS", status_message(START + 0.2).encode())
-    bench.lcm.HandleSubscriptions(0)
+    hand.say(hand_status(float("nan"), START + 0.1))
+    hand.say(arm_status(START + 0.2))
 
-    assert bench.mailbox.malformed == 2
-    assert bench.width() == pytest.approx(0.035)
+    assert hand.mailbox.malformed == 2
+    assert hand.show("width_measured") == pytest.approx(0.035)
 
 
-def test_a_driver_that_is_started_anew_is_one_driver() -> None:
-    bench = Bench()
+def test_a_driver_that_is_started_anew_is_one_driver(arm: RobotBench) -> None:
     for k in range(40):
         clock = 0.001 * k + (1e3 if k > 20 else 0.0)
-        bench.say(status_message(START + 0.001 * k, robot_utime=round(1e6 * clock)).encode())
+        arm.say(arm_status(START + 0.001 * k, robot_utime=round(1e6 * clock)))
 
-    assert bench.read("status")[0] == RobotMode.MOVE
+    assert arm.show("status")[0] == RobotMode.MOVE

@@ -2,10 +2,8 @@ import threading
 
 import numpy as np
 import pytest
-from pydrake.common.value import Value
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
+from system_bench import SystemBench
 
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_masks import DepthMaskConfig
@@ -36,6 +34,10 @@ class MiddleDetector:
     def __init__(self) -> None:
         self.calls: list[tuple[float, str, str]] = []
 
+    @property
+    def searches(self) -> list[float]:
+        return [stamp for stamp, _, _ in self.calls]
+
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
         self.calls.append((frame.stamp, object_label, part_label))
         if frame.images[0].rgb[12, 16].max() < 50:
@@ -45,77 +47,52 @@ class MiddleDetector:
         return PartMasks(object_masks=(mask,), part_masks=(mask,))
 
 
-class Bench:
-    """The dut with one camera that looks at a wall 0.5 m away."""
-
-    def __init__(
-        self,
-        offset: float = 0.0,
-        *,
-        detector: MiddleDetector | None = None,
-        blocking: bool = True,
-        labels: bool = False,
-        recorded: RecordedSchedule | None = None,
-    ) -> None:
-        self.detector = detector or MiddleDetector()
-        self.dut = PartDetector(
-            detector=self.detector,
-            cameras=[CAMERA],
-            object_label="mug",
-            part_label="handle",
-            period=PERIOD,
-            offset=offset,
-            fusion=FUSION,
-            blocking=blocking,
-            recorded=recorded,
-            label_ids={"mug": (1,)} if labels else None,
-        )
-        self.simulator = Simulator(self.dut)
-        self.context: Context = self.simulator.get_mutable_context()
-        self.show(brightness=200)
-
-    def show(self, *, brightness: int, size: tuple[int, int] = (W, H)) -> None:
-        rgba, depth = ImageRgba8U(*size), ImageDepth32F(*size)
-        rgba.mutable_data[:] = brightness
-        depth.mutable_data[:] = 0.5
-        self.dut.GetInputPort("left.rgb_image").FixValue(self.context, Value(rgba))
-        self.dut.GetInputPort("left.depth_image").FixValue(self.context, Value(depth))
-
-    def request(self, count: float) -> None:
-        self.dut.GetInputPort("request").FixValue(self.context, [count])
-
-    def read(self, name: str) -> object:
-        return self.dut.GetOutputPort(name).Eval(self.context)
-
-    @property
-    def status(self) -> DetectorStatus:
-        return DetectorStatus(int(self.dut.GetOutputPort("status").Eval(self.context)[0]))
-
-    @property
-    def searches(self) -> list[float]:
-        return [stamp for stamp, _, _ in self.detector.calls]
+def wall(*, brightness: int = 200, size: tuple[int, int] = (W, H)) -> dict[str, object]:
+    """What the camera sees of a wall 0.5 m away."""
+    rgba, depth = ImageRgba8U(*size), ImageDepth32F(*size)
+    rgba.mutable_data[:] = brightness
+    depth.mutable_data[:] = 0.5
+    return {"left.rgb_image": rgba, "left.depth_image": depth}
 
 
-def test_before_the_first_event_nothing_is_known() -> None:
-    bench = Bench()
+def make_bench(detector: MiddleDetector, **options: object) -> SystemBench:
+    dut = PartDetector(
+        detector=detector,
+        cameras=[CAMERA],
+        object_label="mug",
+        part_label="handle",
+        period=PERIOD,
+        fusion=FUSION,
+        **options,
+    )
+    return SystemBench(dut, **wall())
 
-    assert bench.status is DetectorStatus.WAITING
+
+@pytest.fixture
+def detector() -> MiddleDetector:
+    return MiddleDetector()
+
+
+@pytest.fixture
+def bench(detector: MiddleDetector) -> SystemBench:
+    return make_bench(detector)
+
+
+def test_before_the_first_event_nothing_is_known(bench: SystemBench) -> None:
+    assert bench.read("status") == DetectorStatus.WAITING
     assert bench.read("part_cloud") is ABSENT
     assert bench.read("masks") is ABSENT
 
 
-def test_it_searches_once_without_a_request() -> None:
-    bench = Bench()
+def test_it_searches_once_without_a_request(bench: SystemBench, detector: MiddleDetector) -> None:
+    bench.advance_to(1.0)
 
-    bench.simulator.AdvanceTo(1.0)
-
-    assert bench.detector.calls == [(0.0, "mug", "handle")]
-    assert bench.status is DetectorStatus.FOUND
+    assert detector.calls == [(0.0, "mug", "handle")]
+    assert bench.read("status") == DetectorStatus.FOUND
 
 
-def test_outputs_are_those_of_the_pure_function() -> None:
-    bench = Bench()
-    bench.simulator.AdvanceTo(PERIOD / 2)
+def test_outputs_are_those_of_the_pure_function(bench: SystemBench) -> None:
+    bench.advance_to(PERIOD / 2)
     frame = bench.dut._cameras.capture(bench.context)
     assert frame is not None
 
@@ -130,109 +107,107 @@ def test_outputs_are_those_of_the_pure_function() -> None:
     np.testing.assert_allclose(found.points[:, 2], 0.5, atol=1e-6)
 
 
-def test_each_increase_of_the_request_searches_again() -> None:
-    bench = Bench()
-    bench.request(0.0)
-    bench.simulator.AdvanceTo(0.3)
+def test_each_increase_of_the_request_searches_again(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(request=0.0)
+    bench.advance_to(0.3)
     first = bench.read("masks")
-    bench.request(1.0)
-    bench.simulator.AdvanceTo(0.8)
+    bench.fix(request=1.0)
+    bench.advance_to(0.8)
     second = bench.read("masks")
-    bench.request(0.0)
-    bench.simulator.AdvanceTo(1.0)
+    bench.fix(request=0.0)
+    bench.advance_to(1.0)
 
-    assert bench.searches == [0.0, 0.375]
+    assert detector.searches == [0.0, 0.375]
     assert second is not first
     assert bench.read("masks") is second
 
 
-def test_a_search_that_fails_keeps_what_was_found() -> None:
-    bench = Bench()
-    bench.request(0.0)
-    bench.simulator.AdvanceTo(0.1)
+def test_a_search_that_fails_keeps_what_was_found(bench: SystemBench) -> None:
+    bench.fix(request=0.0)
+    bench.advance_to(0.1)
     masks, cloud = bench.read("masks"), bench.read("part_cloud")
-    bench.show(brightness=0)
-    bench.request(1.0)
+    bench.fix(**wall(brightness=0), request=1.0)
 
-    bench.simulator.AdvanceTo(0.3)
+    bench.advance_to(0.3)
 
-    assert bench.status is DetectorStatus.NOT_FOUND
+    assert bench.read("status") == DetectorStatus.NOT_FOUND
     assert bench.read("masks") is masks
     assert bench.read("part_cloud") is cloud
 
 
-def test_a_first_search_that_fails_is_repeated_on_request_only() -> None:
-    bench = Bench()
-    bench.show(brightness=0)
-    bench.request(0.0)
-    bench.simulator.AdvanceTo(0.5)
-    assert bench.status is DetectorStatus.NOT_FOUND
+def test_a_first_search_that_fails_is_repeated_on_request_only(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(**wall(brightness=0), request=0.0)
+    bench.advance_to(0.5)
+    assert bench.read("status") == DetectorStatus.NOT_FOUND
     assert bench.read("masks") is ABSENT
-    bench.show(brightness=200)
-    bench.request(1.0)
+    bench.fix(**wall(), request=1.0)
 
-    bench.simulator.AdvanceTo(1.0)
+    bench.advance_to(1.0)
 
-    assert bench.searches == [0.0, 0.5]
-    assert bench.status is DetectorStatus.FOUND
-
-
-def test_it_waits_for_the_cameras() -> None:
-    bench = Bench()
-    bench.show(brightness=200, size=(0, 0))
-    bench.simulator.AdvanceTo(0.2)
-    assert bench.status is DetectorStatus.WAITING
-    bench.show(brightness=200)
-
-    bench.simulator.AdvanceTo(1.0)
-
-    assert bench.searches == [0.25]
+    assert detector.searches == [0.0, 0.5]
+    assert bench.read("status") == DetectorStatus.FOUND
 
 
-def test_a_request_that_is_not_a_number_asks_for_nothing() -> None:
-    bench = Bench()
-    bench.request(np.nan)
+def test_it_waits_for_the_cameras(bench: SystemBench, detector: MiddleDetector) -> None:
+    bench.fix(**wall(size=(0, 0)))
+    bench.advance_to(0.2)
+    assert bench.read("status") == DetectorStatus.WAITING
+    bench.fix(**wall())
 
-    bench.simulator.AdvanceTo(1.0)
+    bench.advance_to(1.0)
 
-    assert bench.searches == [0.0]
-
-
-def test_nothing_feeds_through() -> None:
-    assert not Bench().dut.HasAnyDirectFeedthrough()
+    assert detector.searches == [0.25]
 
 
-def test_other_errors_are_not_swallowed() -> None:
-    bench = Bench()
-    bench.detector.detect = lambda frame, **labels: 1 / 0
+def test_a_request_that_is_not_a_number_asks_for_nothing(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(request=np.nan)
+
+    bench.advance_to(1.0)
+
+    assert detector.searches == [0.0]
+
+
+def test_nothing_feeds_through(bench: SystemBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
+
+
+def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDetector) -> None:
+    detector.detect = lambda frame, **labels: 1 / 0
 
     with pytest.raises(ZeroDivisionError):
-        bench.simulator.AdvanceTo(0.1)
+        bench.advance_to(0.1)
 
 
-def test_with_an_offset_it_looks_that_much_later() -> None:
-    bench = Bench(offset=3 / 32)
+def test_with_an_offset_it_looks_that_much_later(detector: MiddleDetector) -> None:
+    bench = make_bench(detector, offset=3 / 32)
 
-    bench.simulator.AdvanceTo(3 / 32)
-    assert bench.status is DetectorStatus.WAITING
-    bench.simulator.AdvanceTo(0.5)
+    bench.advance_to(3 / 32)
+    assert bench.read("status") == DetectorStatus.WAITING
+    bench.advance_to(0.5)
 
-    assert bench.status is DetectorStatus.FOUND
-    assert bench.searches == [3 / 32]
+    assert bench.read("status") == DetectorStatus.FOUND
+    assert detector.searches == [3 / 32]
 
 
-def test_images_without_labels_are_waited_for_where_labels_are_connected() -> None:
-    bench = Bench(labels=True)
-    port = bench.dut.GetInputPort("left.label_image")
-    port.FixValue(bench.context, Value(ImageLabel16I()))
-    bench.simulator.AdvanceTo(0.3)
-    assert bench.status is DetectorStatus.WAITING
-    assert bench.detector.calls == []
+def test_images_without_labels_are_waited_for_where_labels_are_connected(
+    detector: MiddleDetector,
+) -> None:
+    bench = make_bench(detector, label_ids={"mug": (1,)})
+    bench.fix("left.label_image", ImageLabel16I())
+    bench.advance_to(0.3)
+    assert bench.read("status") == DetectorStatus.WAITING
+    assert detector.calls == []
 
-    port.FixValue(bench.context, Value(ImageLabel16I(W, H)))
-    bench.simulator.AdvanceTo(0.6)
+    bench.fix("left.label_image", ImageLabel16I(W, H))
+    bench.advance_to(0.6)
 
-    assert bench.status is DetectorStatus.FOUND
+    assert bench.read("status") == DetectorStatus.FOUND
 
 
 class PausedDetector(MiddleDetector):
@@ -249,31 +224,31 @@ class PausedDetector(MiddleDetector):
 
 def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
     detector = PausedDetector()
-    bench = Bench(detector=detector, blocking=False)
-    bench.request(0.0)
+    bench = make_bench(detector, blocking=False)
+    bench.fix(request=0.0)
 
-    bench.simulator.AdvanceTo(0.5)  # would never come back if it waited for the detector
-    waiting = bench.status
+    bench.advance_to(0.5)  # would never come back if it waited for the detector
+    waiting = bench.read("status")
     detector.go.set()
     bench.dut.close()  # the search in hand is finished first
-    bench.simulator.AdvanceTo(0.7)
+    bench.advance_to(0.7)
 
-    assert waiting is DetectorStatus.WAITING
-    assert bench.status is DetectorStatus.FOUND
-    assert bench.searches == [0.0]
+    assert waiting == DetectorStatus.WAITING
+    assert bench.read("status") == DetectorStatus.FOUND
+    assert detector.searches == [0.0]
 
 
 def test_the_times_and_the_frame_of_a_search_are_told() -> None:
     detector = PausedDetector()
-    bench = Bench(detector=detector, blocking=False)
+    bench = make_bench(detector, blocking=False)
     before = bench.read("frame")
 
-    bench.simulator.AdvanceTo(2.5 * PERIOD)
+    bench.advance_to(2.5 * PERIOD)
     begun = bench.read("times").tolist()
     frame = bench.read("frame")
     detector.go.set()
     bench.dut.close()
-    bench.simulator.AdvanceTo(3.5 * PERIOD)
+    bench.advance_to(3.5 * PERIOD)
 
     assert before is ABSENT
     assert begun == [0.0, -np.inf, -np.inf]
@@ -282,17 +257,17 @@ def test_the_times_and_the_frame_of_a_search_are_told() -> None:
     assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
 
 
-def test_a_replay_searches_and_answers_when_the_run_did() -> None:
+def test_a_replay_searches_and_answers_when_the_run_did(detector: MiddleDetector) -> None:
     schedule = RecordedSchedule(captures=(0.25, 0.5), releases=((0.4375, 0), (0.8, 1)))
-    bench = Bench(recorded=schedule)
+    bench = make_bench(detector, recorded=schedule)
     seen = []
     for tick in range(8):
-        bench.simulator.AdvanceTo((tick + 0.5) * PERIOD)
-        seen.append(bench.status.name)
+        bench.advance_to((tick + 0.5) * PERIOD)
+        seen.append(DetectorStatus(bench.read("status")[0]).name)
         if tick == 3:
-            bench.show(brightness=10)
+            bench.fix(**wall(brightness=10))
 
     # Requests or not: the first result is taken at the first tick after 0.4375 s, and the second
     # search, in the dark, is answered at the first one after 0.8 s.
-    assert bench.searches == [0.25, 0.5]
+    assert detector.searches == [0.25, 0.5]
     assert seen == ["WAITING"] * 4 + ["FOUND"] * 3 + ["NOT_FOUND"]

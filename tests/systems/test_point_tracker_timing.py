@@ -1,11 +1,10 @@
 """When the point tracker looks, works and reports."""
 
 import threading
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, Bench, N, Scene, SummingTracker
+from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, Scene, SummingTracker
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
@@ -16,19 +15,19 @@ from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.stopwatch import Stopwatch
 
 
-def test_before_the_first_event_nothing_is_tracked(make_bench: Callable[..., Bench]) -> None:
+def test_before_the_first_event_nothing_is_tracked(make_bench: MakeBench) -> None:
     bench = make_bench(config=PointTrackerConfig())
 
-    assert bench.status is TrackerStatus.WAITING
+    assert bench.read("status") == TrackerStatus.WAITING
     assert bench.points.stamp == -np.inf
     np.testing.assert_array_equal(bench.points.confidence, np.zeros(N))
-    assert bench.frame is ABSENT
+    assert bench.read("frame") is ABSENT
 
 
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("latency", [1 / 64, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 0.3])
 def test_each_capture_is_released_exactly_its_latency_later(
-    make_bench: Callable[..., Bench], latency: float, parallel: bool
+    make_bench: MakeBench, latency: float, parallel: bool
 ) -> None:
     config = PointTrackerConfig(period=PERIOD, latency=latency, parallel=parallel)
     bench = make_bench(config=config)
@@ -41,11 +40,11 @@ def test_each_capture_is_released_exactly_its_latency_later(
         assert bench.points.stamp == previous
         bench.advance_to(stamp + latency + AFTER)
         assert bench.points.stamp == stamp
-        assert bench.status is TrackerStatus.TRACKING
+        assert bench.read("status") == TrackerStatus.TRACKING
         previous = stamp
 
 
-def test_with_an_offset_everything_comes_that_much_later(make_bench: Callable[..., Bench]) -> None:
+def test_with_an_offset_everything_comes_that_much_later(make_bench: MakeBench) -> None:
     config = PointTrackerConfig(period=PERIOD, offset=3 / 32, latency=3 / 16)
     bench = make_bench(config=config)
 
@@ -60,7 +59,7 @@ def test_with_an_offset_everything_comes_that_much_later(make_bench: Callable[..
 
 @pytest.mark.parametrize("latency", [0.0, 3.5e-18])
 def test_without_latency_a_capture_is_released_at_once(
-    make_bench: Callable[..., Bench], latency: float
+    make_bench: MakeBench, latency: float
 ) -> None:
     bench = make_bench(config=PointTrackerConfig(latency=latency))
 
@@ -72,7 +71,7 @@ def test_without_latency_a_capture_is_released_at_once(
 
 @pytest.mark.parametrize("latency", [0.0, 1 / 16, 1 / 8, 0.3])
 def test_the_outcome_is_the_same_with_and_without_a_worker(
-    make_bench: Callable[..., Bench], latency: float
+    make_bench: MakeBench, latency: float
 ) -> None:
     alone, beside = (
         make_bench(config=PointTrackerConfig(latency=latency, parallel=parallel))
@@ -87,7 +86,7 @@ def test_the_outcome_is_the_same_with_and_without_a_worker(
         np.testing.assert_array_equal(alone.points.positions, beside.points.positions)
 
 
-def test_images_are_looked_at_once_per_capture(make_bench: Callable[..., Bench]) -> None:
+def test_images_are_looked_at_once_per_capture(make_bench: MakeBench) -> None:
     bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
 
     for time in np.arange(AFTER, 0.5, 1 / 64):
@@ -96,7 +95,7 @@ def test_images_are_looked_at_once_per_capture(make_bench: Callable[..., Bench])
     assert bench.scene.looks == [0.0, 0.125, 0.25, 0.375]
 
 
-def test_a_frozen_camera_is_not_tracked(make_bench: Callable[..., Bench]) -> None:
+def test_a_frozen_camera_is_not_tracked(make_bench: MakeBench) -> None:
     bench = make_bench(
         config=PointTrackerConfig(latency=0.0), scene=Scene(frozen_from=0.25), with_stamps=True
     )
@@ -106,11 +105,11 @@ def test_a_frozen_camera_is_not_tracked(make_bench: Callable[..., Bench]) -> Non
     assert bench.points.stamp == 0.25
 
 
-def test_nothing_feeds_through(make_bench: Callable[..., Bench]) -> None:
+def test_nothing_feeds_through(make_bench: MakeBench) -> None:
     assert not make_bench(config=PointTrackerConfig()).dut.HasAnyDirectFeedthrough()
 
 
-def test_a_stopwatch_counts_the_work(make_bench: Callable[..., Bench]) -> None:
+def test_a_stopwatch_counts_the_work(make_bench: MakeBench) -> None:
     stopwatch = Stopwatch()
     bench = make_bench(config=PointTrackerConfig(latency=0.0), stopwatch=stopwatch)
 
@@ -130,26 +129,26 @@ class PausedTracker(SummingTracker):
         return super().start(*arguments)
 
 
-def test_on_hardware_a_late_result_is_late_and_blocks_nothing() -> None:
+def test_on_hardware_a_late_result_is_late_and_blocks_nothing(make_bench: MakeBench) -> None:
     tracker = PausedTracker()
     config = PointTrackerConfig(latency=1 / 64, blocking=False, poll_period=1 / 256)
-    bench = Bench(config=config, tracker=tracker)
+    bench = make_bench(config=config, tracker=tracker)
 
     bench.advance_to(0.5 + AFTER)  # would never come back if it waited for the tracker
-    status = bench.status
+    status = bench.read("status")
     tracker.go.set()
     bench.dut.close()  # the work in hand is finished first
     bench.advance_to(0.5 + 1 / 256 + AFTER)
 
-    assert status is TrackerStatus.WAITING
+    assert status == TrackerStatus.WAITING
     assert bench.scene.looks == [0.0]  # frames that come while it is busy are skipped
-    assert bench.status is TrackerStatus.TRACKING
+    assert bench.read("status") == TrackerStatus.TRACKING
     assert bench.points.stamp == 0.0
 
 
-def test_images_may_be_looked_for_more_often_than_they_are_tracked() -> None:
+def test_images_may_be_looked_for_more_often_than_they_are_tracked(make_bench: MakeBench) -> None:
     config = PointTrackerConfig(period=1 / 64, latency=0.0, min_interval=0.1)
-    bench = Bench(config=config, with_stamps=True)
+    bench = make_bench(config=config, with_stamps=True)
 
     bench.advance_to(0.5)
 
@@ -157,16 +156,16 @@ def test_images_may_be_looked_for_more_often_than_they_are_tracked() -> None:
     assert bench.scene.looks == [0.0, 7 / 64, 14 / 64, 21 / 64, 28 / 64]
 
 
-def test_points_may_be_looked_for_only_until_they_are_found() -> None:
+def test_points_may_be_looked_for_only_until_they_are_found(make_bench: MakeBench) -> None:
     config = PointTrackerConfig(latency=0.0, once=True)
-    bench = Bench(config=config, masks=None, with_stamps=True)
+    bench = make_bench(config=config, masks=ABSENT, with_stamps=True)
     bench.advance_to(2 * PERIOD + AFTER)
-    assert bench.status is TrackerStatus.WAITING
-    bench.fix_masks(MASKS)
+    assert bench.read("status") == TrackerStatus.WAITING
+    bench.fix(masks=MASKS)
 
     bench.advance_to(8 * PERIOD)
 
-    assert bench.status is TrackerStatus.TRACKING
+    assert bench.read("status") == TrackerStatus.TRACKING
     assert bench.points.stamp == 3 * PERIOD
     assert bench.scene.looks == [0.0, PERIOD, 2 * PERIOD, 3 * PERIOD]
 
@@ -176,13 +175,12 @@ def test_a_tracker_that_is_not_awaited_runs_in_parallel() -> None:
         PointTrackerConfig(blocking=False, parallel=False)
 
 
-def test_the_times_of_captures_and_releases_are_told() -> None:
-    bench = Bench(config=PointTrackerConfig(latency=0.1875))
-    port = bench.dut.GetOutputPort("times")
+def test_the_times_of_captures_and_releases_are_told(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.1875))
     told = []
     for time in (0.0, 0.1875, 0.25, 0.3125):
         bench.advance_to(time + AFTER)
-        told.append(port.Eval(bench.context).tolist())
+        told.append(bench.read("times").tolist())
 
     assert told == [
         [0.0, -np.inf, -np.inf],
@@ -200,13 +198,13 @@ class SlowTracker(SummingTracker):
         return super().start(*arguments)
 
 
-def test_a_replay_captures_and_releases_when_the_run_did() -> None:
+def test_a_replay_captures_and_releases_when_the_run_did(make_bench: MakeBench) -> None:
     # Captures in unequal steps, and the second one was never released.
     schedule = RecordedSchedule(
         captures=(1 / 64, 10 / 64, 20 / 64), releases=((9 / 64, 0), (31 / 64, 2))
     )
     config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
-    bench = Bench(config=config, tracker=SlowTracker(), with_stamps=True)
+    bench = make_bench(config=config, tracker=SlowTracker(), with_stamps=True)
     stamps = []
     for tick in range(33):
         bench.advance_to(tick / 64 + AFTER)
@@ -216,10 +214,10 @@ def test_a_replay_captures_and_releases_when_the_run_did() -> None:
     assert stamps == [-np.inf] * 9 + [1 / 64] * 22 + [20 / 64] * 2
 
 
-def test_a_replay_skips_what_its_log_lacks() -> None:
+def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
     schedule = RecordedSchedule(captures=(0.125, 0.25), releases=((0.1875, 0), (0.3125, 1)))
     config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
-    bench = Bench(config=config, scene=Scene(frozen_from=0.125), with_stamps=True)
+    bench = make_bench(config=config, scene=Scene(frozen_from=0.125), with_stamps=True)
 
     bench.advance_to(0.5)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from system_bench import SystemBench
 
 from poil_drake.control.bcsdm_config import BcsdmConfig
 from poil_drake.control.entry_monitor import safe_entry_step
@@ -55,88 +55,74 @@ def caged_planner() -> SafeEntryPlanner:
     return make_planner(faces + BEHIND.mean(axis=0), iterations=20)
 
 
-class Bench:
-    """The dut, the controller after it, and fixed inputs."""
-
-    def __init__(
-        self,
-        planner: SafeEntryPlanner,
-        points: np.ndarray,
-        *,
-        config: EntryMonitorConfig | None = None,
-        bcsdm: BcsdmConfig | None = None,
-    ):
-        builder = DiagramBuilder()
-        self.dut = builder.AddSystem(SafeEntry(planner=planner, period=PERIOD, config=config))
-        self.controller = builder.AddSystem(
-            PointSetBcsdm(
-                reference=planner.model.reference,
-                period=PERIOD,
-                config=PointSetBcsdmConfig(bcsdm=bcsdm or planner.field),
-            )
+def make_bench(
+    planner: SafeEntryPlanner,
+    points: np.ndarray,
+    *,
+    config: EntryMonitorConfig | None = None,
+    bcsdm: BcsdmConfig | None = None,
+) -> SystemBench:
+    """The dut and the controller that it steers; the status is that of the dut."""
+    builder = DiagramBuilder()
+    dut = builder.AddSystem(SafeEntry(planner=planner, period=PERIOD, config=config))
+    controller = builder.AddSystem(
+        PointSetBcsdm(
+            reference=planner.model.reference,
+            period=PERIOD,
+            config=PointSetBcsdmConfig(bcsdm=bcsdm or planner.field),
         )
-        builder.Connect(
-            self.dut.GetOutputPort("reference"), self.controller.GetInputPort("reference")
-        )
-        for name in ("points", "confidence"):
-            builder.ExportInput(self.dut.GetInputPort(name), name)
-            builder.ConnectInput(name, self.controller.GetInputPort(name))
-        self.diagram = builder.Build()
-        self.simulator = Simulator(self.diagram)
-        self.context = self.simulator.get_mutable_context()
-        self.fix("points", points)
-        self.fix("confidence", np.ones(len(BODY)))
-        self.controller.GetInputPort("gripper_pose").FixValue(
-            self.controller.GetMyMutableContextFromRoot(self.context), np.eye(4).ravel()
-        )
-
-    def fix(self, name: str, value: np.ndarray) -> None:
-        self.diagram.GetInputPort(name).FixValue(self.context, value.ravel())
-
-    def read(self, name: str):
-        return self.dut.GetOutputPort(name).Eval(self.dut.GetMyContextFromRoot(self.context))
-
-    def command(self, name: str) -> np.ndarray:
-        context = self.controller.GetMyContextFromRoot(self.context)
-        return self.controller.GetOutputPort(name).Eval(context)
+    )
+    builder.Connect(dut.GetOutputPort("reference"), controller.GetInputPort("reference"))
+    for name in ("points", "confidence"):
+        builder.ExportInput(dut.GetInputPort(name), name)
+        builder.ConnectInput(name, controller.GetInputPort(name))
+    builder.ExportInput(controller.GetInputPort("gripper_pose"), "gripper_pose")
+    for name in ("reference", "status"):
+        builder.ExportOutput(dut.GetOutputPort(name), name)
+    for name in ("spatial_velocity", "target_points", "tau"):
+        builder.ExportOutput(controller.GetOutputPort(name), name)
+    builder.ExportOutput(controller.GetOutputPort("status"), "controller.status")
+    return SystemBench(
+        builder.Build(), points=points, confidence=np.ones(len(BODY)), gripper_pose=np.eye(4)
+    )
 
 
 def test_before_the_first_points_there_is_nothing_to_follow(planner):
-    bench = Bench(planner, np.full(BODY.shape, np.nan))
+    bench = make_bench(planner, np.full(BODY.shape, np.nan))
 
-    bench.simulator.AdvanceTo(PERIOD)
+    bench.advance_to(PERIOD)
 
     assert bench.read("reference") is ABSENT
     assert bench.read("status")[0] == EntryStatus.WAITING
-    np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
+    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
 
 
 def test_outputs_are_those_of_the_pure_function(planner):
-    bench = Bench(planner, BEHIND)
+    bench = make_bench(planner, BEHIND)
 
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench.advance_to(0.5 * PERIOD)
 
     expected = safe_entry_step(EntryState(), BEHIND, 0.0, planner)
     np.testing.assert_array_equal(bench.read("reference").positions, expected.reference.positions)
     assert bench.read("status")[0] == EntryStatus.FOLLOWING
     # The controller follows the plan, whose first motion is not the papers' through the wall.
     np.testing.assert_allclose(
-        bench.command("target_points"), expected.reference.positions[0].ravel(), atol=1e-6
+        bench.read("target_points"), expected.reference.positions[0].ravel(), atol=1e-6
     )
 
 
 def test_the_same_reference_is_given_until_there_is_another_plan(planner):
-    bench = Bench(planner, BEHIND)
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench = make_bench(planner, BEHIND)
+    bench.advance_to(0.5 * PERIOD)
     first = bench.read("reference")
-    bench.simulator.AdvanceTo(20.5 * PERIOD)
+    bench.advance_to(20.5 * PERIOD)
     second = bench.read("reference")
 
-    bench.fix("points", ASIDE)
+    bench.fix(points=ASIDE)
     # One look at the points at least every 1/16 s, and 0.1 s of patience.
-    bench.simulator.AdvanceTo(0.1)
+    bench.advance_to(0.1)
     held = bench.read("reference")
-    bench.simulator.AdvanceTo(0.4)
+    bench.advance_to(0.4)
 
     assert second is first
     assert held is ABSENT
@@ -145,57 +131,57 @@ def test_the_same_reference_is_given_until_there_is_another_plan(planner):
 
 
 def test_while_it_holds_the_controller_stands_still(planner):
-    bench = Bench(planner, BEHIND)
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench = make_bench(planner, BEHIND)
+    bench.advance_to(0.5 * PERIOD)
 
-    bench.fix("points", ASIDE)
-    bench.simulator.AdvanceTo(0.1)
+    bench.fix(points=ASIDE)
+    bench.advance_to(0.1)
 
-    np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
-    assert bench.command("status")[0] == ControllerStatus.HOLDING
+    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
+    assert bench.read("controller.status")[0] == ControllerStatus.HOLDING
 
 
 @pytest.mark.parametrize(
     ("points", "status"), [(BEHIND, EntryStatus.FOLLOWING), (ASIDE, EntryStatus.HOLDING)]
 )
 def test_points_that_are_lost_leave_the_outputs_as_they_are(planner, points, status):
-    bench = Bench(planner, BEHIND)
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
-    bench.fix("points", points)
-    bench.simulator.AdvanceTo(0.1)
+    bench = make_bench(planner, BEHIND)
+    bench.advance_to(0.5 * PERIOD)
+    bench.fix(points=points)
+    bench.advance_to(0.1)
     before = bench.read("reference")
 
-    bench.fix("points", np.full(BODY.shape, np.nan))
-    bench.simulator.AdvanceTo(0.4)
+    bench.fix(points=np.full(BODY.shape, np.nan))
+    bench.advance_to(0.4)
 
     assert bench.read("reference") is before
     assert bench.read("status")[0] == status
-    np.testing.assert_array_equal(bench.command("spatial_velocity"), np.zeros(6))
+    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
 
 
 def test_a_controller_with_the_given_field_falls_back_to_the_papers(caged_planner):
     config = EntryMonitorConfig(max_attempts=1, fallback="field")
-    bench = Bench(caged_planner, BEHIND, config=config, bcsdm=BcsdmConfig())
+    bench = make_bench(caged_planner, BEHIND, config=config, bcsdm=BcsdmConfig())
 
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
-    bench.fix("points", BODY + GOAL - np.array([0.05, 0.0, 0.0]))
-    bench.simulator.AdvanceTo(1.5 * PERIOD)
+    bench.advance_to(0.5 * PERIOD)
+    bench.fix(points=BODY + GOAL - np.array([0.05, 0.0, 0.0]))
+    bench.advance_to(1.5 * PERIOD)
 
     assert bench.read("status")[0] == EntryStatus.FAILED
     reference = caged_planner.model.reference
     np.testing.assert_array_equal(bench.read("reference").positions, reference.positions)
     papers = point_set_bcsdm(reference.positions[16], reference, BcsdmConfig())
-    assert bench.command("tau")[0] == pytest.approx(papers.tau) == pytest.approx(0.5)
+    assert bench.read("tau")[0] == pytest.approx(papers.tau) == pytest.approx(0.5)
 
 
 def test_another_plan_is_another_object_though_both_are_the_demonstration(planner):
     demonstration = planner.model.reference
-    bench = Bench(planner, demonstration.positions[30])
-    bench.simulator.AdvanceTo(0.5 * PERIOD)
+    bench = make_bench(planner, demonstration.positions[30])
+    bench.advance_to(0.5 * PERIOD)
     first = bench.read("reference")
 
-    bench.fix("points", demonstration.positions[2] + np.array([0.0, 0.0, 0.1]))
-    bench.simulator.AdvanceTo(0.5)
+    bench.fix(points=demonstration.positions[2] + np.array([0.0, 0.0, 0.1]))
+    bench.advance_to(0.5)
 
     # So the controller does not take its time on the first for one on the second.
     second = bench.read("reference")
@@ -213,9 +199,9 @@ def test_no_input_reaches_an_output_at_once(planner):
 def test_points_outside_of_the_workspace_count_for_nothing(planner):
     few = BEHIND.copy()
     few[2:] += [0.0, 0.0, 5.0]
-    bench = Bench(planner, few)
+    bench = make_bench(planner, few)
 
-    bench.simulator.AdvanceTo(PERIOD)
+    bench.advance_to(PERIOD)
 
     assert bench.read("reference") is ABSENT
     assert bench.read("status")[0] == EntryStatus.WAITING

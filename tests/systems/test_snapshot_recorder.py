@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from pydrake.common.value import Value
-from pydrake.systems.analysis import Simulator
+from system_bench import SystemBench
 
 from poil_drake.control.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
@@ -14,6 +13,7 @@ CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
 PERIOD, OFFSET = 1 / 8, 1 / 256
 START = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2], [0.6, 0.1, 0.1]])
 N = len(START)
+NO_TRACK = TrackedPoints.lost(N, -np.inf)
 # The points rise by 0.2 m in 2 s.
 RISE = np.linspace(0.0, 0.2, 3)[:, None, None] * np.array([0.0, 0.0, 1.0])
 SPEED = np.array([0.1, 0.1, 0.0])[:, None, None] * np.array([0.0, 0.0, 1.0])
@@ -52,30 +52,13 @@ def album():
     return SnapshotAlbum()
 
 
-class Bench:
-    """The recorder, and what it sees from one of its looks to the next."""
-
-    def __init__(self, album):
-        self.dut = SnapshotRecorder(
-            album=album, camera=CAMERA, reference=REFERENCE, period=PERIOD, offset=OFFSET
-        )
-        self.simulator = Simulator(self.dut)
-        self.context = self.simulator.get_mutable_context()
-        self.looks = 0
-        self.give(ABSENT, TrackedPoints.lost(N, -np.inf))
-
-    def give(self, frame, tracked):
-        self.dut.GetInputPort("frame").FixValue(self.context, Value(frame))
-        self.dut.GetInputPort("tracked_points").FixValue(self.context, Value(tracked))
-
-    def look(self):
-        self.looks += 1
-        self.simulator.AdvanceTo(OFFSET + (self.looks - 0.5) * PERIOD)
-
-
 @pytest.fixture
 def bench(album):
-    return Bench(album)
+    """The recorder, which looks once a period."""
+    dut = SnapshotRecorder(
+        album=album, camera=CAMERA, reference=REFERENCE, period=PERIOD, offset=OFFSET
+    )
+    return SystemBench(dut, frame=ABSENT, tracked_points=NO_TRACK)
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 31, 1000])
@@ -116,13 +99,13 @@ def test_an_album_of_one_is_refused():
 @pytest.mark.parametrize("late", [0, 1, 2, 5])
 def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
     for tick in range(8):
-        track = TrackedPoints.lost(N, -np.inf)
+        track = NO_TRACK
         if tick >= late:
             track = seen((tick - late) * PERIOD, height=0.01 * (tick - late))
-        bench.give(make_frame(tick * PERIOD), track)
-        bench.look()
+        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=track)
+        bench.advance(PERIOD)
     for _ in range(3):  # nothing new comes
-        bench.look()
+        bench.advance(PERIOD)
 
     assert [snapshot.time for snapshot in album.snapshots] == [k / 8 for k in range(8 - late)]
     for tick, snapshot in enumerate(album.snapshots):
@@ -134,8 +117,8 @@ def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
 
 
 def test_a_track_that_is_lost_leaves_a_picture_without_points(bench, album):
-    bench.give(make_frame(0.0), TrackedPoints.lost(N, 0.0))
-    bench.look()
+    bench.fix(frame=make_frame(0.0), tracked_points=TrackedPoints.lost(N, 0.0))
+    bench.advance(PERIOD)
 
     (snapshot,) = album.snapshots
     assert np.isnan(snapshot.points).all()
@@ -143,11 +126,11 @@ def test_a_track_that_is_lost_leaves_a_picture_without_points(bench, album):
 
 
 def test_a_point_that_was_not_observed_has_a_target_all_the_same(bench, album):
-    track = seen(0.0, height=0.05)
-    positions = track.positions.copy()
+    positions = lifted(0.05, aside=0.01)
     positions[0] = np.nan
-    bench.give(make_frame(0.0), TrackedPoints(positions, np.array([0.0, 1.0, 1.0, 1.0]), 0.0))
-    bench.look()
+    track = TrackedPoints(positions, np.array([0.0, 1.0, 1.0, 1.0]), 0.0)
+    bench.fix(frame=make_frame(0.0), tracked_points=track)
+    bench.advance(PERIOD)
 
     (snapshot,) = album.snapshots
     assert np.isnan(snapshot.points[0]).all()
@@ -155,20 +138,20 @@ def test_a_point_that_was_not_observed_has_a_target_all_the_same(bench, album):
 
 
 def test_no_frame_is_no_snapshot(bench, album):
-    bench.look()
-    bench.give(ABSENT, seen(0.0))
-    bench.look()
+    bench.advance(PERIOD)
+    bench.fix(frame=ABSENT, tracked_points=seen(0.0))
+    bench.advance(PERIOD)
 
     assert album.snapshots == ()
 
 
 def test_what_it_remembers_is_in_the_context(bench, album):
-    bench.give(make_frame(0.0), TrackedPoints.lost(N, -np.inf))
-    bench.look()
+    bench.fix(frame=make_frame(0.0), tracked_points=NO_TRACK)
+    bench.advance(PERIOD)
     other = bench.dut.CreateDefaultContext()
     other.SetTimeStateAndParametersFrom(bench.context)
-    bench.dut.GetInputPort("frame").FixValue(other, Value(make_frame(0.125)))
-    bench.dut.GetInputPort("tracked_points").FixValue(other, Value(seen(0.0)))
+    bench.dut.GetInputPort("frame").FixValue(other, make_frame(0.125))
+    bench.dut.GetInputPort("tracked_points").FixValue(other, seen(0.0))
 
     bench.dut.ForcedPublish(other)
 
@@ -177,8 +160,8 @@ def test_what_it_remembers_is_in_the_context(bench, album):
 
 def test_pictures_are_forgotten_once_they_are_tracked(bench):
     for tick in range(6):
-        bench.give(make_frame(tick * PERIOD), seen((tick - 1) * PERIOD))
-        bench.look()
+        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=seen((tick - 1) * PERIOD))
+        bench.advance(PERIOD)
 
     images = bench.context.get_abstract_state(0).get_value()
     assert [image.stamp for image in images] == [5 * PERIOD]

@@ -172,7 +172,7 @@ class WayOut:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(derandomize=True, deadline=None, max_examples=15)
+@settings(derandomize=True, max_examples=15)
 def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
     """At full speed, out of any motion."""
     rng = np.random.default_rng(seed)
