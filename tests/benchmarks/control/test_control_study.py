@@ -1,4 +1,8 @@
+import contextlib
+import io
 import json
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -8,44 +12,61 @@ from poil_drake.benchmarks.control.demonstration import TaskDemonstration
 from poil_drake.benchmarks.control.direct_actuation import NO_SLIP
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.tasks import TASKS
-from poil_drake.benchmarks.control.trial import RunTrial
+from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial
 from poil_drake.benchmarks.trial_pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
-SMALL = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("open_loop", "field"), trials=2)
+SMALL = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("open_loop", "field"), trials=1)
 
 
 def figures(path):
     return json.loads(path.read_text())
 
 
-def test_results_do_not_depend_on_the_number_of_jobs(tmp_path):
-    one, two = tmp_path / "one.json", tmp_path / "two.json"
+class Study(NamedTuple):
+    """A study by two workers: its trials, its folder, and what it printed."""
 
-    dut.run_control_study(SMALL, json_path=one, jobs=1)
-    dut.run_control_study(SMALL, json_path=two, jobs=2)
+    trials: list[ControlTrial]
+    folder: Path
+    printed: str
 
-    assert figures(one) == figures(two)
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Study:
+    folder = tmp_path_factory.mktemp("study")
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        trials = dut.run_control_study(
+            SMALL, json_path=folder / "study.json", pictures=folder, jobs=2
+        )
+    return Study(trials, folder, printed.getvalue())
 
 
-def test_study_covers_every_cell_and_prints_the_tables(tmp_path, capsys):
-    path = tmp_path / "study.json"
+def test_results_do_not_depend_on_the_number_of_jobs(study, tmp_path):
+    dut.run_control_study(SMALL, json_path=tmp_path / "one.json", jobs=1)
 
-    trials = dut.run_control_study(SMALL, json_path=path, pictures=tmp_path, jobs=2)
+    assert figures(tmp_path / "one.json") == figures(study.folder / "study.json")
 
-    cells = {(t.region, t.policy) for t in trials}
+
+def test_study_covers_every_cell_and_prints_the_tables(study):
+    cells = {(t.region, t.policy) for t in study.trials}
     assert cells == {
         *[(region, policy) for region in ("near", "far") for policy in SMALL.policies],
         *[("hard", policy) for policy in SMALL.policies],
     }
-    printed = capsys.readouterr().out
-    assert "Success by the paper's criterion" in printed
-    assert "Success without any collision" in printed
-    assert "Hard mode" in printed
-    near = [t for t in trials if t.region == "near" and t.policy == "field"]
+    assert "Success by the paper's criterion" in study.printed
+    assert "Success without any collision" in study.printed
+    assert "Hard mode" in study.printed
+    near = [t for t in study.trials if t.region == "near" and t.policy == "field"]
     assert all(t.success and t.collision_free for t in near)
-    assert (tmp_path / "control_paths.png").exists()
-    assert len(figures(path)["trials"]) == len(trials)
+    assert (study.folder / "control_paths.png").exists()
+    assert len(figures(study.folder / "study.json")["trials"]) == len(study.trials)
+
+
+def test_figures_say_what_made_hard_mode_hard(study):
+    hard = figures(study.folder / "study.json")["hard"]
+    assert hard["slip_distance"] == 0.03
+    assert hard["tracking"]["noise"] == 0.003
+    assert hard["trial"]["settled_time"] == 5.0
 
 
 @pytest.mark.parametrize(
@@ -138,18 +159,6 @@ def test_trial_that_fails_on_its_way_is_where_it_started_in_the_pictures(monkeyp
 
     assert trial.lost
     assert trial.distance == expected.distance > 0.0
-
-
-def test_figures_say_what_made_hard_mode_hard(tmp_path):
-    path = tmp_path / "study.json"
-    config = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("field",), trials=1)
-
-    dut.run_control_study(config, json_path=path)
-
-    hard = figures(path)["hard"]
-    assert hard["slip_distance"] == 0.03
-    assert hard["tracking"]["noise"] == 0.003
-    assert hard["trial"]["settled_time"] == 5.0
 
 
 def test_what_is_known_is_written_from_time_to_time(tmp_path, monkeypatch):

@@ -95,7 +95,7 @@ def test_a_state_may_be_stepped_from_more_than_once(mug_scene):
 
 def test_states_that_nobody_holds_are_forgotten(dut, frame):
     output = dut.start(frame, np.zeros((1, 3)), ())
-    for _ in range(20):
+    for _ in range(6):
         output = dut.step(output.state, frame)
         gc.collect()
 
