@@ -70,7 +70,9 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
 ) -> None:
     kitchen = write_kitchen(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["poil", "run", str(kitchen), "--no-meshcat"])
+    # What cameras see of such models during a run: tests/diagrams/test_camera_process.py.
+    arguments = [str(kitchen), "--tracker", "ground_truth", "--no-meshcat"]
+    monkeypatch.setattr("sys.argv", ["poil", "run", *arguments])
     with pytest.raises(SystemExit) as stop:
         cli.main()
     assert stop.value.code == 0, capsys.readouterr()

@@ -45,6 +45,14 @@ def test_the_live_page_draws(page, recorded, path: str) -> None:
     assert page.appearance(path).pixels >= DRAWN[path]
 
 
+def test_the_points_have_their_colour(page, recorded) -> None:
+    meshcat, _ = recorded
+    page.open_once(meshcat.web_url())
+    page.wait_for_object("poil/points")
+    hue = page.appearance("poil/points").share_of_hue(PointSetVisualizerConfig().point_color[:3])
+    assert hue > 0.5
+
+
 @pytest.mark.parametrize("path", DRAWN)
 def test_the_recording_draws(page, recorded, path: str) -> None:
     _, file = recorded
@@ -64,11 +72,3 @@ def test_the_recording_moves_the_mug(page, recorded) -> None:
     after = page.appearance("illustration/mug").centre
     # The mug is lifted by some centimetres, at about 500 pixels a metre.
     assert after[1] < before[1] - 10
-
-
-def test_the_points_have_their_colour(page, recorded) -> None:
-    meshcat, _ = recorded
-    page.open_once(meshcat.web_url())
-    page.wait_for_object("poil/points")
-    hue = page.appearance("poil/points").share_of_hue(PointSetVisualizerConfig().point_color[:3])
-    assert hue > 0.5

@@ -4,9 +4,11 @@ import dataclasses
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from mjcf_kitchen import write_kitchen
 from pydrake.math import RigidTransform
 
 from poil_drake.diagrams.camera_process import CameraProcess
@@ -36,7 +38,21 @@ def dut(drawn: Scenario) -> Iterator[CameraProcess]:
 def test_pictures_are_those_of_the_station_itself_to_the_last_bit(
     dut: CameraProcess, drawn: Scenario
 ) -> None:
-    station = MakeStation(drawn, ignore_output_delay=True)
+    check_pictures(dut, drawn)
+
+
+def test_models_of_a_users_own_are_drawn_as_well(tmp_path: Path) -> None:
+    kitchen = LoadScenario(filename=write_kitchen(tmp_path))
+    dut = CameraProcess(kitchen)
+    try:
+        check_pictures(dut, kitchen)
+    finally:
+        dut.close()
+
+
+def check_pictures(dut: CameraProcess, scenario: Scenario) -> None:
+    """Compares pictures at two times, with the object at two places, with the station's."""
+    station = MakeStation(scenario, ignore_output_delay=True)
     context = station.CreateDefaultContext()
     for time, x in ((0.375, 0.45), (1.0, 0.5)):
         SetObjectPose(station, context, RigidTransform([x, -0.1, 0.15]))

@@ -12,14 +12,6 @@ from prior_tracker import PriorTracker
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.diagrams.station import CaptureFrame, MakeStation
 
-_HERE = Path(__file__).parent
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if _HERE in item.path.parents:
-            item.add_marker(pytest.mark.real_time)
-
 
 @pytest.fixture(scope="session")
 def pictures(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:

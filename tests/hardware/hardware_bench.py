@@ -35,7 +35,9 @@ HELD_WIDTH = 0.01
 PATIENCE = 3600.0  # [s]: only a test that fails waits for so long.
 
 
-def hardware_scenario(scenario: Scenario, *, time_scale: float, speed: float = 0.2) -> Scenario:
+def hardware_scenario(
+    scenario: Scenario, *, time_scale: float = 1.0, speed: float = 0.2
+) -> Scenario:
     """Returns a scenario with networks of its own."""
     hardware = dataclasses.replace(
         scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=PATIENCE

@@ -37,7 +37,7 @@ from poil_drake.systems.differential_ik import DifferentialIk
 from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
 from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, SkillConfig
 
-pytestmark = pytest.mark.render
+pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
 ExecuteWith = Callable[..., tuple[RunSummary, Seen]]
 

@@ -17,11 +17,9 @@ pytestmark = pytest.mark.render
 
 
 @pytest.fixture
-def robot_scenario(
-    scenario: Scenario, time_scale: float, pictures: Path, tmp_path: Path
-) -> Iterator[Scenario]:
+def robot_scenario(scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[Scenario]:
     """A scenario whose robot stands by."""
-    scenario = hardware_scenario(scenario, time_scale=time_scale)
+    scenario = hardware_scenario(scenario)
     with stand_in(scenario, pictures, tmp_path):
         yield scenario
 
@@ -59,7 +57,7 @@ def waiting(scenario: Scenario, seconds: float) -> Scenario:
 
 
 def test_all_that_is_missing_is_named(scenario: Scenario) -> None:
-    dut = MakeStation(waiting(hardware_scenario(scenario, time_scale=1.0), 0.1), hardware=True)
+    dut = MakeStation(waiting(hardware_scenario(scenario), 0.1), hardware=True)
 
     with pytest.raises(StationError) as said, dut:
         pass
@@ -83,10 +81,8 @@ def test_a_camera_that_sends_no_labels_does_not_suit_a_detector_that_reads_them(
     assert not dut.HasOutputPort("right.label_image")
 
 
-def test_looking_does_not_command(
-    scenario: Scenario, time_scale: float, pictures: Path, tmp_path: Path
-) -> None:
-    scenario = hardware_scenario(scenario, time_scale=time_scale)
+def test_looking_does_not_command(scenario: Scenario, pictures: Path, tmp_path: Path) -> None:
+    scenario = hardware_scenario(scenario)
     with stand_in(scenario, pictures, tmp_path) as robot:
         with MakeStation(scenario, hardware=True) as dut:
             CaptureFrame(dut, dut.CreateDefaultContext())

@@ -36,9 +36,9 @@ def ports(station: SimulatedStation | HardwareStation) -> set[str]:
 
 
 def test_the_loop_is_the_same_but_for_its_station(
-    scenario: Scenario, time_scale: float, pictures: Path, tmp_path: Path
+    scenario: Scenario, pictures: Path, tmp_path: Path
 ) -> None:
-    scenario = hardware_scenario(scenario, time_scale=time_scale)
+    scenario = hardware_scenario(scenario)
     with RunLogWriter(tmp_path / "simulated.mcap") as log:
         simulated = MakeClosedLoop(scenario, carrying_plan(), log=log)
         simulated.Close()

@@ -21,7 +21,7 @@ from poil_drake.diagrams.dump_scenario import DumpScenario
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
 
-pytestmark = pytest.mark.render
+pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
 HERE = Path(__file__).parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
