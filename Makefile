@@ -2,9 +2,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 SCENARIO ?=
-# Python keeps what it has compiled, whatever the shell says: processes start in half the time.
+# Python keeps its compiled files even if the shell says otherwise: processes start in half the time.
 export PYTHONDONTWRITEBYTECODE :=
-# A test that takes an hour has hung: it says where, and fails; a new process goes on with the others.
+# A test that takes an hour has hung: it says where, and fails; a new process goes on with the rest.
 PYTEST := $(VENV)/bin/pytest --durations=10 -o faulthandler_timeout=3600 -o faulthandler_exit_on_timeout=true
 
 .PHONY: help setup run test lint bench clean
@@ -23,11 +23,11 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# A core for each process. What runs at the pace of the clock comes last, alone.
+# One core per process. Tests at the pace of the clock run last, alone.
 test: setup lint
-	@echo "tests, part 1 of 2: all that do not run at the pace of the clock"
-	@OMP_NUM_THREADS=1 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
-	@echo "tests, part 2 of 2: at the pace of the clock, or as much slower as this machine needs it"
+	@echo "tests, part 1 of 2: those that do not depend on the clock"
+	@OMP_NUM_THREADS=1 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal
+	@echo "tests, part 2 of 2: those in real time, slowed down as far as this machine needs it"
 	@$(PYTEST) -m real_time --numprocesses 1
 
 lint: setup

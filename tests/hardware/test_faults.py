@@ -27,7 +27,7 @@ from hardware_bench import (
 from machine_pace import Pace, first_kept, repeated
 from mcap.reader import make_reader
 from prior_tracker import PriorTracker
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiscreteValues
 
 from poil_drake.diagrams import closed_loop_control
 from poil_drake.diagrams.run_summary import RunSummary
@@ -257,26 +257,58 @@ def test_a_tracker_that_dies_again_and_again_is_a_fault(
     )
 
 
-def test_an_answer_of_the_inverse_kinematics_that_is_no_number_is_a_fault(
-    execute_with: ExecuteWith, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+MOVING = 0.05
+"""The inverse kinematics fails once it has asked for so much [rad/s]."""
+
+_RESOLVE, _ADVANCE = DifferentialIk._resolve, DifferentialIk._advance
+
+
+def resolve_to_nan(self: DifferentialIk, context: Context, previous: np.ndarray) -> tuple:
+    velocity, *rest = _RESOLVE(self, context, previous)
+    return (np.full_like(velocity, np.nan) if np.abs(velocity).max() > MOVING else velocity), *rest
+
+
+def advance_no_more(self: DifferentialIk, context: Context, state: DiscreteValues) -> None:
+    if np.abs(state.value(self._state["velocity"])).max() <= MOVING:
+        _ADVANCE(self, context, state)
+
+
+@pytest.mark.parametrize(
+    ("method", "broken", "fault", "what"),
+    [
+        (
+            "_resolve",
+            resolve_to_nan,
+            SafetyFault.COMMAND_NOT_FINITE,
+            "NaN from the inverse kinematics",
+        ),
+        (
+            "_advance",
+            advance_no_more,
+            SafetyFault.COMMAND_STALE,
+            "the inverse kinematics repeats its last answer for ever",
+        ),
+    ],
+)
+def test_inverse_kinematics_that_fail_are_a_fault(
+    execute_with: ExecuteWith,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    method: str,
+    broken: Callable,
+    fault: SafetyFault,
+    what: str,
 ) -> None:
-    solve = DifferentialIk._resolve
-
-    def resolve(self: DifferentialIk, context: Context, previous: np.ndarray) -> tuple:
-        velocity, scale, status = solve(self, context, previous)
-        broken = np.abs(velocity).max() > 0.05
-        return (np.full_like(velocity, np.nan) if broken else velocity), scale, status
-
-    monkeypatch.setattr(DifferentialIk, "_resolve", resolve)
+    monkeypatch.setattr(DifferentialIk, method, broken)
 
     summary, seen = execute_with(carrying_plan(), speed=1.0)
 
     assert not summary.success
-    assert summary.reason.startswith(SAFETY_FAULT_TEXT[SafetyFault.COMMAND_NOT_FINITE])
+    assert summary.reason.startswith(SAFETY_FAULT_TEXT[fault])
     rest = seen.rest_after(detected_at(summary))
     assert rest <= REST
     check_nothing_is_lost(tmp_path, summary)
-    _ROWS.append(Row("NaN from the inverse kinematics", summary.reason, math.nan, 1e3 * rest))
+    _ROWS.append(Row(what, summary.reason, math.nan, 1e3 * rest))
 
 
 def test_the_table_in_the_documentation_is_what_was_found(request: pytest.FixtureRequest) -> None:
