@@ -21,6 +21,7 @@ from poil_drake.systems.statuses import RobotMode
 
 MOVING = 0.02  # [rad/s]: faster than this is no rest.
 BAD_FOR = 0.6  # [s]: some messages are bad for so long, and then a reflex ends the run.
+BRIEFLY = 0.1  # [s]: longer than it takes to notice a push.
 
 
 def start_listener(setup: StandInSetup) -> None:
@@ -56,9 +57,12 @@ class FaultyRobot(StandInRobot):
         return self.fault_at is not None and self.setup.fault in names
 
     @property
+    def faulty_for(self) -> float:
+        return 0.0 if self.fault_at is None else self.clock() - self.fault_at
+
+    @property
     def in_reflex(self) -> bool:
-        late = self.fault_at is not None and self.clock() - self.fault_at > BAD_FOR
-        return self.faulty("reflex") or (self.faulty("some_bad") and late)
+        return self.faulty("reflex") or (self.faulty("some_bad") and self.faulty_for > BAD_FOR)
 
     def now(self) -> float:
         if self.faulty("clock_ahead"):
@@ -89,7 +93,8 @@ class FaultyRobot(StandInRobot):
     def status(self, stamp: float) -> PandaStatus:
         status = super().status(stamp)
         torque, mode = status.torque_external, status.mode
-        if self.faulty("pushed"):
+        briefly = self.faulty("pushed_briefly") and self.faulty_for < BRIEFLY
+        if self.faulty("pushed") or briefly:
             torque = torque + np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         if self.in_reflex:
             mode = RobotMode.REFLEX

@@ -29,7 +29,9 @@ from mcap.reader import make_reader
 from prior_tracker import PriorTracker
 from pydrake.systems.framework import Context, DiscreteValues
 
-from poil_drake.diagrams import closed_loop_control
+from poil_drake.diagrams import closed_loop_control, skill_run
+from poil_drake.diagrams.closed_loop import ClosedLoop
+from poil_drake.diagrams.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.run_summary import RunSummary
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -176,6 +178,21 @@ def test_the_arm_rests_and_the_reason_is_told(
     assert max(t for t, v in seen.told if v == 0.0) > detected_at(summary) + 0.1
     check_nothing_is_lost(tmp_path, summary)
     _ROWS.append(Row(case.what, summary.reason, 1e3 * known, 1e3 * rest))
+
+
+def test_a_fault_stays_after_its_cause_is_gone(
+    execute_with: ExecuteWith, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def go_on(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
+        pace.AdvanceTo(root.get_time() + 0.5)
+
+    monkeypatch.setattr(skill_run, "Brake", go_on)
+
+    summary, seen = execute_with(swinging_plan(), fault="pushed_briefly")
+
+    # It is asked for at the end, when nobody has pushed for 0.4 s.
+    assert summary.reason.startswith(SAFETY_FAULT_TEXT[SafetyFault.EXTERNAL_TORQUE])
+    assert seen.rest_after(detected_at(summary)) <= REST
 
 
 def test_bad_messages_among_good_ones_change_nothing(execute_with: ExecuteWith) -> None:
