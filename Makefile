@@ -25,10 +25,12 @@ run: setup
 
 # One core per process. Tests at the pace of the clock run last, alone.
 test: setup lint
-	@echo "tests, part 1 of 2: those that do not depend on the clock"
-	@OMP_NUM_THREADS=1 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal
-	@echo "tests, part 2 of 2: those in real time, slowed down as far as this machine needs it"
-	@$(PYTEST) -m real_time --numprocesses 1
+	@status=0; \
+	echo "tests, part 1 of 2: those that do not depend on the clock"; \
+	OMP_NUM_THREADS=1 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal || status=1; \
+	echo "tests, part 2 of 2: those in real time, slowed down as far as this machine needs it"; \
+	$(PYTEST) -m real_time --numprocesses 1 || status=1; \
+	exit $$status
 
 lint: setup
 	$(VENV)/bin/ruff check

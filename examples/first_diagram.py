@@ -10,7 +10,7 @@ from poil_drake.diagrams.html_recording import MakeMeshcat
 from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
 from poil_drake.diagrams.planning import PlanScenario
 
-scenario = LoadScenario(filename=default_scenario_file(), data="{poil: {eta: 3.0}}")
+scenario = LoadScenario(filename=default_scenario_file())
 demonstration = Path("out/demo.mcap")
 RecordDemonstration(scenario, demonstration)
 plan = PlanScenario(scenario, demonstration)

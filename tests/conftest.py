@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
-# How fast a machine is decides no test.
+# Tests do not depend on the machine's speed.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 
@@ -31,7 +32,7 @@ def scenario() -> Scenario:
 
 @pytest.fixture(scope="session")
 def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
-    """Returns a path that the first process of these tests makes which wants it."""
+    """Returns a function that makes a shared path once, in whichever process needs it first."""
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
@@ -41,6 +42,7 @@ def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
         with (folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
+                shutil.rmtree(unfinished, ignore_errors=True)  # Of a process that failed.
                 make(unfinished)
                 unfinished.rename(path)
         return path
@@ -83,7 +85,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--time-scale",
         type=float,
-        help="The robot's seconds per second in tests/hardware; else as the machine permits.",
+        help="The robot's seconds per second in tests/hardware; default: what a trial run finds.",
     )
 
 

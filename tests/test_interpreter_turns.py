@@ -18,7 +18,7 @@ def test_nobody_waits_where_no_loop_computes(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_who_asks_goes_on_when_the_loop_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
     dut = InterpreterTurns()
     dut.take()
     done = threading.Event()

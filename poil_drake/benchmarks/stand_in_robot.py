@@ -43,7 +43,7 @@ from poil_drake.systems.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.statuses import RobotMode
 
 if TYPE_CHECKING:
-    from poil_drake.diagrams.scenario import Scenario  # Takes longer to import than all above.
+    from poil_drake.diagrams.scenario import Scenario  # Slow to import.
 
 PERIOD = 0.001
 """Of the driver's loop [s]."""
@@ -136,7 +136,7 @@ class StandInRobot:
         return self.setup.time_scale * time.time()
 
     def now(self) -> float:
-        """Returns the driver's time [s since the epoch, scaled]."""
+        """Returns the driver's time [s since the epoch, scaled], which a faulty one shifts."""
         return self.clock()
 
     def wanted(self, now: float) -> np.ndarray:

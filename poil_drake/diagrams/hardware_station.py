@@ -44,8 +44,8 @@ from poil_drake.systems.shared_channel import SharedChannel
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
-"""A camera that failed is opened again after so long [s]: cameras' libraries may hold Python up for
-a second meanwhile, and by then the supervisor has stopped the arm."""
+"""From a camera's failure to the next try to open it [s of the robot's time]: libraries of cameras
+may hold Python up for a second meanwhile, and by then the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
 """How long to listen for other commands [s of the robot's time]: a dozen control periods."""
@@ -166,7 +166,12 @@ class HardwareStation(Station):
             size = (model.height, model.width)
             device = MakeCaptureDevice(source, self._scenario, model, clock=self._clock)
             self._threads.append(
-                CaptureThread(device, name=model.name, size=size, reopen_period=_REOPEN)
+                CaptureThread(
+                    device,
+                    name=model.name,
+                    size=size,
+                    reopen_period=_REOPEN / self._config.time_scale,
+                )
             )
             self._labelled.append(SendsLabels(source))
         system = builder.AddNamedSystem(

@@ -58,7 +58,8 @@ def test_it_reports_and_ends_when_its_time_is_up(scenario: Scenario, tmp_path: P
     summary = RunDriver(scenario, duration=0.5, json=tmp_path / "driver.json", say=said.append)
 
     client.lcm.HandleSubscriptions(0)
-    np.testing.assert_allclose(client.status().position, HOME, atol=1e-3)
+    assert client.arm.newest is not None
+    np.testing.assert_allclose(client.arm.newest.position, HOME, atol=1e-3)
     assert len(client.stamps) in (512, 513)
     assert client.hand.newest is not None
     assert client.hand.newest.width == pytest.approx(0.08, abs=1e-3)
@@ -95,12 +96,12 @@ def test_it_ends_like_the_real_one_after_a_command_in_another_mode(
     thread = threading.Thread(target=command, daemon=True)
     thread.start()
     with pytest.raises(StationError, match="expects the control mode 4"):
-        RunDriver(scenario, duration=30.0, json=tmp_path / "driver.json", say=lambda line: None)
+        RunDriver(scenario, duration=3600.0, json=tmp_path / "driver.json", say=lambda line: None)
     thread.join()
 
     summary = DriverSummary(**json.loads((tmp_path / "driver.json").read_text()))
     assert "expects the control mode 4" in summary.reason
-    assert summary.simulated < 30.0
+    assert summary.simulated < 3600.0
 
 
 def test_a_second_signal_does_not_lose_the_summary(
@@ -118,7 +119,7 @@ def test_a_second_signal_does_not_lose_the_summary(
         with pytest.raises(KeyboardInterrupt):
             RunDriver(
                 scenario,
-                duration=30.0,
+                duration=3600.0,
                 json=tmp_path / "driver.json",
                 say=lambda line: signal.raise_signal(signal.SIGINT) if "listens" in line else None,
             )

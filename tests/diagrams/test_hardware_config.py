@@ -54,14 +54,15 @@ def test_the_table_may_be_named_twice() -> None:
 
 
 def test_the_steady_clock_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "time", lambda: 2000.0)
+    monkeypatch.setattr(time, "monotonic", lambda: 30.0)
     clock = HardwareConfig(time_scale=0.5).steady_clock()
-    earliest, before, latest = 0.5 * time.time(), clock(), 0.5 * time.time()
-    assert earliest <= before + 1e-3
-    assert before <= latest + 1e-3
+    assert clock() == 0.5 * 2000.0
 
     monkeypatch.setattr(time, "time", lambda: 1000.0)
+    monkeypatch.setattr(time, "monotonic", lambda: 31.0)
 
-    assert clock() >= before
+    assert clock() == 0.5 * 2001.0
 
 
 def test_cameras_are_chosen_by_their_tag() -> None:

@@ -31,11 +31,13 @@ def main(url: str, path: Path, time_scale: float) -> None:
     lcm.Subscribe(PandaChannels().command, hear)
     print("ready", flush=True)
     end = math.inf
-    while now() < end:
-        lcm.HandleSubscriptions(10)
-        if end == math.inf and select.select([sys.stdin], [], [], 0.0)[0]:
-            end = now() + AFTERWARDS
-    write_json(told, path, indent=None)
+    try:
+        while now() < end:
+            lcm.HandleSubscriptions(10)
+            if end == math.inf and select.select([sys.stdin], [], [], 0.0)[0]:
+                end = now() + AFTERWARDS
+    finally:
+        write_json(told, path, indent=None)
 
 
 if __name__ == "__main__":

@@ -9,12 +9,12 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "hardware_faults.md"
 _HEAD = """\
 # What happens when things go wrong
 
-Made by `pytest tests/hardware --write-fault-table`: each row is a run in real time against a
-stand-in robot in another process. Its arm swings at about 0.25 rad/s, more than half of what a
-fifth of the usual speed allows, when the fault comes. *Known* is from the fault to its detection,
-*rest* from there until neither the arm moves faster than 0.01 rad/s nor a command asks it to. Every
-run ends with a status that is not zero, a complete log and its figures, unless it is written that
-it goes on.
+Made by `pytest tests/hardware --write-fault-table`: each row is a run against a stand-in robot in
+another process, in real time or slowed down; all times are the robot's. Its arm swings at about
+0.25 rad/s, more than half of what a fifth of the usual speed allows, when the fault comes. *Known*
+is from the fault to its detection, *rest* from there until neither the arm moves faster than
+0.01 rad/s nor a command asks it to. Every run ends with a status that is not zero, a complete log
+and its figures, unless it is written that it goes on.
 
 | what happens | what is reported | known [ms] | rest [ms] |
 |---|---|---:|---:|

@@ -20,21 +20,15 @@ from poil_drake.systems.panda_lcm_messages import (
 from poil_drake.systems.statuses import RobotMode
 
 MOVING = 0.02  # [rad/s]: faster than this is no rest.
-BAD_FOR = 0.6  # [s]: some messages are bad for so long, and then a reflex ends the run.
+BAD_FOR = 1.2  # [s]: how long some messages are bad before a reflex ends the run.
 BRIEFLY = 0.1  # [s]: longer than it takes to notice a push.
 
 
 def start_listener(setup: StandInSetup) -> None:
-    """Starts what hears the commands that nobody else hears any more."""
+    """Starts a process that records commands after the robot is killed."""
     program = Path(__file__).with_name("command_listener.py")
     listener = subprocess.Popen(
-        [
-            sys.executable,
-            str(program),
-            setup.robot_url,
-            sys.argv[1] + ".told",
-            str(setup.time_scale),
-        ],
+        [sys.executable, program, setup.robot_url, sys.argv[1] + ".told", str(setup.time_scale)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from prior_tracker import PriorTracker
 from short_skill import HOME, rise, short_plan
 
 from poil_drake.benchmarks.stand_in_robot import (
+    PERIOD,
     StandInSetup,
     running_stand_in,
     with_own_networks,
@@ -32,7 +33,8 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 
 SWING = 0.6
 HELD_WIDTH = 0.01
-PATIENCE = 3600.0  # [s]: only a test that fails waits for so long.
+RESTING = 0.01  # [rad/s]: an arm that is not faster rests.
+PATIENCE = 3600.0  # [s]: reached only by a failing test.
 
 
 def hardware_scenario(
@@ -110,18 +112,27 @@ class Seen(NamedTuple):
     fault_at: float | None
     moved_at: float | None
 
-    def pace(self, figures: Mapping[str, float], scenario: Scenario) -> Pace:
-        """Returns how well the stand-in, and the run of a scenario with some figures, kept up."""
-        gap = float(np.diff([t for t, _ in self.speeds]).max())
-        scale = 1e-3 * scenario.poil.hardware.time_scale
-        late = scale * figures.get("tick_lateness_max_ms", 0.0)
-        busy = scale * figures.get("tick_duration_p99_ms", 0.0) / scenario.poil.rates.control
-        return Pace(max(gap, late), busy)
+    def pace(self, summary: Mapping[str, Any] | None, scenario: Scenario) -> Pace:
+        """Returns how well the stand-in kept up, and a run, if it left a summary."""
+        times = np.array([time for time, _ in self.speeds])
+        behind = float((times - times[0] - PERIOD * np.arange(len(times))).max())
+        if summary is None:
+            return Pace(behind)
+        figures, per_ms = summary["figures"], 1e-3 * scenario.poil.hardware.time_scale
+        return Pace(
+            max(behind, per_ms * figures["tick_lateness_max_ms"]),
+            per_ms * figures["tick_duration_p99_ms"] / scenario.poil.rates.control,
+            summary["phases"][0]["end"],
+        )
 
-    def rest_after(self, time: float, *, speed: float = 0.01) -> float:
-        """Returns for how long after a time [s] the arm was faster than a speed [rad/s], or was
-        told to be: it may have stopped by itself."""
-        moving = [t for t, v in (*self.speeds, *self.told) if v > speed]
+    def rest_after(self, time: float, *, told: bool = True) -> float:
+        """Returns how long after a time [s] the arm still moved, or was still told to move.
+
+        Args:
+            time: By the robot's clock.
+            told: Whether commands count, too: the arm may have stopped by itself.
+        """
+        moving = [t for t, v in (*self.speeds, *(self.told if told else ())) if v > RESTING]
         return max([0.0, *(t - time for t in moving)])
 
 

@@ -24,7 +24,7 @@ from hardware_bench import (
     swinging_plan,
     track_with,
 )
-from machine_pace import Pace, first_kept, repeated
+from machine_pace import Pace
 from mcap.reader import make_reader
 from prior_tracker import PriorTracker
 from pydrake.systems.framework import Context, DiscreteValues
@@ -115,12 +115,16 @@ CASES = [
 @pytest.fixture
 def execute_with(
     scenario: Scenario,
-    time_scale: float,
+    run_kept: Callable,
     pictures: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> ExecuteWith:
-    """Executes a plan on the hardware path: `execute_with(plan, fault=, tracker=, speed=)`."""
+    """Executes a plan on the hardware path: `execute_with(plan, fault=, tracker=, speed=)`.
+
+    How soon a lost track is a fault (`lost_fault` [s]) is as good as never, as it depends on how
+    fast this machine starts processes.
+    """
 
     def execute_with(
         plan: ExecutionPlan,
@@ -128,6 +132,7 @@ def execute_with(
         fault: str = "",
         tracker: PriorTracker | None = None,
         speed: float = 0.2,
+        lost_fault: float = 60.0,
     ) -> tuple[RunSummary, Seen]:
         tracker = tracker or PriorTracker()
 
@@ -137,13 +142,13 @@ def execute_with(
             track_with(dataclasses.replace(tracker, stall=tracker.stall / time_scale), monkeypatch)
             chosen = hardware_scenario(scenario, speed=speed, time_scale=time_scale)
             summary, seen = execute(plan, chosen, pictures, tmp_path, fault=fault)
-            return (summary, seen), seen.pace(summary.figures, chosen)
+            return (summary, seen), seen.pace(summary.to_dict(), chosen)
 
-        return first_kept(repeated(time_scale), attempt)[1]
+        # After the object was let go there is nothing to see.
+        skill = partial(SkillConfig, release_time=0.1, settle_time=0.1, lost_fault=lost_fault)
+        monkeypatch.setattr(closed_loop_control, "SkillConfig", skill)
+        return run_kept(attempt)
 
-    # After the object was let go there is nothing to see.
-    hasty = partial(SkillConfig, release_time=0.1, settle_time=0.1)
-    monkeypatch.setattr(closed_loop_control, "SkillConfig", hasty)
     return execute_with
 
 
@@ -199,11 +204,12 @@ def test_bad_messages_among_good_ones_change_nothing(execute_with: ExecuteWith) 
     summary, seen = execute_with(swinging_plan(), fault="some_bad")
 
     # It was still on its way when, after a while, a reflex stopped it.
-    assert summary.reason.startswith(SAFETY_FAULT_TEXT[SafetyFault.ROBOT_MODE])
+    reflex = SAFETY_FAULT_TEXT[SafetyFault.ROBOT_MODE]
+    assert summary.reason.startswith(f"{reflex} (in phase 'approach')")
     assert "messages on PANDA_STATUS came late or twice" in summary.reason
     assert "messages on PANDA_STATUS could not be read" in summary.reason
     assert seen.fault_at is not None
-    assert seen.rest_after(seen.fault_at) > 0.5
+    assert seen.rest_after(seen.fault_at) > 1.0
 
 
 def test_a_tracker_that_stalls_for_a_moment_changes_nothing(execute_with: ExecuteWith) -> None:
@@ -262,7 +268,7 @@ def test_a_tracker_that_dies_again_and_again_is_a_fault(
 ) -> None:
     tracker = PriorTracker(grave=str(tmp_path / "grave"), rises=False)
 
-    summary, seen = execute_with(carrying_plan(), tracker=tracker, speed=1.0)
+    summary, seen = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=3.0)
 
     assert not summary.success
     assert summary.reason.startswith(FAULT_TEXT[Fault.TRACKING_LOST])

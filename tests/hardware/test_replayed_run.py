@@ -1,38 +1,26 @@
 """The log of a real robot's run is replayed without the robot."""
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hardware_bench import execute, hardware_scenario, swinging_plan
-from machine_pace import Pace, first_kept, repeated
+from machine_pace import Pace
 
-from poil_drake.diagrams import closed_loop_control
 from poil_drake.diagrams.replay import Replay
 from poil_drake.diagrams.scenario import Scenario
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.replay_tolerances import JOINT_VELOCITY, TRACKED_POINTS
 from poil_drake.recording.run_log_reader import load_recorded_run
-from poil_drake.systems.skill_phases import SkillConfig
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
 SPEED = 1.0
 
 
-@pytest.fixture(scope="module", autouse=True)
-def hasty() -> Iterator[None]:
-    """Points that do not move are given up soon, in the run and in its replays."""
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        hasty = partial(SkillConfig, goal_patience=1.0)
-        monkeypatch.setattr(closed_loop_control, "SkillConfig", hasty)
-        yield
-
-
 @pytest.fixture(scope="module")
 def log(
-    scenario: Scenario, time_scale: float, pictures: Path, tmp_path_factory: pytest.TempPathFactory
+    scenario: Scenario, run_kept: Callable, pictures: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, str]:
     """The log of a run against the stand-in robot, and its reason.
 
@@ -43,9 +31,9 @@ def log(
     def attempt(time_scale: float) -> tuple[tuple[Path, str], Pace]:
         chosen = hardware_scenario(scenario, speed=SPEED, time_scale=time_scale)
         summary, seen = execute(swinging_plan(), chosen, pictures, folder)
-        return (folder / "run.mcap", summary.reason), seen.pace(summary.figures, chosen)
+        return (folder / "run.mcap", summary.reason), seen.pace(summary.to_dict(), chosen)
 
-    return first_kept(repeated(time_scale), attempt)[1]
+    return run_kept(attempt)
 
 
 @pytest.mark.parametrize("tracker", ["recorded", None])

@@ -1,18 +1,20 @@
 """However a run ends while the arm moves: the arm rests, and the outputs are there."""
 
 import json
+import math
 import os
 import select
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hardware_bench import Seen, StandIn, hardware_scenario, stand_in
-from machine_pace import Pace, first_kept, repeated
+from machine_pace import Pace
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -27,22 +29,23 @@ HERE = Path(__file__).parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
 REST = 0.15
 FAST = 0.2  # [rad/s]: the swing is well on its way.
-Stop = Callable[..., "Run"]
+STALLED = SAFETY_FAULT_TEXT[SafetyFault.LOOP_STALLED]
+ActOnRun = Callable[..., "Run"]
 
 
 class Run:
     """A run in a process of its own, against a stand-in robot in another one.
 
     Attributes:
-        scenario: What is run.
-        folder: Where its outputs are.
-        acted_at: When something was done to it [s since the epoch, by the robot's clock].
-        status: The status it ended with.
-        said: What it wrote to standard output and error.
+        scenario: The scenario that it runs.
+        folder: The folder of its outputs.
+        acted_at: When it was sent the first signal [s since the epoch, by the robot's clock].
+        held_up: How long this process took to send a signal, or slept too long [s of the robot's].
+        status: Its exit status.
+        said: Its standard output and standard error.
         seen: What the robot saw.
     """
 
-    acted_at: float
     status: int
     said: tuple[str, str]
     seen: Seen
@@ -50,6 +53,7 @@ class Run:
     def __init__(self, robot: StandIn, scenario: Scenario, folder: Path):
         self.robot, self.scenario, self.folder = robot, scenario, folder
         self.clock = scenario.poil.hardware.clock()
+        self.acted_at, self.held_up = math.inf, 0.0
         text = folder / "scenario.yaml"
         text.write_text(DumpScenario(scenario))
         self.process = subprocess.Popen(
@@ -62,21 +66,28 @@ class Run:
 
     def sleep(self, duration: float) -> None:
         """Sleeps for some of the robot's time [s]."""
+        end = self.clock() + duration
         time.sleep(duration / self.scenario.poil.hardware.time_scale)
+        self.held_up = max(self.held_up, self.clock() - end)
 
-    def wait_until_it_moves(self) -> None:
-        """Waits for the stand-in's word, and then until its arm is fast."""
+    def becomes_fast(self) -> bool:
+        """Waits until its arm is fast; returns whether the run kept up until then."""
         said = self.robot.process.stdout
         assert said is not None
         while not select.select([said], [], [], 0.1)[0]:
-            # It may have ended for a reason of its own.
-            assert self.process.poll() is None, self.process.communicate()
+            if self.process.poll() is not None:
+                assert STALLED in self.figures["reason"], self.process.communicate()
+                return False
         assert said.readline() == "moving\n"
         self.sleep(0.5)
+        return True
 
     def send(self, number: int) -> None:
         """Sends a signal."""
+        now = self.clock()
         self.process.send_signal(number)
+        self.acted_at = min(self.acted_at, now)
+        self.held_up = max(self.held_up, self.clock() - now)
 
     def finish(self) -> None:
         """Waits for the end."""
@@ -98,32 +109,34 @@ def command(scenario: Path, folder: Path) -> list[str]:
 
 
 @pytest.fixture
-def stop(scenario: Scenario, time_scale: float, pictures: Path, tmp_path: Path) -> Stop:
-    """Does something to a run while the arm moves, and returns it once it has ended.
+def act_on_run(scenario: Scenario, run_kept: Callable, pictures: Path, tmp_path: Path) -> ActOnRun:
+    """Acts on a run while the arm moves, and returns the run once it has ended.
 
-    `stop(act, figures=)` calls `act(run)`; `figures` is whether the figures that the run leaves
+    `act_on_run(act, figures=)` calls `act(run)`; `figures` is whether the run leaves figures that
     tell how well it kept up.
     """
 
-    def stop(act: Callable[[Run], None], *, figures: bool = True) -> Run:
+    def act_on_run(act: Callable[[Run], None], *, figures: bool = True) -> Run:
         def attempt(time_scale: float) -> tuple[Run, Pace]:
             chosen = hardware_scenario(scenario, time_scale=time_scale)
-            with stand_in(chosen, pictures, tmp_path) as robot:
-                run = Run(robot, chosen, tmp_path)
+            folder = Path(tempfile.mkdtemp(dir=tmp_path))
+            with stand_in(chosen, pictures, folder) as robot:
+                run = Run(robot, chosen, folder)
                 try:
-                    run.wait_until_it_moves()
-                    run.acted_at = run.clock()
+                    if not run.becomes_fast():
+                        return run, Pace(math.inf)
                     act(run)
                     run.finish()
                 finally:
                     if run.process.poll() is None:
                         run.process.kill()
                         run.process.communicate()
-            return run, run.seen.pace(run.figures["figures"] if figures else {}, chosen)
+            pace = run.seen.pace(run.figures if figures else None, chosen)
+            return run, pace._replace(held_up=max(pace.held_up, run.held_up))
 
-        return first_kept(repeated(time_scale), attempt)[1]
+        return run_kept(attempt)
 
-    return stop
+    return act_on_run
 
 
 def is_whole(log: Path) -> bool:
@@ -145,8 +158,10 @@ def was_told_to_rest(run: Run) -> bool:
         (signal.SIGHUP, 129, "the terminal has gone"),
     ],
 )
-def test_a_signal_brings_the_arm_to_rest(stop: Stop, number: int, status: int, reason: str) -> None:
-    run = stop(lambda run: run.send(number))
+def test_a_signal_brings_the_arm_to_rest(
+    act_on_run: ActOnRun, number: int, status: int, reason: str
+) -> None:
+    run = act_on_run(lambda run: run.send(number))
 
     assert run.status == status, run.said
     assert [speed for time, speed in run.seen.speeds if time < run.acted_at][-1] > FAST
@@ -156,31 +171,31 @@ def test_a_signal_brings_the_arm_to_rest(stop: Stop, number: int, status: int, r
     assert is_whole(run.log)
 
 
-def test_an_impatient_user_does_not_keep_the_arm_from_resting(stop: Stop) -> None:
+def test_an_impatient_user_does_not_keep_the_arm_from_resting(act_on_run: ActOnRun) -> None:
     def interrupt_repeatedly(run: Run) -> None:
         for _ in range(6):
             run.send(signal.SIGINT)
             run.sleep(0.02)
 
-    run = stop(interrupt_repeatedly, figures=False)
+    run = act_on_run(interrupt_repeatedly)
 
     assert run.status != 0
     assert run.seen.rest_after(run.acted_at) <= REST
     assert was_told_to_rest(run)
 
 
-def test_a_run_that_is_halted_and_goes_on_does_not_move_the_arm_again(stop: Stop) -> None:
+def test_a_run_that_is_halted_and_goes_on_does_not_move_the_arm_again(act_on_run: ActOnRun) -> None:
     def halt(run: Run) -> None:
         run.send(signal.SIGSTOP)
         run.sleep(1.0)
         run.send(signal.SIGCONT)
 
-    run = stop(halt, figures=False)
+    run = act_on_run(halt, figures=False)
 
     assert run.status == 1
     # The driver's expiry of 0.1 s, and the low pass.
-    assert run.seen._replace(told=[]).rest_after(run.acted_at) <= 0.1 + REST
-    assert run.figures["reason"].startswith(SAFETY_FAULT_TEXT[SafetyFault.LOOP_STALLED])
+    assert run.seen.rest_after(run.acted_at, told=False) <= 0.1 + REST
+    assert run.figures["reason"].startswith(STALLED)
     assert is_whole(run.log)
 
 
@@ -196,31 +211,35 @@ def times_of(log: Path) -> list[float]:
     return times
 
 
-def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(stop: Stop) -> None:
-    run = stop(lambda run: run.send(signal.SIGKILL), figures=False)
+def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(act_on_run: ActOnRun) -> None:
+    def kill(run: Run) -> None:
+        run.send(signal.SIGKILL)
+        run.sleep(0.5)
+
+    run = act_on_run(kill, figures=False)
 
     assert run.status == -signal.SIGKILL
-    assert run.seen._replace(told=[]).rest_after(run.acted_at) <= 0.1 + REST
+    assert run.seen.rest_after(run.acted_at, told=False) <= 0.1 + REST
     commanded = run.seen.commanded
     # The log begins with the loop, and lacks what filled no chunk of 64 kB.
     assert max(times_of(run.log)) > commanded[-1] - commanded[0] - 0.5
 
 
-def test_a_second_run_refuses_to_command_beside_the_first(stop: Stop, tmp_path: Path) -> None:
-    folder = tmp_path / "second"
-    folder.mkdir()
+def test_a_second_run_refuses_to_command_beside_the_first(act_on_run: ActOnRun) -> None:
     ended = []
 
     def run_another(run: Run) -> None:
-        second = command(tmp_path / "scenario.yaml", folder)
+        folder = run.folder / "second"
+        folder.mkdir()
+        second = command(run.folder / "scenario.yaml", folder)
         ended.append(
             subprocess.run(second, env=ENVIRONMENT, capture_output=True, text=True, check=False)
         )
         run.send(signal.SIGINT)
 
-    stop(run_another, figures=False)
+    first = act_on_run(run_another)
 
     assert ended[-1].returncode != 0
     assert "Somebody else commands the robot" in ended[-1].stderr
-    reason = json.loads((folder / "run.json").read_text())["reason"]
+    reason = json.loads((first.folder / "second" / "run.json").read_text())["reason"]
     assert "somebody else commands" in reason.lower()

@@ -63,7 +63,7 @@ def test_nothing_is_taken_after_close():
 
 
 def test_jobs_begin_when_no_loop_computes(monkeypatch):
-    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
     done = threading.Event()
     dut = BackgroundWorker(name="worker", capacity=4)
     TURNS.take()

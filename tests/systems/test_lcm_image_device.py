@@ -32,7 +32,8 @@ def url() -> str:
 
 
 @pytest.fixture
-def dut(url: str) -> LcmImageDevice:
+def dut(url: str, monkeypatch: pytest.MonkeyPatch) -> LcmImageDevice:
+    monkeypatch.setattr(lcm_image_device, "_PATIENCE", 3_600_000)
     return LcmImageDevice(url=url, channel="CAMERA", size=(H, W))
 
 
@@ -69,7 +70,10 @@ def test_of_three_that_wait_the_newest_is_read(monkeypatch: pytest.MonkeyPatch) 
     assert found.stamp == 3.0
 
 
-def test_nothing_comes_from_a_silent_channel(dut: LcmImageDevice) -> None:
+def test_nothing_comes_from_a_silent_channel(
+    dut: LcmImageDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lcm_image_device, "_PATIENCE", 100)
     dut.open()
 
     assert dut.read() is None

@@ -1,8 +1,7 @@
 """What the drivers of the Panda and its hand are told."""
 
-import os
+import math
 import signal
-import threading
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from system_bench import START
 
 from poil_drake.control.velocity_limiter import JointMotion
 from poil_drake.errors import StationError
-from poil_drake.systems import panda_senders
+from poil_drake.systems import lcm_mailbox, panda_senders
 from poil_drake.systems.panda_lcm_messages import (
     encode_hand_command,
     encode_panda_command,
@@ -127,7 +126,9 @@ def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
     assert len(arm.sent) in (128, 129)
 
 
-def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits(arm: RobotBench) -> None:
+def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits(
+    fake_time: FakeTime, arm: RobotBench
+) -> None:
     arm.say(arm_status(START))
 
     sent = arm.rest(0.15)
@@ -202,30 +203,30 @@ class _StopError(Exception):
     pass
 
 
-def test_a_signal_waits_until_the_arm_rests(arm: RobotBench) -> None:
+def test_a_signal_waits_until_the_arm_rests(
+    fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def stop(number: int, frame: object) -> None:
         raise _StopError
 
+    def interrupted_sleep(duration: float) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        fake_time.now += duration
+
+    monkeypatch.setattr(fake_time, "sleep", interrupted_sleep)
     arm.say(arm_status(START))
     arm.send(velocity=np.full(7, 0.2))
     arm.sent.clear()
     before = signal.signal(signal.SIGTERM, stop)
-    timer = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM))
-    timer.start()
     try:
         with pytest.raises(_StopError):
-            rest_and_wait(arm, timer)
+            arm.dut.SendRest(0.1)
     finally:
         signal.signal(signal.SIGTERM, before)
     arm.lcm.HandleSubscriptions(0)
 
     assert len(arm.sent) > 10
     assert not any(arm.sent[-1].joint_velocity)
-
-
-def rest_and_wait(arm: RobotBench, timer: threading.Timer) -> None:
-    arm.dut.SendRest(0.1)
-    timer.join()
 
 
 def test_what_an_update_of_long_ago_found_is_not_sent(arm: RobotBench) -> None:
@@ -317,6 +318,13 @@ def test_somebody_else_who_commands_the_arm_ends_the_run(arm: RobotBench) -> Non
         arm.send()
 
 
+@pytest.fixture
+def patient_mailbox(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow this machine is, senders that take turns do so soon enough."""
+    monkeypatch.setattr(lcm_mailbox, "_WITHIN", math.inf)
+
+
+@pytest.mark.usefixtures("patient_mailbox")
 def test_two_drivers_that_take_turns_are_told(arm: RobotBench) -> None:
     for k in range(20):
         own = 1e3 if k % 2 else 5e3  # Since which each robot's clock runs.
@@ -328,6 +336,7 @@ def test_two_drivers_that_take_turns_are_told(arm: RobotBench) -> None:
         arm.show("status")
 
 
+@pytest.mark.usefixtures("patient_mailbox")
 def test_two_arms_in_different_postures_are_told(arm: RobotBench) -> None:
     for k in range(20):
         position = [0.2 * (k % 2)] * 7

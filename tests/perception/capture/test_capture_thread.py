@@ -6,6 +6,7 @@ import pytest
 from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
 
 from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
+from poil_drake.perception.capture import capture_thread
 from poil_drake.perception.capture.capture_thread import CaptureThread
 
 GARBAGE = NoImageError("Camera 'left' delivers garbage.", remedy="Keep others off.")
@@ -15,6 +16,11 @@ UNPLUGGED = CaptureError("Camera 'left' is unplugged.", remedy="Plug it in.")
 @pytest.fixture
 def device() -> ScriptedDevice:
     return ScriptedDevice()
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_thread, "_GRACE", TIMEOUT)
 
 
 @pytest.fixture
@@ -273,6 +279,7 @@ def test_close_leaves_a_thread_behind_that_hangs_in_its_device(
         go_on.wait(TIMEOUT)
 
     monkeypatch.setattr(device, "open", hang)
+    monkeypatch.setattr(capture_thread, "_GRACE", 0.01)
     dut.start()
     assert inside.wait(TIMEOUT)
 
