@@ -4,7 +4,7 @@ VENV ?= .venv
 SCENARIO ?=
 # Python keeps its compiled files even if the shell says otherwise: processes start in half the time.
 export PYTHONDONTWRITEBYTECODE :=
-# A test that takes an hour has hung: it says where, and fails; a new process goes on with the rest.
+# A test that runs for an hour has hung: it dumps its stack and fails, and a new process runs the rest.
 PYTEST := $(VENV)/bin/pytest --durations=10 -o faulthandler_timeout=3600 -o faulthandler_exit_on_timeout=true
 
 .PHONY: help setup run test lint bench clean

@@ -69,7 +69,7 @@ class StandInSetup:
         pictures: What the cameras show: an npz with "<camera>.rgb", ".depth" and ".label".
         cameras: Their names.
         image_period: Between two pictures [s].
-        time_scale: Seconds of the robot's time, in which all these are, per second.
+        time_scale: Seconds of the robot's time per second; all other times are the robot's.
         fault: For those that misbehave: how.
         after: And when [s], counted from the arm's first motion.
     """

@@ -44,8 +44,8 @@ from poil_drake.systems.shared_channel import SharedChannel
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
-"""From a camera's failure to the next try to open it [s of the robot's time]: libraries of cameras
-may hold Python up for a second meanwhile, and by then the supervisor has stopped the arm."""
+"""Between a camera's failure and the next try to open it [s of the robot's time]. A camera library
+may block Python for a second; by then the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
 """How long to listen for other commands [s of the robot's time]: a dozen control periods."""
@@ -161,17 +161,13 @@ class HardwareStation(Station):
         builder.BuildInto(self)
 
     def _add_cameras(self, builder: DiagramBuilder, period: float) -> None:
+        reopen_period = _REOPEN / self._config.time_scale
         for model in self._camera_models:
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
             device = MakeCaptureDevice(source, self._scenario, model, clock=self._clock)
             self._threads.append(
-                CaptureThread(
-                    device,
-                    name=model.name,
-                    size=size,
-                    reopen_period=_REOPEN / self._config.time_scale,
-                )
+                CaptureThread(device, name=model.name, size=size, reopen_period=reopen_period)
             )
             self._labelled.append(SendsLabels(source))
         system = builder.AddNamedSystem(

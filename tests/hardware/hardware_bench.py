@@ -33,7 +33,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 
 SWING = 0.6
 HELD_WIDTH = 0.01
-RESTING = 0.01  # [rad/s]: an arm that is not faster rests.
+RESTING = 0.01  # [rad/s]: an arm at rest is no faster.
 PATIENCE = 3600.0  # [s]: reached only by a failing test.
 
 

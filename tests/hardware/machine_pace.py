@@ -11,7 +11,7 @@ class Pace(NamedTuple):
     """How well a run kept up with its clock; times are the robot's.
 
     Attributes:
-        held_up: The longest time for which one of its processes was behind [s].
+        held_up: The largest lag of one of its processes [s].
         busy: The 99th percentile of the ticks' durations, as a share of their period.
         blind: How long the first track took [s].
     """

@@ -122,8 +122,8 @@ def execute_with(
 ) -> ExecuteWith:
     """Executes a plan on the hardware path: `execute_with(plan, fault=, tracker=, speed=)`.
 
-    How soon a lost track is a fault (`lost_fault` [s]) is as good as never, as it depends on how
-    fast this machine starts processes.
+    By default a lost track is not a fault for a minute (`lost_fault` [s]): a slow machine needs
+    longer to start the tracker's process again.
     """
 
     def execute_with(

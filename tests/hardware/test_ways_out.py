@@ -34,13 +34,13 @@ ActOnRun = Callable[..., "Run"]
 
 
 class Run:
-    """A run in a process of its own, against a stand-in robot in another one.
+    """A run in its own process, against a stand-in robot in another one.
 
     Attributes:
         scenario: The scenario that it runs.
         folder: The folder of its outputs.
         acted_at: When it was sent the first signal [s since the epoch, by the robot's clock].
-        held_up: How long this process took to send a signal, or slept too long [s of the robot's].
+        held_up: The longest delay of a signal or a sleep in this process [s of the robot's time].
         status: Its exit status.
         said: Its standard output and standard error.
         seen: What the robot saw.

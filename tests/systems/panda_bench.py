@@ -77,7 +77,7 @@ class RobotBench(NetworkBench):
     """A command sender and a status receiver on one network; the test plays the driver.
 
     Attributes:
-        receiver: The receiver, in a simulation of its own.
+        receiver: The receiver, simulated separately.
         sent: Commands since the start, or since the last `send` or `rest` began.
         elapsed: Time since `START` by the clock [s]; set by the test.
         update_age: Age of the last update, as the sender is told [s].
