@@ -27,7 +27,7 @@ run: setup
 test: setup lint
 	@status=0; \
 	echo "tests, part 1 of 2: those that do not depend on the clock"; \
-	OMP_NUM_THREADS=1 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal || status=1; \
+	OMP_NUM_THREADS=1 LP_NUM_THREADS=0 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal || status=1; \
 	echo "tests, part 2 of 2: those in real time, slowed down as far as this machine needs it"; \
 	$(PYTEST) -m real_time --numprocesses 1 || status=1; \
 	exit $$status

@@ -1,21 +1,22 @@
 """What tests share: one demonstration, one plan and one run, made once for all processes."""
 
 import fcntl
+import gc
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+from typer.testing import CliRunner
 
-from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
-from poil_drake.diagrams.planning import PlanScenario
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.scenario_choice import ChooseScenario
-from poil_drake.grasping.execution_plan import ExecutionPlan
+if TYPE_CHECKING:  # Slow to import.
+    from poil_drake.diagrams.scenario import Scenario
+    from poil_drake.grasping.execution_plan import ExecutionPlan
 
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
@@ -25,8 +26,10 @@ settings.load_profile("patient")
 
 
 @pytest.fixture(scope="session")
-def scenario() -> Scenario:
+def scenario() -> "Scenario":
     """The package's own scenario, as `poil run` has it."""
+    from poil_drake.diagrams.scenario_choice import ChooseScenario
+
     return ChooseScenario()
 
 
@@ -51,16 +54,32 @@ def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
 
 
 @pytest.fixture(scope="session")
-def demonstration(scenario: Scenario, make_once: MakeOnce) -> Path:
-    """The built-in demonstration."""
-    return make_once("demo.mcap", lambda path: RecordDemonstration(scenario, path))
+def demonstration(make_once: MakeOnce) -> Path:
+    """The built-in demonstration, of `poil demo record`."""
+
+    def record(path: Path) -> None:
+        assert poil(["demo", "record", "-o", str(path)]).endswith(f"frames to {path}\n")
+
+    return make_once("demo.mcap", record)
 
 
 @pytest.fixture(scope="session")
-def plan(scenario: Scenario, demonstration: Path, make_once: MakeOnce) -> ExecutionPlan:
-    """The plan to hang the package's own mug as the demonstration shows."""
-    path = make_once("plan.npz", lambda path: PlanScenario(scenario, demonstration).save(path))
-    return ExecutionPlan.load(path)
+def plan_file(demonstration: Path, make_once: MakeOnce) -> Path:
+    """The plan to hang the package's own mug as the demonstration shows, of `poil transfer`."""
+
+    def transfer(path: Path) -> None:
+        said = poil(["transfer", str(demonstration), "-o", str(path)])
+        assert said == f"wrote the plan to {path}\n"
+
+    return make_once("plan.npz", transfer)
+
+
+@pytest.fixture(scope="session")
+def plan(plan_file: Path) -> "ExecutionPlan":
+    """The plan of the file."""
+    from poil_drake.grasping.execution_plan import ExecutionPlan
+
+    return ExecutionPlan.load(plan_file)
 
 
 @pytest.fixture(scope="session")
@@ -76,6 +95,15 @@ def whole_run(make_once: MakeOnce) -> Path:
     return make_once("whole_run", run) / "out"
 
 
+def poil(arguments: Sequence[str]) -> str:
+    """Does what a line of the command line does, and returns what it says."""
+    from poil_drake.cli import app
+
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--write-fault-table",
@@ -87,6 +115,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         type=float,
         help="The robot's seconds per second in tests/hardware; default: what a trial run finds.",
     )
+
+
+def pytest_collection_finish() -> None:
+    """Keeps the garbage collector from looking through all modules again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -32,20 +32,19 @@ def test_a_demonstration_is_drawn(
     assert cv2.imread("out/mine.png").std() > 10.0
 
 
-def test_a_plan_is_made_and_executed(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_plan_is_executed(
+    folder: Path,
+    plan_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(monkeypatch, ["transfer", "mine.mcap", "-o", "plans/mug.npz"]) == 0
-    assert capsys.readouterr().out == "wrote the plan to plans/mug.npz\n"
-
     truth = ["--tracker", "ground_truth", "--no-meshcat"]
-    assert run(monkeypatch, ["execute", "plans/mug.npz", *truth]) == 0
+    assert run(monkeypatch, ["execute", str(plan_file), *truth]) == 0
 
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("SUCCESS: the mug hangs on the rack")
     assert files(folder) == {
         "mine.mcap",
-        "plans/mug.npz",
         "out/run.json",
         "out/run.mcap",
         "out/run.png",
@@ -57,12 +56,9 @@ def test_a_plan_is_made_and_executed(
 
 
 def test_a_demonstration_is_recorded_to_the_same_bytes(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    demonstration: Path, whole_run: Path
 ) -> None:
-    assert run(monkeypatch, ["demo", "record", "-o", "again.mcap"]) == 0
-
-    assert capsys.readouterr().out.endswith("frames to again.mcap\n")
-    assert Path("again.mcap").read_bytes() == Path("mine.mcap").read_bytes()
+    assert demonstration.read_bytes() == (whole_run / "demo.mcap").read_bytes()
 
 
 def test_the_doctor_finds_what_the_tests_run_on(

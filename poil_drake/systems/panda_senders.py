@@ -54,7 +54,7 @@ class PandaCommandSender(LeafSystem):
     commanded the arm.
 
     Attributes:
-        commanded: Whether anything was sent yet.
+        commanding: Whether anything was sent since it last sent rest.
         channel: Where it sends.
     """
 
@@ -93,7 +93,7 @@ class PandaCommandSender(LeafSystem):
             time_scale: Seconds of that clock per second.
         """
         super().__init__()
-        self.commanded, self._sent_at = False, -math.inf
+        self.commanding, self._sent_at = False, -math.inf
         self.channel = SharedChannel(lcm, channel, what="the robot")
         # The newest first.
         self._sent: deque[np.ndarray] = deque([_REST] * 2, maxlen=2)
@@ -128,6 +128,7 @@ class PandaCommandSender(LeafSystem):
                 self._publish(velocities[step] if step < len(velocities) else _REST, now)
                 time.sleep(period)
                 elapsed = time.monotonic() - start
+            self.commanding = False
 
     def _send(self, context: Context) -> None:
         self.channel.CheckAlone()
@@ -168,7 +169,7 @@ class PandaCommandSender(LeafSystem):
         return _Instant(self._clock(), time.monotonic())
 
     def _publish(self, velocity: np.ndarray, now: _Instant) -> None:
-        self.commanded, self._sent_at = True, now.steady
+        self.commanding, self._sent_at = True, now.steady
         self._sent.appendleft(np.array(velocity))
         self.channel.Send(encode_panda_command(velocity, now.stamp))
 

@@ -7,6 +7,7 @@ cannot be satisfied by something else that happens to have the same colour.
 import colorsys
 import shutil
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -105,9 +106,10 @@ class MeshcatPage:
         self._address = address
         self.settle()
 
-    def wait_for_object(self, path: str) -> None:
-        """Waits until there is something at a Meshcat path: a live page gets it by and by."""
-        self._wait_for(_NODE + "return !!node;", _names(path))
+    def wait_for_objects(self, paths: Iterable[str]) -> None:
+        """Waits until there is something at Meshcat paths: a live page gets it by and by."""
+        for path in paths:
+            self._wait_for(_NODE + "return !!node;", _names(path))
         self.settle()
 
     def pause(self) -> None:
@@ -161,14 +163,20 @@ class MeshcatPage:
 
     def appearance(self, path: str) -> Appearance:
         """Returns the pixels that what is below a path changes, by hiding it for a moment."""
+        return self.appearances([path])[path]
+
+    def appearances(self, paths: Iterable[str]) -> dict[str, Appearance]:
+        """Returns the pixels that what is below each of some paths changes."""
         with_it = self.screenshot()
-        shown = self._driver.execute_script(_NODE + "return node.object.visible;", _names(path))
-        self.set_visible(path, False)
-        without_it = self.screenshot()
-        self.set_visible(path, shown)
-        change = np.abs(with_it.astype(int) - without_it.astype(int)).max(axis=2)
-        mask = change > BACKGROUND_NOISE
-        return Appearance(mask, with_it[mask] / 255.0)
+        found = {}
+        for path in paths:
+            shown = self._driver.execute_script(_NODE + "return node.object.visible;", _names(path))
+            self.set_visible(path, False)
+            change = np.abs(with_it.astype(int) - self.screenshot().astype(int)).max(axis=2)
+            self.set_visible(path, shown)
+            mask = change > BACKGROUND_NOISE
+            found[path] = Appearance(mask, with_it[mask] / 255.0)
+        return found
 
     def errors(self) -> list[str]:
         """Returns what the page complained about since the last call."""
@@ -233,7 +241,7 @@ def chromium(tmp_path_factory):
     driver.quit()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def page(chromium):
     """A page to open addresses in. Tests share it; leave it as it was, or open anew."""
     assert chromium.execute_script(

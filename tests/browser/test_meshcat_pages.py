@@ -94,7 +94,7 @@ def live(page, scene):
     """The scene's live page, as of 0.5 s."""
     scene.publish(0.5)
     page.open_once(scene.meshcat.web_url())
-    page.wait_for_object("poil/points/5")
+    page.wait_for_objects(["poil/points/5"])
     return page
 
 
@@ -111,19 +111,20 @@ def hue_share(appearance, color):
 
 def test_the_live_page_shows_everything_in_its_colour(live):
     # Lower limits are half of what was counted when the picture was right to the eye.
-    for path, color, least, most in (
-        ("mug", MUG_COLOR, 700, 10_000),
-        ("poil/points", CONFIG.point_color, 250, 5_000),
-        ("poil/target_points", CONFIG.target_color, 190, 5_000),
-        ("poil/tracked_points", CONFIG.tracked_color, 120, 5_000),
-        ("poil/reference", CONFIG.reference_color, 1_500, 20_000),
-        ("poil/linear_velocity", CONFIG.linear_color, 90, 3_000),
-        ("poil/angular_velocity", CONFIG.angular_color, 50, 3_000),
-    ):
-        seen = live.appearance(path)
-        assert least < seen.pixels < most, path
-        assert hue_share(seen, color) > 0.5, path
-    robot = live.appearance("robot")
+    wanted = {
+        "mug": (MUG_COLOR, 700, 10_000),
+        "poil/points": (CONFIG.point_color, 250, 5_000),
+        "poil/target_points": (CONFIG.target_color, 190, 5_000),
+        "poil/tracked_points": (CONFIG.tracked_color, 120, 5_000),
+        "poil/reference": (CONFIG.reference_color, 1_500, 20_000),
+        "poil/linear_velocity": (CONFIG.linear_color, 90, 3_000),
+        "poil/angular_velocity": (CONFIG.angular_color, 50, 3_000),
+    }
+    seen = live.appearances([*wanted, "robot"])
+    for path, (color, least, most) in wanted.items():
+        assert least < seen[path].pixels < most, path
+        assert hue_share(seen[path], color) > 0.5, path
+    robot = seen["robot"]
     assert robot.pixels > 5_000
     assert np.ptp(robot.color) < 0.1, "white or grey"
     assert live.errors() == []
@@ -170,19 +171,17 @@ def test_a_recording_moves_the_points(replay):
 def test_a_recording_moves_points_and_mug_together(replay):
     for seconds in (0.0, DURATION / 2, DURATION):
         replay.seek(seconds)
-        mug = replay.appearance("mug").centre
-        points = replay.appearance("poil/target_points").centre
+        seen = replay.appearances(["mug", "poil/target_points"])
         # The points surround the mug's middle; it hides those behind.
-        assert np.linalg.norm(mug - points) < 30.0
+        assert np.linalg.norm(seen["mug"].centre - seen["poil/target_points"].centre) < 30.0
 
 
 def test_a_recording_changes_the_phase_shown(replay):
     shown = {}
     for seconds in (0.5, 1.5):
         replay.seek(seconds)
-        shown[seconds] = [
-            replay.appearance(f"{OVERLAY}/phase/name/{index}").pixels for index in range(2)
-        ]
+        names = [f"{OVERLAY}/phase/name/{index}" for index in range(2)]
+        shown[seconds] = [seen.pixels for seen in replay.appearances(names).values()]
 
     assert shown[0.5][0] > 300
     assert shown[0.5][1] == 0
@@ -221,14 +220,15 @@ def test_a_recording_scales_the_arrows(replay):
 def test_text_stays_before_the_viewer(replay):
     """The display is where it was when the viewer goes elsewhere; the mug is not."""
     replay.seek(0.5)
-    before = [replay.appearance(path) for path in (f"{OVERLAY}/phase", "mug")]
+    text = f"{OVERLAY}/phase"
+    before = replay.appearances([text, "mug"])
 
     replay.move_viewer([0.6, 1.4, 0.5])
-    after = [replay.appearance(path) for path in (f"{OVERLAY}/phase", "mug")]
+    after = replay.appearances([text, "mug"])
     replay.move_viewer(MeshcatViewConfig().camera_position)
 
-    assert np.linalg.norm(after[0].centre - before[0].centre) < 1.0
-    assert np.linalg.norm(after[1].centre - before[1].centre) > 30.0
+    assert np.linalg.norm(after[text].centre - before[text].centre) < 1.0
+    assert np.linalg.norm(after["mug"].centre - before["mug"].centre) > 30.0
 
 
 def test_the_legend_names_the_colours(replay):

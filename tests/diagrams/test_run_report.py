@@ -1,4 +1,5 @@
 import dataclasses
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -233,6 +234,7 @@ def test_a_report_writes_picture_and_figures(make_report: MakeReport, tmp_path: 
     assert figures["outputs"] == {"json": str(outputs.json), "png": str(outputs.png)}
     assert figures["timing"]["stages"].keys() == {"planning", "report"}
     assert figures["timing"]["stages"]["report"] > 0.0
+    assert figures["final_state_digest"] == hashlib.sha256(np.zeros(3).tobytes()).hexdigest()
     assert outputs.png.stat().st_size > 10_000
 
 

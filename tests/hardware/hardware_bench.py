@@ -67,7 +67,7 @@ def carrying_plan() -> ExecutionPlan:
 def _plan(approach: JointTrajectory, end: np.ndarray) -> ExecutionPlan:
     return dataclasses.replace(
         short_plan(),
-        reference=rise(height=0.15, duration=1.5, samples=9),
+        reference=rise(height=0.1, duration=1.0, samples=9),
         approach=approach,
         descent=JointTrajectory([0.0, 0.125], [end, end], np.zeros((2, 7))),
         lift_height=0.02,
@@ -167,7 +167,7 @@ def stand_in(
     directory: Path,
     *,
     fault: str = "",
-    after: float = 0.6,
+    after: float = 0.4,
     position: np.ndarray = HOME,
 ) -> Iterator[StandIn]:
     """Runs a stand-in robot beside a block; it misbehaves once its arm has moved for a while.
