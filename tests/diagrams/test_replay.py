@@ -277,8 +277,8 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
 
 @pytest.fixture(scope="module")
 def seen(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first second of a run, with images."""
-    return beginning(whole_run / "run.mcap", tmp_path_factory.mktemp("seen") / "run.mcap", 1.0)
+    """The first half second of a run, with images."""
+    return beginning(whole_run / "run.mcap", tmp_path_factory.mktemp("seen") / "run.mcap", 0.5)
 
 
 @pytest.mark.render
@@ -301,7 +301,7 @@ def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> N
 @pytest.mark.render
 def test_an_image_that_is_damaged_ends_a_replay_and_is_named(seen: Path, tmp_path: Path) -> None:
     def spoil(topic: str, message: Message) -> bytes:
-        if topic != "/camera/left/image" or message.log_time < 500_000_000:
+        if topic != "/camera/left/image" or message.log_time < 250_000_000:
             return message.data
         image = CompressedImage.FromString(message.data)
         image.data = image.data[:100]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import execute, hardware_scenario, swinging_plan, track_with
-from machine_pace import ROOM, Pace, first_kept, halvings
+from machine_pace import ROOM, Pace, first_kept, slower
 from prior_tracker import PriorTracker
 
 from poil_drake.diagrams.scenario import Scenario
@@ -54,14 +54,23 @@ def time_scale(
 
     with pytest.MonkeyPatch.context() as monkeypatch:
         track_with(PriorTracker(), monkeypatch)
-        scale, pace = first_kept(halvings(1.0), attempt, worst=ROOM)
+        scale, pace = first_kept(slower(1.0, step=0.5**0.5), attempt, worst=ROOM)
     if scale < 1.0:
-        warnings.warn(f"Real-time tests run at a time scale of {scale:g}: {pace}.", stacklevel=1)
+        warnings.warn(f"Real-time tests run at a time scale of {scale:.3g}: {pace}.", stacklevel=1)
     return scale
 
 
 @pytest.fixture(scope="session")
 def run_kept(time_scale: float) -> RunKept:
     """Returns a function that repeats attempts until one keeps up, and returns its result."""
-    # Twice at the usual pace: machines stumble.
-    return lambda attempt: first_kept([time_scale, *halvings(time_scale)], attempt)
+    last = [time_scale]
+
+    def run_kept(attempt: Callable[[float], tuple[Any, Pace]]) -> Any:
+        def noted(scale: float) -> tuple[Any, Pace]:
+            last[0] = scale  # What was too fast for this run is too fast for the next.
+            return attempt(scale)
+
+        # Twice at the usual pace: machines stumble.
+        return first_kept([last[0], *slower(last[0])], noted)
+
+    return run_kept

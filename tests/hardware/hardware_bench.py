@@ -121,7 +121,7 @@ class Seen(NamedTuple):
         figures, per_ms = summary["figures"], 1e-3 * scenario.poil.hardware.time_scale
         return Pace(
             max(behind, per_ms * figures["tick_lateness_max_ms"]),
-            per_ms * figures["tick_duration_p99_ms"] / scenario.poil.rates.control,
+            per_ms * figures["tick_duration_p50_ms"] / scenario.poil.rates.control,
             summary["phases"][0]["end"],
         )
 

@@ -12,7 +12,7 @@ class Pace(NamedTuple):
 
     Attributes:
         held_up: The largest lag of one of its processes [s].
-        busy: The 99th percentile of the ticks' durations, as a share of their period.
+        busy: The median of the ticks' durations, as a share of their period.
         blind: How long the first track took [s].
     """
 
@@ -23,7 +23,7 @@ class Pace(NamedTuple):
     def __str__(self) -> str:
         return (
             f"a process was {1e3 * self.held_up:.1f} ms behind, ticks took {self.busy:.0%} of "
-            f"their period (p99), and the first track {self.blind:.2f} s"
+            f"their period (median), and the first track {self.blind:.2f} s"
         )
 
 
@@ -33,7 +33,7 @@ SLOWEST = 0.125
 KEPT = Pace(held_up=0.02, busy=math.inf, blind=1.0)
 """The worst pace of a run that says something about the code."""
 
-ROOM = Pace(held_up=0.005, busy=1.0, blind=0.6)
+ROOM = Pace(held_up=0.008, busy=0.55, blind=0.6)
 """The worst pace of a trial run that leaves room to spare for all that follow."""
 
 T = TypeVar("T")
@@ -54,10 +54,13 @@ def first_kept(
         result, pace = attempt(scale)
         if all(had <= allowed for had, allowed in zip(pace, worst, strict=True)):
             return result
-        found.append(f"at a time scale of {scale:g} {pace}")
+        found.append(f"at a time scale of {scale:.3g} {pace}")
     pytest.skip(f"This machine does not keep up: {'; '.join(found)}.")
 
 
-def halvings(scale: float) -> list[float]:
-    """Returns a time scale, its half, and so on down to the slowest that is tried."""
-    return [scale, *(halvings(0.5 * scale) if scale > SLOWEST else [])]
+def slower(scale: float, *, step: float = 0.5) -> list[float]:
+    """Returns a time scale and slower ones, by a factor each, down to the slowest that is tried."""
+    found = [scale]
+    while step * found[-1] > 0.99 * SLOWEST:
+        found.append(step * found[-1])
+    return found

@@ -79,7 +79,7 @@ class Run:
                 assert STALLED in self.figures["reason"], self.process.communicate()
                 return False
         assert said.readline() == "moving\n"
-        self.sleep(0.4)
+        self.sleep(0.5)
         return True
 
     def send(self, number: int) -> None:
