@@ -1,7 +1,6 @@
 """What tests share: one demonstration, one plan and one run, made once for all processes."""
 
 import fcntl
-import gc
 import os
 import shutil
 import subprocess
@@ -88,8 +87,8 @@ def whole_run(make_once: MakeOnce) -> Path:
 
     def run(folder: Path) -> None:
         folder.mkdir()
-        poil = Path(sys.executable).with_name("poil")
-        done = subprocess.run([poil, "run"], cwd=folder, capture_output=True, text=True)
+        program = Path(sys.executable).with_name("poil")
+        done = subprocess.run([program, "run"], cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
     return make_once("whole_run", run) / "out"
@@ -99,7 +98,7 @@ def poil(arguments: Sequence[str]) -> str:
     """Does what a line of the command line does, and returns what it says."""
     from poil_drake.cli import app
 
-    done = CliRunner().invoke(app, arguments)
+    done = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
 
@@ -115,12 +114,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         type=float,
         help="The robot's seconds per second in tests/hardware; default: what a trial run finds.",
     )
-
-
-def pytest_collection_finish() -> None:
-    """Keeps the garbage collector from looking through all modules again and again."""
-    gc.collect()
-    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

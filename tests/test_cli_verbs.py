@@ -55,12 +55,6 @@ def test_a_plan_is_executed(
     assert figures["tracking_error"]["maximum"] < 1e-9
 
 
-def test_a_demonstration_is_recorded_to_the_same_bytes(
-    demonstration: Path, whole_run: Path
-) -> None:
-    assert demonstration.read_bytes() == (whole_run / "demo.mcap").read_bytes()
-
-
 def test_the_doctor_finds_what_the_tests_run_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -35,24 +35,19 @@ def imports(path: Path) -> set[str]:
     return names
 
 
-def floor_of(path: Path) -> str:
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
-
-
 def check_no_module_imports(paths: Iterable[Path], refused: Callable[[Path, str], bool]) -> None:
-    found = {
-        str(path.relative_to(PACKAGE)): wrong
-        for path in paths
-        if (wrong := [name for name in imports(path) if refused(path, name)])
-    }
+    names = {path.relative_to(PACKAGE): imports(path) for path in paths}
+    assert names
+    found = [(str(path), name) for path in names for name in names[path] if refused(path, name)]
     assert not found
 
 
 def test_imports_run_one_way() -> None:
     def runs_back(path: Path, name: str) -> bool:
-        package, floor, *_ = [*name.split("."), ""]
-        own = floor_of(path)
-        return package == "poil_drake" and ORDER.get(floor, -1) > ORDER.get(own, len(ORDER))
+        parts = name.split(".")
+        if parts[0] != "poil_drake" or len(parts) == 1 or parts[1] not in ORDER:
+            return False
+        return ORDER[parts[1]] > ORDER[path.parts[0].removesuffix(".py")]
 
     check_no_module_imports(PACKAGE.rglob("*.py"), runs_back)
 

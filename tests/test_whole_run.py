@@ -23,6 +23,7 @@ def test_the_mug_hangs(figures: dict) -> None:
     assert figures["figures"]["hanging_time_s"] >= 2.0
     phases = [phase["name"] for phase in figures["phases"]]
     assert phases[-4:] == ["release", "retreat", "settle", "done"]
+    assert len(figures["final_state_digest"]) == 64
 
 
 def test_the_tracker_stays_on_the_object(figures: dict) -> None:

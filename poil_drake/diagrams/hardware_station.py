@@ -300,7 +300,7 @@ class HardwareStation(Station):
             self._lcm.Close()
 
     def Rest(self) -> None:
-        """Commands rest for longer than the driver follows a command, if it was commanded since."""
+        """Commands rest for longer than the driver follows a command, if the arm is commanded."""
         sender = self._robot.sender
         if sender is not None and sender.commanding:
             sender.SendRest(_REST * self._config.command_expiry / self._config.time_scale)

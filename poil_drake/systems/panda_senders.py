@@ -54,7 +54,7 @@ class PandaCommandSender(LeafSystem):
     commanded the arm.
 
     Attributes:
-        commanding: Whether anything was sent since it last sent rest.
+        commanding: Whether anything was sent since `SendRest` ended with rest.
         channel: Where it sends.
     """
 
@@ -128,7 +128,8 @@ class PandaCommandSender(LeafSystem):
                 self._publish(velocities[step] if step < len(velocities) else _REST, now)
                 time.sleep(period)
                 elapsed = time.monotonic() - start
-            self.commanding = False
+            # A process that was halted meanwhile may have sent no rest yet.
+            self.commanding = bool(self._sent[0].any())
 
     def _send(self, context: Context) -> None:
         self.channel.CheckAlone()

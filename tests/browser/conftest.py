@@ -112,6 +112,11 @@ class MeshcatPage:
             self._wait_for(_NODE + "return !!node;", _names(path))
         self.settle()
 
+    def leave(self) -> None:
+        """Shows nothing: a page draws for ever, and asks for its server once that has gone."""
+        self._driver.get("about:blank")
+        self._address = None
+
     def pause(self) -> None:
         """Stops playback."""
         self._wait_for("return viewer.animator.actions.length > 0;")
@@ -247,5 +252,7 @@ def page(chromium):
     assert chromium.execute_script(
         "return !!document.createElement('canvas').getContext('webgl2');"
     ), "This Chromium has no WebGL."
-    yield MeshcatPage(chromium)
-    chromium.get("about:blank")
+    page = MeshcatPage(chromium)
+    page.errors()  # Of pages before.
+    yield page
+    page.leave()

@@ -26,7 +26,6 @@ DRAWN = {
 
 
 def check_all_is_drawn(page) -> None:
-    page.wait_for_objects(DRAWN)
     inside = "poil/tracked_points"  # Of the points, unless these have moved on since the images.
     seen = page.appearances([path for path in DRAWN if path != inside])
     page.set_visible("poil/points", False)
@@ -44,13 +43,16 @@ def test_the_live_page_draws(page, plan: ExecutionPlan, scenario: Scenario) -> N
         Simulator(loop.diagram).AdvanceTo(0.5)  # The first track is there.
 
         page.open(meshcat.web_url())
+        page.wait_for_objects(DRAWN)
         check_all_is_drawn(page)
+        page.leave()
 
 
 @pytest.fixture
 def recording(page, whole_run: Path):
     """The page of a whole run."""
     page.open_once(whole_run / "run.html")
+    page.wait_for_objects(DRAWN)
     return page
 
 

@@ -62,15 +62,20 @@ def time_scale(
 
 @pytest.fixture(scope="session")
 def run_kept(time_scale: float) -> RunKept:
-    """Returns a function that repeats attempts until one keeps up, and returns its result."""
-    last = [time_scale]
+    """Returns a function that repeats attempts until one keeps up, and returns its result.
+
+    The next attempts begin at the pace that this one kept.
+    """
+    usual = time_scale
 
     def run_kept(attempt: Callable[[float], tuple[Any, Pace]]) -> Any:
-        def noted(scale: float) -> tuple[Any, Pace]:
-            last[0] = scale  # What was too fast for this run is too fast for the next.
-            return attempt(scale)
+        def at_scale(scale: float) -> tuple[tuple[float, Any], Pace]:
+            result, pace = attempt(scale)
+            return (scale, result), pace
 
+        nonlocal usual
         # Twice at the usual pace: machines stumble.
-        return first_kept([last[0], *slower(last[0])], noted)
+        usual, result = first_kept([usual, *slower(usual)], at_scale)
+        return result
 
     return run_kept

@@ -167,7 +167,7 @@ def stand_in(
     directory: Path,
     *,
     fault: str = "",
-    after: float = 0.4,
+    after: float = 0.6,
     position: np.ndarray = HOME,
 ) -> Iterator[StandIn]:
     """Runs a stand-in robot beside a block; it misbehaves once its arm has moved for a while.

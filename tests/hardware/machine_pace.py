@@ -34,7 +34,10 @@ KEPT = Pace(held_up=0.02, busy=math.inf, blind=1.0)
 """The worst pace of a run that says something about the code."""
 
 ROOM = Pace(held_up=0.008, busy=0.55, blind=0.6)
-"""The worst pace of a trial run that leaves room to spare for all that follow."""
+"""The worst pace of a trial run that leaves room to spare for all that follow.
+
+Images make single ticks long, which the loop then catches up with: their median is what counts.
+"""
 
 T = TypeVar("T")
 
@@ -59,8 +62,8 @@ def first_kept(
 
 
 def slower(scale: float, *, step: float = 0.5) -> list[float]:
-    """Returns a time scale and slower ones, by a factor each, down to the slowest that is tried."""
+    """Returns a time scale, that times `step`, and so on down to the slowest that is tried."""
     found = [scale]
-    while step * found[-1] > 0.99 * SLOWEST:
-        found.append(step * found[-1])
+    while found[-1] > SLOWEST:
+        found.append(max(step * found[-1], SLOWEST))
     return found

@@ -1,7 +1,7 @@
 """What goes wrong in a laboratory: the arm rests soon, the reason is right, nothing is lost.
 
 Each run is in real time, or as much slower as this machine needs it, against a stand-in robot in
-another process, which misbehaves 0.4 s after its arm began to move. All times are the robot's. The
+another process, which misbehaves 0.6 s after its arm began to move. All times are the robot's. The
 last test compares what was found with the table in the documentation.
 """
 

@@ -5,6 +5,7 @@ from machine_pace import ROOM, Pace, first_kept, slower
 def test_the_robots_time_passes_more_and_more_slowly_down_to_an_eighth() -> None:
     assert slower(1.0) == [1.0, 0.5, 0.25, 0.125]
     assert slower(1.0, step=0.5**0.5)[::2] == pytest.approx(slower(1.0))
+    assert slower(0.7) == [0.7, 0.35, 0.175, 0.125]
 
 
 def test_the_first_attempt_that_keeps_up_counts() -> None:

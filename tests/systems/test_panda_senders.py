@@ -160,6 +160,23 @@ def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
     np.testing.assert_allclose(velocities[: len(expected)], expected, atol=1e-9)
     assert len(velocities) >= len(expected) + 0.05 / PERIOD
     assert not np.any(velocities[len(expected) :])
+    assert not arm.dut.commanding
+
+
+def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
+    fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def halted_sleep(duration: float) -> None:
+        fake_time.now += 10.0
+
+    monkeypatch.setattr(fake_time, "sleep", halted_sleep)
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.6)
+
+    sent = arm.rest(0.05)
+
+    assert any(sent[-1].joint_velocity)
+    assert arm.dut.commanding
 
 
 def test_an_arm_that_speeds_up_brakes_within_its_limits(
