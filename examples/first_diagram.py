@@ -4,11 +4,11 @@ from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.diagrams.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.demonstration_recorder import RecordDemonstration
-from poil_drake.diagrams.html_recording import MakeMeshcat
-from poil_drake.diagrams.load_scenario import LoadScenario, default_scenario_file
-from poil_drake.diagrams.planning import PlanScenario
+from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
+from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.run.html_recording import MakeMeshcat
+from poil_drake.diagrams.run.planning import PlanScenario
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 
 scenario = LoadScenario(filename=default_scenario_file())
 demonstration = Path("out/demo.mcap")

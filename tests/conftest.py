@@ -14,8 +14,9 @@ from hypothesis import HealthCheck, settings
 from typer.testing import CliRunner
 
 if TYPE_CHECKING:  # Slow to import.
-    from poil_drake.diagrams.scenario import Scenario
+    from poil_drake.diagrams.scenario.scenario import Scenario
     from poil_drake.grasping.execution_plan import ExecutionPlan
+    from poil_drake.robots.panda_kinematics import PandaModel
 
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
@@ -27,9 +28,16 @@ settings.load_profile("patient")
 @pytest.fixture(scope="session")
 def scenario() -> "Scenario":
     """The package's own scenario, as `poil run` has it."""
-    from poil_drake.diagrams.scenario_choice import ChooseScenario
+    from poil_drake.diagrams.scenario.choice import ChooseScenario
 
     return ChooseScenario()
+
+
+@pytest.fixture(scope="session")
+def model() -> "PandaModel":
+    from poil_drake.robots.panda_kinematics import PandaModel
+
+    return PandaModel()
 
 
 @pytest.fixture(scope="session")

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 
-from poil_drake.control.joint_trajectory import JointTrajectory
-from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.scenario_choice import ChooseScenario
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.geometry.rigid_transform import make_transform
-from poil_drake.grasping.candidates import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, 0.785398])
 POINTS = np.array([[0.50, -0.10, 0.04], [0.51, -0.10, 0.05], [0.50, -0.09, 0.06]])

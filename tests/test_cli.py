@@ -7,7 +7,7 @@ import pytest
 
 from poil_drake import cli
 from poil_drake.benchmarks.control import study
-from poil_drake.diagrams.run_report import OutputPaths
+from poil_drake.diagrams.run.report import OutputPaths
 from poil_drake.errors import InvalidValueError
 
 NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_timeout: 0.1}}}"
@@ -215,7 +215,7 @@ def test_errors_of_the_system_end_in_one_line(
     def fail(**_: object) -> None:
         raise error
 
-    monkeypatch.setattr("poil_drake.diagrams.doctor.Examine", fail)
+    monkeypatch.setattr("poil_drake.reports.doctor.Examine", fail)
 
     assert run(monkeypatch, ["doctor"]) == 1
     assert one_line(capsys).startswith(said)
@@ -290,7 +290,7 @@ def test_a_replay_ends_with_its_verdict(
         asked.append((path, options))
         return Summary()
 
-    monkeypatch.setattr("poil_drake.diagrams.replay.Replay", replay)
+    monkeypatch.setattr("poil_drake.diagrams.replay.replay.Replay", replay)
     options = ["--json", "a.json", "--png", "a.png", "--mcap", "a.mcap"]
     settings = ["--tracker", "recorded", "--scenario_text", "{poil: {eta: 2}}"]
 

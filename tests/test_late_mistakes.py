@@ -9,7 +9,7 @@ import pytest
 from test_cli import run
 
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.recording.demonstration import DemonstrationWriter, load_demonstration
+from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
 
 pytestmark = pytest.mark.render
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from poil_drake.models.panda_model import ARM_JOINTS
-from poil_drake.recording.run_log_reader import load_recorded_run
+from poil_drake.recording.run_log.reader import load_recorded_run
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = (ROOT / "examples" / "first_diagram.py").read_text()

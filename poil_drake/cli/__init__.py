@@ -34,7 +34,7 @@ from poil_drake.cli.options import (
 )
 from poil_drake.cli.replay import replay
 from poil_drake.errors import PoilError
-from poil_drake.systems.held_signals import ENDING
+from poil_drake.runtime.held_signals import ENDING
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -70,8 +70,8 @@ def run(
 ) -> None:
     """Do the main job: demonstration, transfer, grasp, closed loop."""
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run_report import OutputPaths
-    from poil_drake.diagrams.skill_run import RunSkill
+    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.skill_run import RunSkill
 
     chosen = choose_scenario(
         scenario,
@@ -107,8 +107,8 @@ def demo_record(
     seed: Seed = None,
 ) -> None:
     """Simulate a demonstration: the object moves by itself, the cameras record."""
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.diagrams.skill_run import RecordScenarioDemonstration
+    from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
+    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed)
     require_writable(output, inputs=(chosen.source.file,))
@@ -125,9 +125,9 @@ def demo_show(
     ] = None,
 ) -> None:
     """Draw a demonstration's contact sheet as PNG."""
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.recording.contact_sheet import contact_sheet
-    from poil_drake.recording.demonstration import load_demonstration
+    from poil_drake.recording.demonstration.demonstration import load_demonstration
+    from poil_drake.reports.contact_sheet import contact_sheet
+    from poil_drake.runtime.output_files import require_writable
 
     frames = load_demonstration(demonstration)
     picture = output or Path("out") / demonstration.with_suffix(".png").name
@@ -152,8 +152,8 @@ def transfer(
     ] = False,
 ) -> None:
     """Carry a demonstration over to the scenario's object and choose a grasp."""
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.diagrams.planning import PlanScenario
+    from poil_drake.diagrams.run.planning import PlanScenario
+    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
     require_writable(output, inputs=(demonstration, chosen.source.file))
@@ -183,8 +183,8 @@ def execute(
 ) -> None:
     """Execute a plan in closed loop."""
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run_report import OutputPaths
-    from poil_drake.diagrams.skill_run import ExecutePlan
+    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
     summary = ExecutePlan(
@@ -231,8 +231,8 @@ def driver(
     ] = False,
 ) -> None:
     """Simulate a Franka, its driver and cameras on LCM, for `poil run --hardware` to talk to."""
-    from poil_drake.diagrams.driver_run import RunDriver
-    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.diagrams.run.driver_run import RunDriver
+    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(
         scenario, None, scenario_name, scenario_text, seed, time_scale=time_scale
@@ -250,7 +250,7 @@ def _say(line: str) -> None:
 @app.command()
 def doctor() -> None:
     """Say what this machine has: rendering, LCM, torch, libraries."""
-    from poil_drake.diagrams.doctor import Examine
+    from poil_drake.reports.doctor import Examine
 
     rows = Examine()
     for row in rows:

@@ -37,10 +37,10 @@ def bench_pipeline(
     json: Json = Path("out/bench_pipeline.json"),
 ) -> None:
     """Run the main job with object, pose, texture and noise drawn anew in each trial."""
-    from poil_drake.benchmarks.pipeline import run_pipeline_benchmark
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.diagrams.scenario_choice import ChooseScenario
-    from poil_drake.diagrams.scenario_tracker import MakeScenarioTracker
+    from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
+    from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.runtime.output_files import require_writable
 
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
@@ -91,7 +91,7 @@ def bench_control(
     The first time, the learned rivals are trained, which takes some minutes; they are kept.
     """
     from poil_drake.benchmarks.control.study import ControlStudyConfig, run_control_study
-    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.runtime.output_files import require_writable
 
     default = ControlStudyConfig()
     config = ControlStudyConfig(
@@ -116,8 +116,8 @@ def bench_stability(
     ] = None,
 ) -> None:
     """Measure what the theory of the controller says, and draw the pictures of docs/control.md."""
-    from poil_drake.benchmarks.stability import run_stability_study
-    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.benchmarks.stability.stability import run_stability_study
+    from poil_drake.runtime.output_files import require_writable
 
     folder = json.parent if pictures is None else pictures
     for path in (json, folder / "control_escape.png"):
@@ -139,15 +139,15 @@ def bench_latency(
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
     """Time the field, its rival on poses, and the whole control path, side by side."""
-    from poil_drake.diagrams.output_files import require_writable
+    from poil_drake.runtime.output_files import require_writable
 
     require_writable(json)
     if hardware:
-        from poil_drake.benchmarks.latency_hardware import run_hardware_latency_benchmark
+        from poil_drake.benchmarks.latency.hardware import run_hardware_latency_benchmark
 
         run_hardware_latency_benchmark(duration=duration, json_path=json)
     else:
-        from poil_drake.benchmarks.latency import run_latency_benchmark
+        from poil_drake.benchmarks.latency.latency import run_latency_benchmark
 
         run_latency_benchmark(ticks=ticks, json_path=json)
 
@@ -162,9 +162,9 @@ def bench_hardware(
     json: Json = Path("out/bench_hardware.json"),
 ) -> None:
     """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
-    from poil_drake.benchmarks.hardware import run_hardware_benchmark
-    from poil_drake.diagrams.output_files import require_writable
-    from poil_drake.diagrams.scenario_choice import ChooseScenario
+    from poil_drake.benchmarks.hardware.hardware import run_hardware_benchmark
+    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.runtime.output_files import require_writable
 
     ChooseScenario(speed=speed, time_scale=time_scale)
     require_writable(json)

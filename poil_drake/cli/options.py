@@ -9,7 +9,7 @@ import typer
 from poil_drake.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from poil_drake.diagrams.scenario import Scenario
+    from poil_drake.diagrams.scenario.scenario import Scenario
 
 ScenarioArgument = Annotated[
     Path | None,
@@ -109,7 +109,7 @@ def choose_scenario(
     time_scale: float | None = None,
 ) -> "Scenario":
     """Returns the scenario of a verb's options; see `ChooseScenario`."""
-    from poil_drake.diagrams.scenario_choice import ChooseScenario
+    from poil_drake.diagrams.scenario.choice import ChooseScenario
 
     if argument is not None and file is not None:
         raise ScenarioError(

@@ -34,8 +34,8 @@ def replay(
     The exit status is 0 if they are the same, 1 if they differ, and 2 if the log cannot be
     replayed.
     """
-    from poil_drake.diagrams.output_paths import OutputPaths
-    from poil_drake.diagrams.replay import Replay
+    from poil_drake.diagrams.replay.replay import Replay
+    from poil_drake.diagrams.run.output_paths import OutputPaths
 
     try:
         summary = Replay(

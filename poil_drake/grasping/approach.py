@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.control.path_shortening import EdgeChecker, IsFree, round_corners, shorten_path
-from poil_drake.control.rrt_connect import VectorSpace, rrt_connect
 from poil_drake.errors import PlanningError
-from poil_drake.grasping.robot_model import PandaModel
+from poil_drake.planning.path_shortening import EdgeChecker, IsFree, round_corners, shorten_path
+from poil_drake.planning.rrt_connect import VectorSpace, rrt_connect
+from poil_drake.robots.panda_kinematics import PandaModel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from poil_drake.control.joint_trajectory import JointTrajectory
-from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
-from poil_drake.grasping.candidates import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from poil_drake.control.joint_trajectory import JointTrajectory
-from poil_drake.control.path_shortening import IsFree
 from poil_drake.grasping.approach import ApproachConfig, plan_joint_path
-from poil_drake.grasping.candidates import GraspCandidate
-from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
-from poil_drake.grasping.feasibility import FeasibilityConfig
-from poil_drake.grasping.joint_timing import JointTimingConfig, time_joint_path
-from poil_drake.grasping.path_following import backed_off_poses, follow_path
-from poil_drake.grasping.robot_model import PandaModel
-from poil_drake.grasping.robot_spheres import make_robot_spheres
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.grasping.rehearsal.path_following import backed_off_poses, follow_path
 from poil_drake.grasping.workspace_check import WorkspaceCheck
+from poil_drake.planning.joint_timing import JointTimingConfig, time_joint_path
+from poil_drake.planning.path_shortening import IsFree
+from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_spheres import make_robot_spheres
 
 
 def plan_descent(

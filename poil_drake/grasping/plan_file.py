@@ -10,11 +10,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from poil_drake.control.joint_trajectory import JointTrajectory
-from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, PoilError
-from poil_drake.grasping.candidates import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 FORMAT_VERSION = 1
 """Raised whenever a plan of the old format can no longer be read."""

@@ -5,19 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from poil_drake.control.joint_trajectory import JointTrajectory
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.grasping.approach import ApproachConfig
-from poil_drake.grasping.candidates import GraspSamplingConfig
-from poil_drake.grasping.collision import SceneCloud
+from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
+from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import plan_approach, plan_descent
-from poil_drake.grasping.grasp_sampling import sample_antipodal_grasps
-from poil_drake.grasping.joint_timing import JointTimingConfig
-from poil_drake.grasping.robot_model import PandaModel
-from poil_drake.grasping.robot_spheres import make_robot_spheres
-from poil_drake.grasping.selection import (
+from poil_drake.grasping.rehearsal.selection import (
     GraspChoice,
     PartMatching,
     Progress,
@@ -25,6 +20,11 @@ from poil_drake.grasping.selection import (
     rank_grasps,
 )
 from poil_drake.grasping.workspace_check import WorkspaceCheck
+from poil_drake.planning.joint_timing import JointTimingConfig
+from poil_drake.robots.collision import SceneCloud
+from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_spheres import make_robot_spheres
 
 
 @dataclass(frozen=True, kw_only=True)

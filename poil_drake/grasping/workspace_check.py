@@ -5,9 +5,9 @@ from typing import Self
 import numpy as np
 
 from poil_drake.errors import PlanningError
-from poil_drake.grasping.feasibility import FeasibilityConfig
-from poil_drake.grasping.posture_guard import PostureGuard
-from poil_drake.grasping.robot_model import PandaModel
+from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
 """So much less than the margin is enough for a motion to a rehearsed grasp [m]: it is followed in

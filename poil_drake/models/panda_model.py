@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poil_drake.models import panda_visuals
-from poil_drake.models.robot_description import panda_description_directory
-from poil_drake.models.user_cache import cached_directory
+from poil_drake.robots.robot_description import panda_description_directory
+from poil_drake.runtime.user_cache import cached_directory
 
 PANDA_PACKAGE = "poil_drake_panda"
 """Drake package name of the generated model: `package://poil_drake_panda/panda.urdf`."""

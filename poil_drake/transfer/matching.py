@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.control.reference import ReferenceConfig, make_reference
+from poil_drake.control.reference.make_reference import ReferenceConfig, make_reference
+from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import TransferError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.geometry.rigid_fit import kabsch

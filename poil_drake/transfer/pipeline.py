@@ -6,26 +6,26 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.control.reference import ReferenceConfig
+from poil_drake.control.reference.make_reference import ReferenceConfig
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors.protocol import PartDetector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import PointTracker
-from poil_drake.recording.demonstration import Demonstration
-from poil_drake.transfer.alignment_config import CoarseAlignmentConfig
-from poil_drake.transfer.coarse_alignment import CoarseAlignment
+from poil_drake.recording.demonstration.demonstration import Demonstration
+from poil_drake.transfer.alignment.coarse_alignment import CoarseAlignment
+from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
+from poil_drake.transfer.alignment.symmetric_alignments import AmbiguityConfig, symmetric_alignments
 from poil_drake.transfer.demonstration_tracks import DemonstrationTracks, track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
-from poil_drake.transfer.non_rigid import NonRigidConfig, register_non_rigid
 from poil_drake.transfer.part_points import (
     PartCloudConfig,
     PartView,
     sample_part_points,
     view_part,
 )
-from poil_drake.transfer.symmetric_alignments import AmbiguityConfig, symmetric_alignments
+from poil_drake.transfer.registration.non_rigid import NonRigidConfig, register_non_rigid
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction of it that is done."""

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.diagrams.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.html_recording import MakeMeshcat
-from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.run.html_recording import MakeMeshcat
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.systems.point_set_visualizer import PointSetVisualizerConfig
+from poil_drake.systems.visualization.point_set_visualizer import PointSetVisualizerConfig
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

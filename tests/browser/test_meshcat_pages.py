@@ -5,11 +5,14 @@ import pytest
 from pydrake.geometry import Box, Cylinder, Rgba
 from pydrake.math import RigidTransform
 
-from poil_drake.control.point_trajectory import PointTrajectory
-from poil_drake.diagrams.html_recording import HtmlRecording, MakeMeshcat, MeshcatViewConfig
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat, MeshcatViewConfig
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.meshcat_overlay import CAMERA_PATH
-from poil_drake.systems.point_set_visualizer import PointSetVisualizer, PointSetVisualizerConfig
+from poil_drake.systems.visualization.meshcat_overlay import CAMERA_PATH
+from poil_drake.systems.visualization.point_set_visualizer import (
+    PointSetVisualizer,
+    PointSetVisualizerConfig,
+)
 
 pytestmark = pytest.mark.browser
 

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from poil_drake.control.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.grasping.candidates import GraspCandidate
-from poil_drake.grasping.grasp_sampling import sample_antipodal_grasps
-from poil_drake.grasping.robot_model import PandaModel
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
 
 
 class PointMug(NamedTuple):
@@ -33,11 +32,6 @@ class Matching(NamedTuple):
 
 MakeTube = Callable[[float, np.ndarray], np.ndarray]
 MakeMatching = Callable[[np.ndarray, list[float]], Matching]
-
-
-@pytest.fixture(scope="session")
-def model() -> PandaModel:
-    return PandaModel()
 
 
 @pytest.fixture(scope="session")

@@ -7,10 +7,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.approach import ApproachConfig, EdgeChecker, plan_joint_path
-from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
-from poil_drake.grasping.inverse_kinematics import distinct_solutions
-from poil_drake.grasping.robot_model import NOMINAL_POSTURE, PandaModel
-from poil_drake.grasping.robot_spheres import make_robot_spheres
+from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.inverse_kinematics import distinct_solutions
+from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda_spheres import make_robot_spheres
 
 
 def everything_is_free(q: np.ndarray) -> np.ndarray:

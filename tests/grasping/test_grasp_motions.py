@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from poil_drake.control.joint_trajectory import JointTrajectory
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.approach import ApproachConfig
-from poil_drake.grasping.collision import SceneCloud
-from poil_drake.grasping.feasibility import FeasibilityConfig
 from poil_drake.grasping.grasp_motions import plan_approach
-from poil_drake.grasping.joint_timing import JointTimingConfig
-from poil_drake.grasping.posture_guard import PostureGuardConfig
-from poil_drake.grasping.robot_model import NOMINAL_POSTURE, PandaModel
+from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.planning.joint_timing import JointTimingConfig
+from poil_drake.robots.collision import SceneCloud
+from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.posture_guard import PostureGuardConfig
 
 RIGHT, LEFT = (NOMINAL_POSTURE + turn * np.eye(7)[0] for turn in (-0.9, 0.9))
 """Turned aside; the straight way between them turns the stretched arm through the middle."""

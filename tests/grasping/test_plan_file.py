@@ -10,13 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from poil_drake.control.joint_trajectory import JointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping import plan_file
-from poil_drake.grasping.candidates import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.plan_file import FORMAT_VERSION, PlanFileError, plan_bytes, plan_of
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 
 def joint_motion(first: float, last: float) -> JointTrajectory:

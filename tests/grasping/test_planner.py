@@ -5,14 +5,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from poil_drake.errors import NoFeasibleGraspError, PlanningError
-from poil_drake.grasping.candidates import GraspSamplingConfig
-from poil_drake.grasping.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.feasibility import FeasibilityConfig
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
-from poil_drake.grasping.posture_guard import PostureGuard, PostureGuardConfig
-from poil_drake.grasping.robot_spheres import make_robot_spheres
-from poil_drake.grasping.selection import SelectionConfig
+from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.grasping.rehearsal.selection import SelectionConfig
+from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.panda_spheres import make_robot_spheres
+from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 
 CONFIG = PlannerConfig(sampling=GraspSamplingConfig(seed_points=60))  # enough, in less time
 HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])

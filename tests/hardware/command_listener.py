@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from poil_drake.recording.plain_json import write_json
-from poil_drake.systems.lcm_network import LcmNetwork
-from poil_drake.systems.panda_lcm_messages import PandaChannels, decode_panda_command
+from poil_drake.recording.mcap.plain_json import write_json
+from poil_drake.systems.lcm.network import LcmNetwork
+from poil_drake.systems.panda.lcm_messages import PandaChannels, decode_panda_command
 
 AFTERWARDS = 1.5  # [s of the robot's time]
 

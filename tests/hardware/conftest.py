@@ -11,8 +11,8 @@ from hardware_bench import execute, hardware_scenario, swinging_plan, track_with
 from machine_pace import ROOM, Pace, first_kept, slower
 from prior_tracker import PriorTracker
 
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 
 RunKept = Callable[[Callable[[float], tuple[Any, Pace]]], Any]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from hardware_bench import swinging_plan
 
 from poil_drake.cli import Stopped, _stop
-from poil_drake.diagrams.load_scenario import LoadScenario
-from poil_drake.diagrams.run_report import OutputPaths
-from poil_drake.diagrams.skill_run import ExecutePlan
-from poil_drake.systems.held_signals import ENDING
+from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.skill_run import ExecutePlan
+from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.runtime.held_signals import ENDING
 
 
 def main(scenario: Path, folder: Path) -> int:

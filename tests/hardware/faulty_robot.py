@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.benchmarks.stand_in_robot import StandInRobot, StandInSetup, read_setup
-from poil_drake.systems.panda_lcm_messages import (
+from poil_drake.benchmarks.hardware.stand_in_robot import StandInRobot, StandInSetup, read_setup
+from poil_drake.systems.panda.lcm_messages import (
     HandStatus,
     PandaStatus,
     encode_hand_status,

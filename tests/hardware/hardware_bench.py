@@ -17,19 +17,19 @@ from machine_pace import Pace
 from prior_tracker import PriorTracker
 from short_skill import HOME, rise, short_plan
 
-from poil_drake.benchmarks.stand_in_robot import (
+from poil_drake.benchmarks.hardware.stand_in_robot import (
     PERIOD,
     StandInSetup,
     running_stand_in,
     with_own_networks,
 )
-from poil_drake.control.joint_trajectory import JointTrajectory
-from poil_drake.diagrams import closed_loop_perception
-from poil_drake.diagrams.run_report import OutputPaths
-from poil_drake.diagrams.run_summary import RunSummary
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.skill_run import ExecutePlan
+from poil_drake.diagrams.loop import perception as closed_loop_perception
+from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.skill_run import ExecutePlan
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.reports.run_summary import RunSummary
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 SWING = 0.6
 HELD_WIDTH = 0.01

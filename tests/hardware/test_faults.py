@@ -29,15 +29,16 @@ from mcap.reader import make_reader
 from prior_tracker import PriorTracker
 from pydrake.systems.framework import Context, DiscreteValues
 
-from poil_drake.diagrams import closed_loop_control, skill_run
-from poil_drake.diagrams.closed_loop import ClosedLoop
-from poil_drake.diagrams.real_time_loop import RealTimeLoop
-from poil_drake.diagrams.run_summary import RunSummary
-from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.loop import control as closed_loop_control
+from poil_drake.diagrams.loop.closed_loop import ClosedLoop
+from poil_drake.diagrams.run import skill_run
+from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.systems.differential_ik import DifferentialIk
-from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill_phases import FAULT_TEXT, Fault, SkillConfig
+from poil_drake.reports.run_summary import RunSummary
+from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
+from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, SkillConfig
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 

@@ -9,9 +9,14 @@ import pytest
 from hardware_bench import HOME, hardware_scenario, stand_in
 from machine_pace import SLOWEST
 
-from poil_drake.diagrams.hardware_config import LcmImages
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import CaptureFrame, HardwareStation, MakeStation, RequireLabels
+from poil_drake.diagrams.scenario.hardware_config import LcmImages
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import (
+    CaptureFrame,
+    HardwareStation,
+    MakeStation,
+    RequireLabels,
+)
 from poil_drake.errors import ScenarioError, StationError
 
 pytestmark = pytest.mark.render

@@ -7,11 +7,11 @@ import pytest
 from hardware_bench import execute, hardware_scenario, swinging_plan
 from machine_pace import Pace
 
-from poil_drake.diagrams.replay import Replay
-from poil_drake.diagrams.scenario import Scenario
+from poil_drake.diagrams.replay.replay import Replay
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.models.panda_model import ARM_JOINTS
-from poil_drake.recording.replay_tolerances import JOINT_VELOCITY, TRACKED_POINTS
-from poil_drake.recording.run_log_reader import load_recorded_run
+from poil_drake.recording.comparison.tolerances import JOINT_VELOCITY, TRACKED_POINTS
+from poil_drake.recording.run_log.reader import load_recorded_run
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 

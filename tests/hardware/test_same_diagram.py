@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from hardware_bench import carrying_plan, hardware_scenario, stand_in
 
-from poil_drake.diagrams.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import HardwareStation, SimulatedStation
-from poil_drake.recording.run_log import RunLogWriter
+from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import HardwareStation, SimulatedStation
+from poil_drake.recording.run_log.writer import RunLogWriter
 
 pytestmark = pytest.mark.render
 

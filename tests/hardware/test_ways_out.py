@@ -19,9 +19,9 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from poil_drake.diagrams.dump_scenario import DumpScenario
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.systems.safety_faults import SAFETY_FAULT_TEXT, SafetyFault
+from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 

@@ -17,7 +17,7 @@ from poil_drake.models.panda_model import (
     PandaModelConfig,
     panda_package_directory,
 )
-from poil_drake.models.robot_description import panda_description_directory
+from poil_drake.robots.robot_description import panda_description_directory
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import os
 from typing import Any
 
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.perception.worker_process import Answer
-from poil_drake.perception.worker_service import run
+from poil_drake.runtime.worker_process import Answer
+from poil_drake.runtime.worker_service import run
 
 
 class Echo:

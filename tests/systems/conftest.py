@@ -15,7 +15,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from poil_drake.systems.arm_kinematics import ArmKinematics
+from poil_drake.systems.ik.arm_kinematics import ArmKinematics
 
 X_AXIS, Y_AXIS, Z_AXIS = np.eye(3)
 

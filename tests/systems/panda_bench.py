@@ -15,17 +15,17 @@ from network_bench import NetworkBench
 from pydrake.systems.framework import System
 from system_bench import START, SystemBench
 
-from poil_drake.control.velocity_limiter import VelocityLimiter
-from poil_drake.systems.arm_plant import MakePandaKinematics
-from poil_drake.systems.lcm_mailbox import LcmMailbox
-from poil_drake.systems.panda_lcm import HandStatusReceiver, PandaStatusReceiver
-from poil_drake.systems.panda_lcm_messages import (
+from poil_drake.robots.velocity_limiter import VelocityLimiter
+from poil_drake.systems.ik.arm_plant import MakePandaKinematics
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.panda.lcm_messages import (
     decode_hand_status,
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda_senders import HandCommandSender, PandaCommandSender
-from poil_drake.systems.safety_faults import SafetyConfig
+from poil_drake.systems.panda.lcm_receivers import HandStatusReceiver, PandaStatusReceiver
+from poil_drake.systems.panda.lcm_senders import HandCommandSender, PandaCommandSender
+from poil_drake.systems.safety.faults import SafetyConfig
 
 PERIOD = 1 / 256
 LIMITER = VelocityLimiter(

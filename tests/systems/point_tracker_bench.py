@@ -12,9 +12,9 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import Absent
-from poil_drake.systems.point_tracker import PointTracker, PointTrackerConfig
-from poil_drake.systems.stopwatch import Stopwatch
+from poil_drake.systems.tracking.point_tracker import PointTracker, PointTrackerConfig
 
 PERIOD = 1 / 8
 AFTER = 1 / 1024  # long enough after an event to see what it did

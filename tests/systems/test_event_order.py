@@ -9,9 +9,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
-from poil_drake.systems.arm_kinematics import ArmKinematics
-from poil_drake.systems.fk_propagator import FkPropagator
-from poil_drake.systems.ground_truth_tracker import GroundTruthTracker, GroundTruthTrackerConfig
+from poil_drake.systems.ik.arm_kinematics import ArmKinematics
+from poil_drake.systems.propagation.fk_propagator import FkPropagator
+from poil_drake.systems.tracking.ground_truth_tracker import (
+    GroundTruthTracker,
+    GroundTruthTrackerConfig,
+)
 
 CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 1 / 16
 QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])

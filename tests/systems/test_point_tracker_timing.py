@@ -8,11 +8,11 @@ from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, Scene
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.point_tracker import PointTrackerConfig
-from poil_drake.systems.recorded_schedule import RecordedSchedule
 from poil_drake.systems.statuses import TrackerStatus
-from poil_drake.systems.stopwatch import Stopwatch
+from poil_drake.systems.tracking.point_tracker import PointTrackerConfig
+from poil_drake.systems.tracking.recorded_schedule import RecordedSchedule
 
 
 def test_before_the_first_event_nothing_is_tracked(make_bench: MakeBench) -> None:

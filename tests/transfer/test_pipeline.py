@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from poil_drake.diagrams.demonstration_recorder import MakeDemonstrationMotion
-from poil_drake.diagrams.demonstration_scene import DemonstrationScene
-from poil_drake.diagrams.scenario import Scenario
-from poil_drake.diagrams.station import CaptureFrame, MakeStation
-from poil_drake.diagrams.station_state import GetObjectPose
+from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.station.station_state import GetObjectPose
 from poil_drake.errors import DetectionError, InvalidValueError, TransferError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.images import MultiViewFrame
-from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
-from poil_drake.recording.demonstration import (
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
+from poil_drake.recording.demonstration.demonstration import (
     Demonstration,
     DemonstrationWriter,
     load_demonstration,
 )
+from poil_drake.transfer.alignment.symmetric_alignments import AmbiguityConfig
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer
-from poil_drake.transfer.symmetric_alignments import AmbiguityConfig
 
 pytestmark = pytest.mark.render
 

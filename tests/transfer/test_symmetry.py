@@ -4,8 +4,8 @@ import numpy as np
 
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import rotation_angle
-from poil_drake.transfer.alignment_config import CoarseAlignmentConfig
-from poil_drake.transfer.symmetric_alignments import AmbiguityConfig, symmetric_alignments
+from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
+from poil_drake.transfer.alignment.symmetric_alignments import AmbiguityConfig, symmetric_alignments
 from poil_drake.transfer.symmetry import SymmetryConfig, half_turns
 
 Maker = Callable[..., PointCloud]

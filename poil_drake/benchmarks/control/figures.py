@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from poil_drake.benchmarks.control.arena import ArenaConfig
-from poil_drake.benchmarks.control.policies import LEARNED
+from poil_drake.benchmarks.control.arena.arena import ArenaConfig
+from poil_drake.benchmarks.control.arena.tasks import MakeTask
+from poil_drake.benchmarks.control.policies.policies import LEARNED
 from poil_drake.benchmarks.control.table import summarize
-from poil_drake.benchmarks.control.tasks import MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, TrialConfig
-from poil_drake.recording.library_versions import library_versions
-from poil_drake.recording.plain_json import write_json
+from poil_drake.recording.mcap.library_versions import library_versions
+from poil_drake.recording.mcap.plain_json import write_json
 
 if TYPE_CHECKING:
     from poil_drake.benchmarks.control.study import ControlStudyConfig

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from poil_drake.benchmarks.control.policies import OURS, ROWS
+from poil_drake.benchmarks.control.arena.task import NEAR_HALF
+from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.policies.policies import OURS, ROWS
 from poil_drake.benchmarks.control.table import wilson_interval
-from poil_drake.benchmarks.control.task import NEAR_HALF
-from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial
 
 _BIN = 0.08  # Width of a bin of distances [m].

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.control.arena import Arena
-from poil_drake.benchmarks.control.delayed_tracking import DelayedTracking, TrackingConfig
+from poil_drake.benchmarks.control.arena.arena import Arena
+from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking, TrackingConfig
+from poil_drake.benchmarks.control.arena.direct_actuation import Slip
+from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
-from poil_drake.benchmarks.control.direct_actuation import Slip
 from poil_drake.benchmarks.control.figures import write_figures
 from poil_drake.benchmarks.control.pictures import draw_pictures
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
-from poil_drake.benchmarks.control.policies import LEARNED, OURS, ROWS, MakePolicy, Trained
+from poil_drake.benchmarks.control.policies.policies import LEARNED, OURS, ROWS, MakePolicy, Trained
 from poil_drake.benchmarks.control.starts import (
     Region,
     distance_to_near,
@@ -27,11 +28,10 @@ from poil_drake.benchmarks.control.starts import (
 )
 from poil_drake.benchmarks.control.table import print_tables
 from poil_drake.benchmarks.control.task_pictures import DrawTask
-from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
-from poil_drake.benchmarks.trial_pool import LostTrial, run_trials
-from poil_drake.diagrams.progress import OneLineTqdm
+from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
 from poil_drake.errors import InvalidValueError
+from poil_drake.reports.progress import OneLineTqdm
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
 """Who is tried in hard mode; the pose that the second one is granted is exact there, too.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from poil_drake.benchmarks.control.policies import ROWS
-from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.policies.policies import ROWS
 from poil_drake.benchmarks.control.trial import ControlTrial
 
 _WIDTH = 13

@@ -25,9 +25,9 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo, RgbdSensor
 
+from poil_drake.benchmarks.control.arena.task import MODELS, ControlTask
+from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.task import MODELS, ControlTask
-from poil_drake.benchmarks.control.tasks import MakeTask
 
 _GHOSTS = 7
 _WIDTH, _HEIGHT = 720, 540

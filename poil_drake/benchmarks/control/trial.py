@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.benchmarks.control.arena import Arena
-from poil_drake.benchmarks.control.contact_monitor import CollisionThreshold
+from poil_drake.benchmarks.control.arena.arena import Arena
+from poil_drake.benchmarks.control.arena.contact_monitor import CollisionThreshold
+from poil_drake.benchmarks.control.arena.direct_actuation import Slip
+from poil_drake.benchmarks.control.arena.task import SUCCESS_DISTANCE
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration
-from poil_drake.benchmarks.control.direct_actuation import Slip
 from poil_drake.benchmarks.control.starts import Region, distance_to_near
-from poil_drake.benchmarks.control.task import SUCCESS_DISTANCE
 from poil_drake.geometry.rigid_transform import rotation_angle
 
 

@@ -15,9 +15,9 @@ from poil_drake.perception.images import CameraModel
 # By name, so that only what is used is loaded. `McapPlayback` is read by `CameraPlayback`, which
 # stands with the recordings, a floor above this one.
 _DEVICES: dict[type, tuple[str, str]] = {
-    RealSense: ("poil_drake.perception.capture.real_sense", "RealSenseDevice"),
+    RealSense: ("poil_drake.perception.capture.real_sense.device", "RealSenseDevice"),
     Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
-    OpenCvStreams: ("poil_drake.perception.capture.opencv_streams", "OpenCvStreamsDevice"),
+    OpenCvStreams: ("poil_drake.perception.capture.opencv.streams", "OpenCvStreamsDevice"),
 }
 
 

@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
-from poil_drake.interpreter_turns import TURNS
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
 from poil_drake.perception.capture.host_stamps import HostStamps
 from poil_drake.perception.capture.intrinsics_check import check_intrinsics
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.runtime.interpreter_turns import TURNS
 
 _SECONDS_PER_NANOSECOND = 1e-9
 

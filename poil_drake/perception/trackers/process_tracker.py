@@ -13,7 +13,7 @@ from poil_drake.errors import TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import PointTracker, TrackerOutput
-from poil_drake.perception.worker_process import WorkerEndedError, WorkerProcess
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class RemoteState(SharedOnCopy):

@@ -5,8 +5,8 @@ from typing import Any
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import PointTracker
-from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
-from poil_drake.perception.trackers.rigid_flow_config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 TRACKERS: dict[str, tuple[Callable[[Any], PointTracker], type]] = {
     "rigid_flow": (RigidFlowTracker, RigidFlowConfig),

@@ -4,8 +4,8 @@ from itertools import count
 from typing import Any
 
 from poil_drake.perception.trackers.protocol import PointTracker
-from poil_drake.perception.worker_process import Answer
-from poil_drake.perception.worker_service import run
+from poil_drake.runtime.worker_process import Answer
+from poil_drake.runtime.worker_service import run
 
 
 class TrackerService:

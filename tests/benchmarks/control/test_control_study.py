@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from poil_drake.benchmarks.control import study as dut
+from poil_drake.benchmarks.control.arena.direct_actuation import NO_SLIP
+from poil_drake.benchmarks.control.arena.tasks import TASKS
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.direct_actuation import NO_SLIP
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.tasks import TASKS
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial
-from poil_drake.benchmarks.trial_pool import LostTrial
+from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
 SMALL = dut.ControlStudyConfig(tasks=("pnp_cube",), policies=("open_loop", "field"), trials=1)

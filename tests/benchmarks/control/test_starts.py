@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from poil_drake.benchmarks.control import starts as dut
-from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.arena.arena import Arena
+from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.scripted import ScriptedPolicy
-from poil_drake.benchmarks.control.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.policies.scripted import ScriptedPolicy
 
 
 @pytest.fixture(scope="module", params=TASKS)

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from poil_drake.benchmarks.control.arena import Arena
+from poil_drake.benchmarks.control.arena.arena import Arena
+from poil_drake.benchmarks.control.arena.direct_actuation import Slip
+from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.direct_actuation import Slip
-from poil_drake.benchmarks.control.policy import CommandedTwist
-from poil_drake.benchmarks.control.scripted import pose_difference
-from poil_drake.benchmarks.control.tasks import MakeTask
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist
+from poil_drake.benchmarks.control.policies.scripted import pose_difference
 from poil_drake.benchmarks.control.trial import RunTrial, TrialConfig, pair_strains
 
 SHOWN = TaskDemonstration("pnp_cube")

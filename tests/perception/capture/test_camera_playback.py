@@ -9,9 +9,9 @@ from capture_bench import SettableClock
 from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.images import CameraModel
-from poil_drake.recording.camera_playback import CameraPlayback
-from poil_drake.recording.image_messages import ColorEncoding
-from poil_drake.recording.run_log import RunLogConfig, RunLogWriter
+from poil_drake.recording.demonstration.camera_playback import CameraPlayback
+from poil_drake.recording.mcap.image_messages import ColorEncoding
+from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
 SIZE = (24, 32)
 K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])

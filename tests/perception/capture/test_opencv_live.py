@@ -11,7 +11,7 @@ from capture_bench import CAMERA, HEIGHT, SIZE, TIMEOUT, WIDTH, SettableClock
 
 from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.config import OpenCvStreams
-from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
+from poil_drake.perception.capture.opencv.streams import OpenCvStreamsDevice
 from poil_drake.perception.images import RgbdImage
 
 MJPG = cv2.VideoWriter.fourcc(*"MJPG")

@@ -7,7 +7,7 @@ from capture_bench import SettableClock
 
 from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import OpenCvStreams
-from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
+from poil_drake.perception.capture.opencv.streams import OpenCvStreamsDevice
 from poil_drake.perception.images import CameraModel
 
 SIZE = (24, 32)

@@ -13,7 +13,7 @@ from capture_bench import CAMERA, HEIGHT, SIZE, WIDTH, K, SettableClock
 
 from poil_drake.errors import CaptureError, MissingDependencyError, NoImageError
 from poil_drake.perception.capture.config import RealSense
-from poil_drake.perception.capture.real_sense import RealSenseDevice
+from poil_drake.perception.capture.real_sense.device import RealSenseDevice
 from poil_drake.perception.images import CameraModel
 
 LATENCY = 0.25

@@ -12,7 +12,7 @@ from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import TrackerOutput
-from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 UP = make_transform(np.eye(3), np.array([0.0, 0.0, 0.02]))
 
@@ -155,7 +155,7 @@ def test_a_script_needs_no_guard_and_leaves_no_process(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "from poil_drake.perception.trackers.process_tracker import ProcessTracker\n"
-        "from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker\n"
+        "from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker\n"
         "print(ProcessTracker(RigidFlowTracker()).pid)\n"
     )
 

@@ -3,8 +3,8 @@ import pytest
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.registry import TRACKERS
 from poil_drake.perception.trackers.registry import make_tracker as dut
-from poil_drake.perception.trackers.rigid_flow import RigidFlowTracker
-from poil_drake.perception.trackers.rigid_flow_config import GrowthConfig, RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.config import GrowthConfig, RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 
 def test_makes_the_default_tracker_by_name():
@@ -33,7 +33,7 @@ def test_another_tracker_s_configuration_is_refused():
 
 
 def test_schedules_must_be_of_one_length():
-    from poil_drake.perception.trackers.alignment_config import DepthConfig
+    from poil_drake.perception.trackers.rigid_flow.alignment.config import DepthConfig
 
     with pytest.raises(InvalidValueError, match=r"depth\.gates"):
         RigidFlowConfig(depth=DepthConfig(gates=(0.02, 0.01)))

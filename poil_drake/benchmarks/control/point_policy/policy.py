@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
-from poil_drake.benchmarks.control.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import rotation_log, transform_points
 

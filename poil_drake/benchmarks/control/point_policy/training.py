@@ -89,7 +89,7 @@ def _optimize(
     import torch
 
     from poil_drake.benchmarks.control.point_policy.torch_network import forward
-    from poil_drake.transfer.adam import Adam
+    from poil_drake.transfer.registration.adam import Adam
 
     # One parameter for all weights, so that the optimiser takes one step, not one for each.
     flat = torch.nn.Parameter(torch.as_tensor(np.concatenate([w.ravel() for w in first.values()])))

@@ -1,0 +1,1 @@
+"""The simulation and the tasks of the control study."""

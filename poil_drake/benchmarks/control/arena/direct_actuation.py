@@ -1,0 +1,197 @@
+"""Drives an object by itself, as if by a hand of limited strength, along a commanded twist."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from poil_drake.control.field.twist_fit import shift_twist
+from poil_drake.geometry.all_finite import all_finite
+from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuationConfig:
+    """How strong and how stiff the hand is.
+
+    Attributes:
+        gain: The object takes on the commanded velocity at this rate [1/s]. At 1/128 s a step it
+            must stay well below 128 / s.
+        max_force: Largest force besides that which carries the weight [N]; what blocks the object
+            with more than this stops it.
+        max_torque: Largest torque [N m].
+    """
+
+    gain: float = 60.0
+    max_force: float = 5.0
+    max_torque: float = 0.3
+
+
+class Slip(NamedTuple):
+    """How an object slips in the hand: evenly, over a short time.
+
+    Attributes:
+        start: When it begins [s]; infinite for never.
+        duration: How long it lasts [s].
+        shift: (3,) how far the object moves relative to the hand [m, object frame].
+        turn: (3,) how far it turns, as a rotation vector [rad, object frame].
+    """
+
+    start: float
+    duration: float
+    shift: np.ndarray
+    turn: np.ndarray
+
+    def share(self, time: float) -> float:
+        """Returns which part of the slip has happened at a time [s], in [0, 1]."""
+        return float(np.clip((time - self.start) / self.duration, 0.0, 1.0))
+
+    def flat(self) -> np.ndarray:
+        """Returns the numbers in one row (8,)."""
+        return np.array([self.start, self.duration, *self.shift, *self.turn])
+
+
+NO_SLIP = Slip(np.inf, 1.0, np.zeros(3), np.zeros(3))
+
+
+def servo_wrench(
+    wanted: np.ndarray, measured: np.ndarray, mass: float, inertia: np.ndarray, c: ActuationConfig
+) -> np.ndarray:
+    """Returns the bounded wrench (6,) [N m, N] that turns one velocity into another.
+
+    Args:
+        wanted: (6,) (omega [rad/s], v [m/s]) of the centre of mass, world.
+        measured: (6,) the same, as it is.
+        mass: [kg].
+        inertia: (3, 3) about the centre of mass [kg m^2, world].
+        c: Gain and limits. A wrench beyond them keeps its direction.
+    """
+    missing = c.gain * (wanted - measured)
+    torque, force = inertia @ missing[:3], mass * missing[3:]
+    torque *= min(1.0, c.max_torque / max(math.hypot(*torque), 1e-12))
+    force *= min(1.0, c.max_force / max(math.hypot(*force), 1e-12))
+    return np.concatenate([torque, force])
+
+
+class DirectActuation(LeafSystem):
+    """Moves a body with a bounded wrench; what stands in its way really stops it.
+
+    .. pydrake_system::
+
+        name: DirectActuation
+        input_ports:
+        - twist
+        - point
+        - body_poses
+        - body_spatial_velocities
+        output_ports:
+        - applied_spatial_force
+        - hand_pose
+
+    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of the place `point` (3,) [m, world]; NaN counts
+    as standing still. The others are the plant's. Outputs, both functions of the inputs and time:
+
+    - `applied_spatial_force`: a list with one force at the object's centre of mass, what
+      `servo_wrench` says plus what carries the weight.
+    - `hand_pose` (16,): X_WH row-major of the hand, a frame that coincides with the driven body
+      until the object slips.
+
+    The parameter of index 0 (8,) is a `Slip`, by default none.
+    """
+
+    def __init__(
+        self,
+        *,
+        plant: MultibodyPlant,
+        body: RigidBody,
+        config: ActuationConfig | None = None,
+    ):
+        """Constructs the hand.
+
+        Args:
+            plant: The finalized plant.
+            body: The driven body; its model instance moves as a whole.
+            config: Strength and stiffness.
+        """
+        super().__init__()
+        self._config = config or ActuationConfig()
+        self._body = body.index()
+        context = plant.CreateDefaultContext()
+        bodies = plant.GetBodyIndices(body.model_instance())
+        inertia = plant.CalcSpatialInertia(context, body.body_frame(), bodies)
+        self._mass = inertia.get_mass()
+        self._center = inertia.get_com()
+        self._inertia = inertia.Shift(self._center).CalcRotationalInertia().CopyToFullMatrix3()
+        self._weight = self._mass * 9.81 if plant.is_gravity_enabled(body.model_instance()) else 0.0
+        self._twist = self.DeclareVectorInputPort("twist", 6)
+        self._point = self.DeclareVectorInputPort("point", 3)
+        n = plant.num_bodies()
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value([RigidTransform()] * n))
+        self._velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", Value([SpatialVelocity()] * n)
+        )
+        self._slip = self.DeclareNumericParameter(BasicVector(NO_SLIP.flat()))
+        always = {self.time_ticket(), self._poses.ticket(), self.all_parameters_ticket()}
+        self.DeclareAbstractOutputPort(
+            "applied_spatial_force",
+            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
+            self._calc_force,
+            always | {p.ticket() for p in (self._twist, self._point, self._velocities)},
+        )
+        self.DeclareVectorOutputPort("hand_pose", 16, self._calc_hand, always)
+
+    def SetSlip(self, context: Context, slip: Slip) -> None:
+        """Says how the object will slip in this system's context."""
+        context.get_mutable_numeric_parameter(self._slip).SetFromVector(slip.flat())
+
+    def _get_slip(self, context: Context) -> Slip:
+        values = context.get_numeric_parameter(self._slip).value()
+        return Slip(float(values[0]), float(values[1]), values[2:5], values[5:8])
+
+    def _calc_force(self, context: Context, output: AbstractValue) -> None:
+        X_WB = self._poses.Eval(context)[self._body]
+        velocity = self._velocities.Eval(context)[self._body]
+        R = X_WB.rotation().matrix()
+        p_BoCo = R @ self._center
+        measured = velocity.Shift(p_BoCo).get_coeffs()
+        twist, point = self._twist.Eval(context), self._point.Eval(context)
+        wanted = np.zeros(6)
+        if all_finite(twist) and all_finite(point):
+            wanted = shift_twist(twist, X_WB.translation() + p_BoCo - point)
+        wanted += self._slipping(context, R, p_BoCo)
+        inertia = R @ self._inertia @ R.T
+        wrench = servo_wrench(wanted, measured, self._mass, inertia, self._config)
+        wrench[5] += self._weight
+        applied = ExternallyAppliedSpatialForce()
+        applied.body_index = self._body
+        applied.p_BoBq_B = self._center
+        applied.F_Bq_W = SpatialForce(tau=wrench[:3], f=wrench[3:])
+        output.set_value([applied])
+
+    def _slipping(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
+        """Returns how fast the object's centre of mass moves out of the hand (6,), world.
+
+        X_HO = (exp(s turn), s shift) with the share s of the slip, and X_WH at rest.
+        """
+        slip, time = self._get_slip(context), context.get_time()
+        if not slip.start <= time < slip.start + slip.duration:
+            return np.zeros(6)
+        R_WH = R @ rotation_exp(-slip.share(time) * slip.turn)
+        omega, v = R_WH @ slip.turn / slip.duration, R_WH @ slip.shift / slip.duration
+        return np.concatenate([omega, v + np.cross(omega, p_BoCo)])
+
+    def _calc_hand(self, context: Context, output: BasicVector) -> None:
+        slip = self._get_slip(context)
+        share = slip.share(context.get_time())
+        X_WB = self._poses.Eval(context)[self._body].GetAsMatrix4()
+        if share > 0.0:
+            X_HO = make_transform(rotation_exp(share * slip.turn), share * slip.shift)
+            X_WB = X_WB @ inverse(X_HO)
+        output.SetFromVector(X_WB.ravel())

@@ -1,0 +1,187 @@
+"""The four tasks of the control study (POIL, table II)."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from poil_drake.benchmarks.control.arena.task import ControlTask, Fixture
+from poil_drake.diagrams.demonstration.hanging_motion import hanging_keyframes
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
+from poil_drake.geometry.sampling import farthest_point_sampling
+from poil_drake.models.bag_sdf import BagParameters, handle_vertices
+from poil_drake.models.mug_family import NAMED_MUGS
+from poil_drake.models.mug_mesh import handle_mesh
+
+POINT_COUNT = 10
+"""N_k of the paper."""
+
+_ABOVE_TABLE = 0.005
+"""How far above the table, or a board, objects start and end [m]: nothing is put down."""
+
+_TABLE = Fixture(file="fixtures/table.sdf", link="table")
+_RACK = Fixture(file="fixtures/rack.sdf", link="stand", position=(0.55, 0.30, 0.0))
+_ROD_SEAT, _ROD_LENGTH = 0.54, 0.14
+_ROD_DIRECTION = np.array([0.0, -math.cos(math.radians(15)), math.sin(math.radians(15))])
+_ROD_BASE = np.array([0.55, 0.30, 0.26])
+
+
+def MakeTask(name: str) -> ControlTask:
+    """Returns a task by name.
+
+    Raises:
+        InvalidValueError: naming those that there are.
+    """
+    if name not in _MAKERS:
+        raise InvalidValueError(
+            f"There is no task '{name}'.", remedy=f"Choose from: {', '.join(_MAKERS)}."
+        )
+    return _make(name)
+
+
+@cache
+def _make(name: str) -> ControlTask:
+    return _MAKERS[name]()
+
+
+def _pick_and_place_cube() -> ControlTask:
+    z = 0.025 + _ABOVE_TABLE
+    start, goal, up = (0.40, -0.20, z), (0.55, 0.20, z), 0.15
+    waypoints = [start, start, (0.40, -0.20, z + up), (0.55, 0.20, z + up), goal, goal]
+    times, keyframes = _straight_keyframes([0.5, 1.0, 2.5, 1.0, 0.5], waypoints)
+    return ControlTask(
+        name="pnp_cube",
+        title="PnP Cube",
+        object_file="objects/cube.sdf",
+        fixtures=(_TABLE,),
+        carriers=("body",) * POINT_COUNT,
+        link_points=_box_points((0.05, 0.05, 0.05)),
+        times=times,
+        keyframes=keyframes,
+        criterion="center",
+        paper={"pp_1": (100, 54), "pp_50": (100, 100), "ip_1": (100, 100), "ours": (100, 100)},
+    )
+
+
+def _reshelving() -> ControlTask:
+    low, high = 0.10 + _ABOVE_TABLE, 0.32 + 0.10 + _ABOVE_TABLE
+    over = high + 0.015
+    waypoints = [
+        *[(0.70, 0.0, low)] * 2,
+        *[(0.40, 0.0, low), (0.40, 0.0, over), (0.70, 0.0, over)],
+        *[(0.70, 0.0, high)] * 2,
+    ]
+    times, keyframes = _straight_keyframes([0.5, 2.0, 2.0, 2.0, 0.75, 0.5], waypoints)
+    return ControlTask(
+        name="reshelving",
+        title="Reshelving",
+        object_file="objects/book.sdf",
+        fixtures=(_TABLE, Fixture(file="fixtures/shelf.sdf", link="shelf", position=(0.55, 0, 0))),
+        carriers=("body",) * POINT_COUNT,
+        link_points=_box_points((0.14, 0.03, 0.20)),
+        times=times,
+        keyframes=keyframes,
+        criterion="center",
+        # From the back wall to before the shelf, between its sides.
+        far_lower=(-0.50, -0.28),
+        far_upper=(0.08, 0.28),
+        paper={"pp_1": (71, 31), "pp_50": (100, 57), "ip_1": (4, 3), "ours": (100, 100)},
+    )
+
+
+def _mug_insertion() -> ControlTask:
+    scenario = ChooseScenario(seed=0)
+    hanging = scenario.poil.demonstration_motion.hanging
+    times, keyframes = hanging_keyframes(DemonstrationScene(scenario, cameras=False), hanging)
+    keyframes = keyframes.copy()
+    keyframes[:3, 2, 3] += _ABOVE_TABLE
+    mug = next(mug for mug in NAMED_MUGS if mug.name == "mug_demo")
+    # Of some of the surface only, or all of them would be its outermost points, in one plane.
+    handle = np.random.default_rng(0).permutation(np.asarray(handle_mesh(mug).vertices))[:60]
+    return ControlTask(
+        name="mug_insertion",
+        title="Mug Insert.",
+        object_file="mugs/mug_demo/mug_demo.sdf",
+        fixtures=(_TABLE, _RACK),
+        carriers=("handle",) * POINT_COUNT,
+        link_points=handle[farthest_point_sampling(handle, POINT_COUNT)],
+        times=times,
+        keyframes=keyframes,
+        criterion="points",
+        paper={"pp_1": (33, 25), "pp_50": (100, 84), "ip_1": (0, 0), "ours": (100, 100)},
+    )
+
+
+def _hanging_bag() -> ControlTask:
+    bag = BagParameters()
+    half_height = 0.5 * bag.body[2]
+    seat = _ROD_BASE + _ROD_SEAT * _ROD_LENGTH * _ROD_DIRECTION
+    opening = half_height + 0.45 * bag.handle_height
+    over = seat - np.array([0.0, 0.0, opening])
+    before = over + ((1.0 - _ROD_SEAT) * _ROD_LENGTH + 0.06) * _ROD_DIRECTION
+    rod_radius, pressed = 0.0055, 0.03
+    underside = half_height + bag.handle_height - bag.handle_radius
+    hung = seat + np.array([0.0, 0.0, rod_radius - underside - pressed])
+    start = np.array([0.45, -0.13, half_height + _ABOVE_TABLE])
+    lifted = start + np.array([0.0, 0.0, 0.14])
+    waypoints = [start, start, lifted, before, over, hung, hung]
+    times, keyframes = _straight_keyframes([0.5, 1.0, 2.5, 1.5, 1.0, 0.5], waypoints)
+    keyframes[:3, :3, :3] = rotation_exp(np.array([0.0, 0.0, math.radians(40)]))
+    carriers, link_points = _strap_points(bag)
+    return ControlTask(
+        name="hanging_bag",
+        title="Hanging Bag",
+        object_file="bags/soft_bag/soft_bag.sdf",
+        fixtures=(_TABLE, _RACK),
+        carriers=carriers,
+        link_points=link_points,
+        times=times,
+        keyframes=keyframes,
+        criterion="points",
+        rigid=False,
+        paper={"pp_1": (51, 45), "pp_50": (100, 100), "ip_1": (23, 19), "ours": (100, 100)},
+    )
+
+
+_MAKERS: dict[str, Callable[[], ControlTask]] = {
+    "pnp_cube": _pick_and_place_cube,
+    "mug_insertion": _mug_insertion,
+    "reshelving": _reshelving,
+    "hanging_bag": _hanging_bag,
+}
+
+TASKS = tuple(_MAKERS)
+"""The names of the tasks, in the order of the paper's table."""
+
+
+def _straight_keyframes(
+    durations: Sequence[float], positions: Sequence[Sequence[float] | np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns times (K,) and poses (K, 4, 4) without any turn."""
+    poses = [make_transform(np.eye(3), np.array(position)) for position in positions]
+    return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
+
+
+def _box_points(size: tuple[float, float, float]) -> np.ndarray:
+    """Returns N points (N, 3) on the surface of a box, far from each other, of no symmetry."""
+    rng = np.random.default_rng(0)
+    samples = rng.uniform(-0.5, 0.5, size=(600, 3))
+    face = rng.integers(0, 3, size=600)
+    samples[np.arange(600), face] = np.copysign(0.5, samples[np.arange(600), face])
+    samples *= size
+    return samples[farthest_point_sampling(samples, POINT_COUNT)]
+
+
+def _strap_points(bag: BagParameters) -> tuple[tuple[str, ...], np.ndarray]:
+    """Returns N links and the points (N, 3) in their frames [m], to both sides along the strap."""
+    lengths = np.linalg.norm(np.diff(handle_vertices(bag), axis=0), axis=1)
+    places = np.linspace(0.5, bag.links - 0.5, POINT_COUNT)
+    links = np.minimum(places.astype(int), bag.links - 1)
+    side = bag.handle_radius * np.where(np.arange(POINT_COUNT) % 2 == 0, 1.0, -1.0)
+    along = (places - links) * lengths[links]
+    p_BP = np.stack([np.zeros(POINT_COUNT), side, along], axis=1)
+    return tuple(f"handle_{k}" for k in links), p_BP

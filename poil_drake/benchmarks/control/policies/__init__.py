@@ -1,0 +1,1 @@
+"""The policies that the control study compares."""

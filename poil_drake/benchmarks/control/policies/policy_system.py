@@ -1,0 +1,93 @@
+"""Runs a policy of the control study in a diagram."""
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
+from poil_drake.control.field.twist_fit import scale_twist, shift_twist
+
+
+class PolicySystem(LeafSystem):
+    """A policy with the speed limits that hold for all of them.
+
+    .. pydrake_system::
+
+        name: PolicySystem
+        input_ports:
+        - points
+        - confidence
+        - object_pose
+        - hand_pose
+        output_ports:
+        - twist
+        - point
+
+    Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO and
+    `hand_pose` (16,) X_WH, both row-major. At each of the policy's periods it takes a step; outputs
+    are what it then commanded, and zero before the first one:
+
+    - `twist` (6,): (omega [rad/s], v [m/s]) of `point`, world, scaled by one factor to the limits.
+      What is not finite counts as zero.
+    - `point` (3,): where the hand was then, whatever place the policy spoke of [m, world]: the
+      limit is of the same place for all policies.
+
+    The policy's state is this system's abstract state.
+    """
+
+    def __init__(
+        self,
+        *,
+        policy: Policy,
+        num_points: int,
+        max_angular_speed: float,
+        max_linear_speed: float,
+    ):
+        """Constructs the system.
+
+        Args:
+            policy: The policy.
+            num_points: N.
+            max_angular_speed: Of the commanded twist [rad/s].
+            max_linear_speed: Of the hand [m/s].
+        """
+        super().__init__()
+        self._policy = policy
+        self._limits = (max_angular_speed, max_linear_speed)
+        self._points = self.DeclareVectorInputPort("points", 3 * num_points)
+        self._confidence = self.DeclareVectorInputPort("confidence", num_points)
+        self._pose = self.DeclareVectorInputPort("object_pose", 16)
+        self._hand = self.DeclareVectorInputPort("hand_pose", 16)
+        at_rest = CommandedTwist(np.zeros(6), np.zeros(3))
+        self._state = self.DeclareAbstractState(Value((policy.start(), at_rest)))
+        ticket = {self.abstract_state_ticket(self._state)}
+        self.DeclareVectorOutputPort("twist", 6, self._calc_twist, ticket)
+        self.DeclareVectorOutputPort("point", 3, self._calc_point, ticket)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(policy.period, 0.0, self._step)
+
+    def GetPolicyState(self, context: Context) -> object:
+        """Returns the policy's state in this system's context."""
+        return context.get_abstract_state(self._state).get_value()[0]
+
+    def _step(self, context: Context, state: State) -> None:
+        before, _ = context.get_abstract_state(self._state).get_value()
+        observation = Observation(
+            time=context.get_time(),
+            points=self._points.Eval(context).reshape(-1, 3),
+            confidence=self._confidence.Eval(context),
+            X_WO=self._pose.Eval(context).reshape(4, 4),
+            X_WH=self._hand.Eval(context).reshape(4, 4),
+        )
+        after, (V, point) = self._policy.step(before, observation)
+        hand = observation.X_WH[:3, 3]
+        command = CommandedTwist(scale_twist(shift_twist(V, hand - point), *self._limits), hand)
+        state.get_mutable_abstract_state(self._state).set_value((after, command))
+
+    def _command(self, context: Context) -> CommandedTwist:
+        return context.get_abstract_state(self._state).get_value()[1]
+
+    def _calc_twist(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._command(context).V)
+
+    def _calc_point(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._command(context).point)

@@ -1,0 +1,1 @@
+"""The main job on the hardware path, and a stand-in robot."""

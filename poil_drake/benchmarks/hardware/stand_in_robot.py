@@ -1,0 +1,291 @@
+"""Stands for a Franka, its driver and its cameras, in a process of its own that costs little.
+
+It speaks the driver's messages at the driver's rates, but has no dynamics: joints follow velocity
+commands through a low pass, the hand stops at the width of what it is told to hold, and the cameras
+show one picture for ever. `poil driver` is the one with physics.
+
+Run as `python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json`, it says "ready", works
+until its standard input is closed, and then writes what it saw as JSON.
+"""
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.lcm import DrakeLcmParams
+
+from poil_drake.errors import StationError
+from poil_drake.perception.images import RgbdImage
+from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
+from poil_drake.systems.cameras.lcm_image_messages import encode_images
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.lcm.network import LcmNetwork
+from poil_drake.systems.panda.lcm_messages import (
+    HAND_PERIOD,
+    HandStatus,
+    PandaChannels,
+    PandaStatus,
+    decode_hand_command,
+    decode_panda_command,
+    encode_hand_status,
+    encode_panda_status,
+)
+from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.systems.statuses import RobotMode
+
+if TYPE_CHECKING:
+    from poil_drake.diagrams.scenario.scenario import Scenario  # Slow to import.
+
+PERIOD = 0.001
+"""Of the driver's loop [s]."""
+
+_EXPIRY = 0.1  # [s], the driver's --expire_sec
+_SMOOTHING = PERIOD * 2.0 * np.pi * 30.0  # its low pass of 30 Hz
+_HAND_SPEED = 0.1  # [m/s]
+_PRIORITY = 30
+_KEPT = 200_000
+_READY = "ready\n"
+_RECEIVE_BUFFER = 4_194_304  # [bytes], for images
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandInSetup:
+    """What a stand-in robot is told.
+
+    Attributes:
+        robot_url: The driver's LCM network.
+        image_url: The cameras'.
+        position: Where the arm stands (7,) [rad].
+        holds: Width of what is between the fingers [m].
+        pictures: What the cameras show: an npz with "<camera>.rgb", ".depth" and ".label".
+        cameras: Their names.
+        image_period: Between two pictures [s].
+        time_scale: Seconds of the robot's time per second; all other times are the robot's.
+        fault: For those that misbehave: how.
+        after: And when [s], counted from the arm's first motion.
+    """
+
+    robot_url: str
+    image_url: str
+    position: tuple[float, ...]
+    holds: float
+    pictures: str
+    cameras: tuple[str, ...]
+    image_period: float = 0.125
+    time_scale: float = 1.0
+    fault: str = ""
+    after: float = 0.0
+
+
+class StandInRobot:
+    """The arm, the hand and the cameras.
+
+    Attributes:
+        setup: What it was told.
+        position: Of the joints (7,) [rad].
+        velocity: Of the joints (7,) [rad/s].
+        width: Of the hand [m].
+        commands: What comes for the arm.
+        hand_commands: What comes for the hand.
+        speeds: Rows of our time and the largest joint speed then.
+        commanded: The stamps of the commands that came.
+        told: Rows of our time and the largest joint speed that a command then asked for.
+        hand_told: Rows of our time and the opening that the hand was then told [m].
+    """
+
+    def __init__(self, setup: StandInSetup):
+        """Opens the networks and reads the pictures."""
+        self.setup, self.channels = setup, PandaChannels()
+        self.lcm = LcmNetwork(setup.robot_url, realtime_priority=_PRIORITY)
+        self.images = LcmNetwork(setup.image_url)
+        self.commands = LcmMailbox(self.lcm, self.channels.command, decode_panda_command)
+        self.hand_commands = LcmMailbox(self.lcm, self.channels.hand_command, decode_hand_command)
+        self.position, self.velocity = np.array(setup.position), np.zeros(NUM_JOINTS)
+        self.width = 0.08
+        self.speeds: list[tuple[float, float]] = []
+        self.commanded: list[float] = []
+        self.told: list[tuple[float, float]] = []
+        self.hand_told: list[tuple[float, float]] = []
+        self.lcm.Subscribe(self.channels.command, self._hear)
+        self.lcm.Subscribe(self.channels.hand_command, self._hear_hand)
+        pictures = np.load(setup.pictures)
+        self.pictures = {
+            name: [pictures[f"{name}.{kind}"] for kind in ("rgb", "depth", "label")]
+            for name in setup.cameras
+        }
+
+    def _hear(self, message: bytes) -> None:
+        command = decode_panda_command(message)
+        self.commanded.append(command.stamp)
+        self.told.append((self.clock(), float(np.abs(command.velocity).max())))
+
+    def _hear_hand(self, message: bytes) -> None:
+        self.hand_told.append((self.clock(), decode_hand_command(message).width))
+
+    def clock(self) -> float:
+        """Returns the time [s since the epoch, scaled]."""
+        return self.setup.time_scale * time.time()
+
+    def now(self) -> float:
+        """Returns the driver's time [s since the epoch, scaled], which a faulty one shifts."""
+        return self.clock()
+
+    def wanted(self, now: float) -> np.ndarray:
+        """Returns the velocity (7,) [rad/s] that the arm shall have."""
+        command = self.commands.newest
+        fresh = command is not None and abs(now - command.stamp) <= _EXPIRY
+        return command.velocity if command is not None and fresh else np.zeros(NUM_JOINTS)
+
+    def step(self, tick: int) -> None:
+        """Does what the driver does in a millisecond."""
+        self.lcm.HandleSubscriptions(0)
+        now = self.now()
+        self.velocity = self.velocity + _SMOOTHING * (self.wanted(now) - self.velocity)
+        self.position = self.position + PERIOD * self.velocity
+        self.speeds.append((self.clock(), float(np.abs(self.velocity).max())))
+        self.say(now)
+        if tick % round(HAND_PERIOD / PERIOD) == 0:
+            self.move_hand(now)
+
+    def status(self, stamp: float) -> PandaStatus:
+        """Returns what the driver reports."""
+        return PandaStatus(
+            stamp=stamp,
+            position=self.position,
+            velocity=self.velocity,
+            torque_external=np.zeros(NUM_JOINTS),
+            mode=RobotMode.MOVE,
+            success_rate=1.0,
+        )
+
+    def say(self, now: float) -> None:
+        """Sends the arm's status."""
+        message = encode_panda_status(self.status(now), self.velocity)
+        self.lcm.Publish(self.channels.status, message)
+
+    def move_hand(self, now: float) -> None:
+        """Moves the hand, and sends its status."""
+        command = self.hand_commands.newest
+        if command is not None:
+            step, goal = _HAND_SPEED * HAND_PERIOD, max(command.width, self.setup.holds)
+            self.width += min(max(goal - self.width, -step), step)
+        status = HandStatus(stamp=now, width=self.width)
+        self.lcm.Publish(self.channels.hand_status, encode_hand_status(status, False))
+
+    def show(self) -> None:
+        """Sends a picture of each camera."""
+        stamp = self.now()
+        for name in self.pictures:
+            self.images.Publish(self.image_channel(name), self.picture(name, stamp))
+
+    def image_channel(self, camera: str) -> str:
+        """Returns where a camera's pictures go."""
+        return f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
+
+    def picture(self, camera: str, stamp: float) -> bytes:
+        """Returns a camera's picture as a message."""
+        rgb, depth, label = self.pictures[camera]
+        image = RgbdImage(rgb=rgb, depth=depth, stamp=stamp, label=label)
+        return encode_images(image, camera=camera)
+
+    def seen(self) -> dict[str, Any]:
+        """Returns what it saw, as JSON can hold it."""
+        kept = ("speeds", "commanded", "told", "hand_told")
+        return {name: getattr(self, name)[-_KEPT:] for name in kept}
+
+    def run(self) -> None:
+        """Works until standard input is closed."""
+        ended = threading.Event()
+
+        def wait() -> None:
+            sys.stdin.read()
+            ended.set()
+
+        def show_for_ever() -> None:
+            while not ended.wait(self.setup.image_period / self.setup.time_scale):
+                self.show()
+
+        sys.setswitchinterval(1e-4)  # A picture must not hold up the statuses.
+        for work in (wait, show_for_ever):
+            threading.Thread(target=work, daemon=True).start()
+        print(_READY, end="", flush=True)
+        period, start, tick = PERIOD / self.setup.time_scale, time.monotonic(), 0
+        # What stands for a robot must not be late, whatever else this machine does.
+        with RealTimeScheduling(_PRIORITY):
+            while not ended.is_set():
+                elapsed = time.monotonic() - start
+                while tick * period < elapsed:
+                    self.step(tick)
+                    tick += 1
+                time.sleep(0.5 * period)
+        print(json.dumps(self.seen()), flush=True)
+
+
+def with_own_networks(scenario: "Scenario") -> "Scenario":
+    """Returns a scenario with LCM networks on this machine that nobody else uses."""
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    for one in sockets:
+        one.bind(("", 0))
+    ports = [one.getsockname()[1] for one in sockets]
+    for one in sockets:
+        one.close()
+    hardware = scenario.poil.hardware
+    buses = {
+        bus: DrakeLcmParams(
+            lcm_url=f"udpm://239.255.76.67:{port}?ttl=0&recv_buf_size={_RECEIVE_BUFFER}"
+        )
+        for bus, port in zip((hardware.robot_bus, hardware.image_bus), ports, strict=True)
+    }
+    return replace(scenario, lcm_buses={**scenario.lcm_buses, **buses})
+
+
+@contextmanager
+def running_stand_in(
+    setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
+) -> Iterator[subprocess.Popen[str]]:
+    """Runs a stand-in robot in a process beside a block, once it is ready.
+
+    Closing its standard input ends it; what it saw is the last line it says.
+
+    Args:
+        setup: What it is told.
+        folder: For its setup.
+        program: What Python is to run: this module, or one whose robot misbehaves.
+    """
+    path = folder / "stand_in.json"
+    path.write_text(json.dumps(asdict(setup)))
+    process = subprocess.Popen(
+        [sys.executable, "-P", *program, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        if process.stdout.readline() != _READY:
+            raise StationError(
+                "The stand-in robot did not start.", remedy="See what it wrote to standard error."
+            )
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+def read_setup(path: str) -> StandInSetup:
+    """Returns the setup in a JSON file."""
+    return StandInSetup(**json.loads(Path(path).read_text()))
+
+
+if __name__ == "__main__":
+    StandInRobot(read_setup(sys.argv[1])).run()

@@ -1,0 +1,164 @@
+"""The main job over many randomised trials: success, causes of failure, errors, speed."""
+
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_recorded_trial
+from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
+from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.errors import InvalidValueError
+from poil_drake.recording.mcap.plain_json import write_json
+from poil_drake.reports.progress import OneLineTqdm
+
+
+def run_pipeline_benchmark(
+    *,
+    tasks: Sequence[str],
+    trials: int,
+    jobs: int,
+    tracker: str | None,
+    json_path: Path,
+    ray_address: str | None = None,
+) -> list[Trial]:
+    """Runs the trials, prints a table and writes every figure as JSON.
+
+    Each trial runs in a process of its own, so that none can disturb the next. The trials are
+    returned and written in the order of tasks and seeds.
+
+    Args:
+        tasks: Names in `TASKS`.
+        trials: Seeds 0 to trials - 1.
+        jobs: Trials run side by side; speeds are only comparable with one.
+        tracker: In place of the scenario's.
+        json_path: Where the figures go.
+        ray_address: Of the Ray cluster that runs them, see `run_trials`; None: this machine.
+
+    Raises:
+        InvalidValueError: if a task is unknown.
+    """
+    unknown = sorted(set(tasks) - set(TASKS))
+    if unknown:
+        raise InvalidValueError(
+            f"There is no task '{unknown[0]}'.", remedy=f"Choose from: {', '.join(TASKS)}."
+        )
+    arguments = [(task, seed, tracker) for task in tasks for seed in range(trials)]
+    results: dict[int, Trial] = {}
+    ends = run_trials(
+        run_recorded_trial,
+        arguments,
+        shared=({task: _demonstration(task) for task in tasks},),
+        jobs=jobs,
+        ray_address=ray_address,
+        trials_per_worker=1,
+    )
+    with OneLineTqdm(total=len(arguments), desc="trials") as bar:
+        for index, end in ends:
+            results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
+            tqdm.write(_row(results[index]))
+            bar.update()
+            _write(_in_order(results), json_path)
+    print(_table(summarize(_in_order(results))))
+    return _in_order(results)
+
+
+def _in_order(results: Mapping[int, Trial]) -> list[Trial]:
+    return [results[index] for index in sorted(results)]
+
+
+def _demonstration(task: str) -> bytes:
+    """Returns a recorded demonstration of a task, which workers on other machines get, too."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{task}.mcap"
+        RecordScenarioDemonstration(ChooseScenario(scenario_name=TASKS[task]), path)
+        return path.read_bytes()
+
+
+def _write(trials: Sequence[Trial], path: Path) -> None:
+    """Writes what is known so far, so that an interrupted benchmark loses nothing."""
+    figures = {"summary": summarize(trials), "trials": [asdict(trial) for trial in trials]}
+    write_json(figures, path)
+
+
+def summarize(trials: Sequence[Trial]) -> dict[str, object]:
+    """Returns the figures over all trials.
+
+    Errors are [m]; percentiles of the trials' own medians and 95th percentiles are given beside
+    the largest, so that one bad trial cannot hide.
+    """
+    finished = [trial for trial in trials if np.isfinite(trial.simulated)]
+    medians = [trial.tracking_errors[0] for trial in finished]
+    p95s = [trial.tracking_errors[1] for trial in finished]
+    carried = np.array([trial.carried_tracking_errors for trial in finished]).reshape(-1, 2)
+    factors = [trial.real_time_factor for trial in finished]
+    return {
+        "trials": len(trials),
+        "successes": sum(trial.success for trial in trials),
+        "causes": dict(Counter(trial.cause for trial in trials if not trial.success)),
+        "final_error_median": _percentile([t.final_error for t in finished], 50),
+        "tracking_error_median": _percentile(medians, 50),
+        "tracking_error_median_worst_trial": _percentile(medians, 100),
+        "tracking_error_p95_median_trial": _percentile(p95s, 50),
+        "tracking_error_p95_worst_trial": _percentile(p95s, 100),
+        "carried_tracking_error_median": _percentile(carried[:, 0], 50),
+        "carried_tracking_error_p95_median_trial": _percentile(carried[:, 1], 50),
+        "carried_tracking_error_p95_worst_trial": _percentile(carried[:, 1], 100),
+        "unobserved_mean": _mean([trial.unobserved for trial in finished]),
+        "unobserved_worst_trial": _percentile([t.unobserved for t in finished], 100),
+        "carried_unobserved_worst_trial": _percentile(
+            [t.carried_unobserved for t in finished], 100
+        ),
+        "real_time_factor_median": _percentile(factors, 50),
+        "real_time_factor_p5": _percentile(factors, 5),
+        "split": _mean_shares([trial.split or {} for trial in finished]),
+        "concurrent": _mean_shares([trial.concurrent or {} for trial in finished]),
+    }
+
+
+def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Returns the mean of each share; one that is missing is 0."""
+    names = sorted({name for one in shares for name in one})
+    return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def _percentile(values: Sequence[float] | np.ndarray, percent: float) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.percentile(known, percent)) if known else float("nan")
+
+
+def _row(trial: Trial) -> str:
+    median, p95 = (1e3 * error for error in trial.tracking_errors)
+    return (
+        f"{trial.task} seed {trial.seed:2d} {trial.object_model:10s} "
+        f"{'hangs ' if trial.success else 'FAILED'} error {1e3 * trial.final_error:4.1f} mm "
+        f"tracking {median:4.1f}/{p95:4.1f} mm rtf {trial.real_time_factor:4.2f} {trial.cause}"
+    )
+
+
+def _table(summary: dict[str, object]) -> str:
+    lines = []
+    for name, value in summary.items():
+        if isinstance(value, float) and "error" in name:
+            value = f"{1e3 * value:.2f} mm"
+        elif isinstance(value, float) and "unobserved" in name:
+            value = f"{value:.1%}"
+        elif isinstance(value, float):
+            value = f"{value:.2f}"
+        elif isinstance(value, dict):
+            value = ", ".join(
+                f"{key} {item:.0%}" if isinstance(item, float) else f"{item} x {key}"
+                for key, item in value.items()
+            )
+        lines.append(f"{name.replace('_', ' '):36s} {value}")
+    return "\n".join(lines)

@@ -1,0 +1,123 @@
+"""One randomised run of the main job, as the benchmark counts it."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from poil_drake.benchmarks.trials.pool import LostTrial
+from poil_drake.diagrams.run.planning import PlanScenario
+from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.skill_run import ExecutePlan
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.randomization import ObjectDirective
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import PoilError
+from poil_drake.reports.run_summary import ErrorStatistics
+
+TASKS = {"hang_mug": None}
+"""Task -> scenario name in the package's scenario file; None is the default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One randomised run.
+
+    Attributes:
+        task: The task.
+        seed: Drew object, pose and noise.
+        object_model: The object's model file.
+        success: Whether the object hung at the end.
+        cause: Why it did not; empty on success.
+        final_error: Mean distance of the points to the reference's end at release [m].
+        tracking_errors: Median and 95th percentile of the distance of tracked points from the
+            truth [m]; NaN without tracks.
+        worst_tracking_error: The largest of them [m].
+        carried_tracking_errors: Median and 95th percentile while the object is carried [m].
+        unobserved: Share of the points that the tracker did not see; most are missed after the
+            release, while the object drops and swings.
+        carried_unobserved: The same while the object is carried.
+        real_time_factor: Simulated over wall-clock time of the closed loop.
+        split: Share of that wall-clock time by what it went to.
+        concurrent: Share of it during which another process rendered or tracked.
+        simulated: Simulated time [s].
+    """
+
+    task: str
+    seed: int
+    object_model: str
+    success: bool
+    cause: str
+    final_error: float = np.nan
+    tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    worst_tracking_error: float = np.nan
+    carried_tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    unobserved: float = np.nan
+    carried_unobserved: float = np.nan
+    real_time_factor: float = np.nan
+    split: dict[str, float] | None = None
+    concurrent: dict[str, float] | None = None
+    simulated: float = np.nan
+
+
+def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
+    """Runs one trial with a demonstration's file; what goes wrong in it is its cause of failure."""
+    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
+    model = _object_model(scenario)
+    try:
+        plan = PlanScenario(scenario, demonstration)
+        summary = ExecutePlan(
+            plan, scenario, outputs=OutputPaths(), show=False, show_progress=False, check=False
+        )
+    except Exception as error:
+        problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
+        cause = f"{type(error).__name__}: {problem}"
+        return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
+    nothing = ErrorStatistics.of(np.zeros(0))
+    tracking = summary.tracking_error or nothing
+    carried = summary.carried_tracking_error or nothing
+    return Trial(
+        task=task,
+        seed=seed,
+        object_model=model,
+        success=summary.success,
+        cause="" if summary.success else summary.reason,
+        final_error=summary.mean_error,
+        tracking_errors=(tracking.median, tracking.percentile_95),
+        worst_tracking_error=tracking.maximum,
+        carried_tracking_errors=(carried.median, carried.percentile_95),
+        unobserved=tracking.missing,
+        carried_unobserved=carried.missing,
+        real_time_factor=summary.timing.real_time_factor,
+        split=_shares(summary.timing.parts, summary.timing.wall),
+        concurrent=_shares(summary.timing.concurrent, summary.timing.wall),
+        simulated=summary.timing.simulated,
+    )
+
+
+def _shares(parts: Mapping[str, float], whole: float) -> dict[str, float]:
+    """Returns which share of the whole each part is."""
+    return {name: part / whole for name, part in parts.items()}
+
+
+def run_recorded_trial(
+    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
+) -> Trial:
+    """Runs one trial with its task's demonstration, of which only the contents (MCAP) are here."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{task}.mcap"
+        path.write_bytes(demonstrations[task])
+        return run_trial(task, seed, tracker, str(path))
+
+
+def lost_trial(lost: LostTrial) -> Trial:
+    """Returns the failure of a trial, of `run_recorded_trial`, that lost all its workers."""
+    task, seed, tracker = lost.arguments
+    model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
+    return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))
+
+
+def _object_model(scenario: Scenario) -> str:
+    return Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem

@@ -1,0 +1,101 @@
+"""What delay and held twists do to the field at rest, simulated beside the closed forms."""
+
+from typing import Any
+
+import numpy as np
+
+from poil_drake.benchmarks.stability.measures import COMPACT_MOMENTS, StabilityStudyConfig
+from poil_drake.control.theory.delay_stability import (
+    LARGEST_DELAY_GAIN,
+    LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT,
+    delayed_loop_limits,
+    delayed_loop_roots,
+)
+from poil_drake.control.theory.stability import rotation_potential, rotation_velocity
+from poil_drake.geometry.rigid_transform import rotation_exp
+
+
+def measure_delay(config: StabilityStudyConfig) -> dict[str, Any]:
+    """Returns where delay and period let the flow fall, settle with overshoot, or neither."""
+    W = np.diag(COMPACT_MOMENTS)
+    # The middles of cells that fill the map.
+    middles = (np.arange(config.delay_grid) + 0.5) / config.delay_grid
+    delays, periods = np.meshgrid(1.8 * middles, 2.2 * middles)
+    # Near the goal, so that what grows has room to grow.
+    start = rotation_exp(np.array([0.02, -0.03, 0.025]))
+    potentials = delayed_flow(
+        W, start, delays.ravel(), periods.ravel(), count=config.delay_periods
+    ).reshape(config.delay_periods + 1, *delays.shape)
+    quarter = config.delay_periods // 4
+    settles = potentials[-quarter:].max(axis=0) < potentials[0]
+    # Below that D is rounding: it is the difference of two traces.
+    rises = np.any((np.diff(potentials, axis=0) > 0.0) & (potentials[:-1] > 1e-12), axis=0)
+    ratios = np.concatenate([np.linspace(0.0, 4.0, 81), np.geomspace(4.2, 60.0, 25)])
+    limits = np.array([delayed_loop_limits(ratio) for ratio in ratios])
+    waited = config.tracker_latency / config.tracker_period
+    gain = config.eta * config.tracker_period
+    tracker_potentials = delayed_flow(
+        W, start, np.array([waited * gain]), np.array([gain]), count=100
+    )[:, 0]
+    return {
+        "delays": delays[0],
+        "periods": periods[:, 0],
+        "verdicts": np.where(~settles, 2, np.where(rises, 1, 0)),
+        "ratios": ratios,
+        "limits_without_overshoot": limits[:, 0],
+        "limits_stable": limits[:, 1],
+        "continuous": [LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT, LARGEST_DELAY_GAIN],
+        "tracker": {
+            "eta_delay": waited * gain,
+            "eta_period": gain,
+            "limits": delayed_loop_limits(waited),
+            "decay_per_period": np.max(np.abs(delayed_loop_roots(gain, waited))),
+            "offsets": delayed_offsets(gain, waited, 60),
+            "potentials": tracker_potentials / tracker_potentials[0],
+        },
+    }
+
+
+def delayed_flow(
+    W: np.ndarray, start: np.ndarray, delays: np.ndarray, periods: np.ndarray, *, count: int
+) -> np.ndarray:
+    """Returns the potentials (count + 1, K) of K rotations under old, held twists, at eta = 1.
+
+    Rotations are sampled at the start of each period, and act `delays` later, in the world frame
+    that they were measured in, until the next act. All were at rest at `start` before.
+
+    Args:
+        W: (3, 3) moments.
+        start: (3, 3) rotation.
+        delays: (K,) [s].
+        periods: (K,) [s].
+        count: Periods.
+    """
+    # Of whole periods and the rest, robust to rounding.
+    whole = np.floor(delays / periods + 1e-9).astype(int)
+    rest = np.clip(delays - whole * periods, 0.0, None)
+    rows = np.arange(len(delays))
+    R = np.broadcast_to(start, (len(delays), 3, 3))
+    turns = np.zeros((count + 1, len(delays), 3))
+    first = start @ rotation_velocity(W, start)
+    potentials = [rotation_potential(W, R)]
+    for n in range(count):
+        turns[n] = np.einsum("kij,kj->ki", R, rotation_velocity(W, R))
+        newer, older = n - whole, n - whole - 1
+        omega = np.where((newer >= 0)[:, None], turns[np.maximum(newer, 0), rows], first)
+        last = np.where((older >= 0)[:, None], turns[np.maximum(older, 0), rows], first)
+        R = rotation_exp(rest[:, None] * last) @ R
+        R = rotation_exp((periods - rest)[:, None] * omega) @ R
+        potentials.append(rotation_potential(W, R))
+    return np.array(potentials)
+
+
+def delayed_offsets(gain: float, periods: float, count: int) -> np.ndarray:
+    """Returns a unit offset (count + 1,) under old, held velocities, at the samples."""
+    whole = int(periods)
+    rest = periods - whole
+    offsets = [1.0] * (whole + 2)
+    for _ in range(count):
+        old = (1.0 - rest) * offsets[-1 - whole] + rest * offsets[-2 - whole]
+        offsets.append(offsets[-1] - gain * old)
+    return np.array(offsets[whole + 1 :])

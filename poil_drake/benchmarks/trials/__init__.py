@@ -1,0 +1,1 @@
+"""Runs independent trials side by side."""

@@ -1,0 +1,1 @@
+"""Safe entry: a collision-free way onto the reference from anywhere."""

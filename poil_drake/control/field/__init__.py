@@ -1,0 +1,1 @@
+"""The Point-set BCSDM field and its rollouts (POIL, section III-B)."""

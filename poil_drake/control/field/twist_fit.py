@@ -1,0 +1,235 @@
+"""The rigid motion that best matches the velocities of points; shifting and scaling twists."""
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from poil_drake.control.field.triangle_twists import triangle_twist_squares
+from poil_drake.control.field.turn_solve import twist_squares, twist_turn
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.centred_sums import CentredSums, centred_sums
+from poil_drake.geometry.triples import TripleConfig, choose_triples
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacConfig:
+    """How outlier velocities are found.
+
+    Attributes:
+        inlier_threshold: Largest residual of an inlier [m/s]. With eta = 3 / s a point tracked
+            5 mm off its place is 0.015 m/s off; a tracker's noise of 1 mm is 0.003 m/s.
+        triples: Which sets of three points are tried.
+    """
+
+    inlier_threshold: float = 0.015
+    triples: TripleConfig = field(default_factory=TripleConfig)
+
+
+class RobustTwist(NamedTuple):
+    """A twist fitted to those points that agree.
+
+    Attributes:
+        omega: (3,) angular velocity [rad/s].
+        v: (3,) velocity of the centroid [m/s].
+        centroid: (3,) weighted centroid of the inliers [m].
+        inliers: (N,) bool, the points that agree.
+        spread: Root mean square distance of the inliers from the line that fits them best [m].
+            Where it is zero the rotation about that line is not determined.
+    """
+
+    omega: np.ndarray
+    v: np.ndarray
+    centroid: np.ndarray
+    inliers: np.ndarray
+    spread: float
+
+    @classmethod
+    def of(
+        cls,
+        sums: CentredSums,
+        omega: tuple[float, float, float],
+        inliers: np.ndarray,
+        spread: float,
+    ) -> "RobustTwist":
+        """Returns the twist with the mean velocity; its arrays are read-only from now on.
+
+        Args:
+            sums: Of the points, their velocities, and what else there is.
+            omega: [rad/s].
+            inliers: (N,) bool.
+            spread: [m].
+        """
+        turn = np.array(omega)
+        turn.setflags(write=False)
+        inliers.setflags(write=False)
+        return cls(turn, sums.mean[3:6], sums.mean[:3], inliers, spread)
+
+
+def fit_twist(
+    points: np.ndarray, velocities: np.ndarray, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the twist that best matches the velocities of points (POIL eq. 3).
+
+    Minimises sum_i w_i |v + omega x (x_i - c) - v_i|^2 about the weighted centroid c, where the
+    normal equations fall apart: v is the mean velocity, and A omega = sum_i w_i r_i x v_i with
+    r_i = x_i - c and A = sum_i w_i (|r_i|^2 I - r_i r_i^T). Where the points do not determine omega
+    (fewer than 3, or collinear), the smallest of the best is returned.
+
+    Args:
+        points: (N, 3) positions [m].
+        velocities: (N, 3) their velocities [m/s].
+        weights: (N,) not negative, not all zero; None for all equal.
+
+    Returns:
+        omega: (3,) angular velocity [rad/s].
+        v: (3,) velocity of the weighted centroid [m/s].
+    """
+    w = np.ones(len(points)) if weights is None else weights
+    fit, _ = fit_twist_to_inliers(points, velocities, w)
+    return fit.omega, fit.v
+
+
+def fit_twist_to_inliers(
+    points: np.ndarray,
+    velocities: np.ndarray,
+    weights: np.ndarray,
+    inliers: np.ndarray | None = None,
+    min_rotation_spread: float = 0.0,
+) -> tuple[RobustTwist, np.ndarray]:
+    """Returns the twist of some points and the squared residuals of all.
+
+    About a principal axis from which the points are a root mean square distance s away, noise in
+    the velocities is divided by s. Below s0 = `min_rotation_spread` the turn is scaled by
+    (s / s0)^2, so that noise is at most divided by s0, and the turn fades out, without a jump, as
+    the points come to lie on the axis. D still falls, since each axis adds to its rate by itself.
+
+    Args:
+        points: (N, 3) positions [m].
+        velocities: (N, 3) their velocities [m/s].
+        weights: (N,) positive.
+        inliers: (N,) bool, which points to fit to; None for all.
+        min_rotation_spread: s0 [m]; 0 for plain least squares.
+
+    Returns:
+        fit: See `RobustTwist`.
+        squares: (N,) squared residuals [m^2/s^2].
+    """
+    if inliers is None:
+        inliers, counted = everyone(len(points)), weights
+    else:
+        counted = weights * inliers
+    sums = centred_sums((points, velocities), counted)
+    omega, spread = twist_turn(sums, min_rotation_spread)
+    fit = RobustTwist.of(sums, omega, inliers, spread)
+    return fit, twist_squares(sums, omega)
+
+
+@lru_cache(maxsize=32)
+def everyone(count: int) -> np.ndarray:
+    """Returns the mask (N,) bool of all points, read-only."""
+    mask = np.ones(count, dtype=bool)
+    mask.flags.writeable = False
+    return mask
+
+
+def fit_twist_ransac(
+    points: np.ndarray,
+    velocities: np.ndarray,
+    weights: np.ndarray | None = None,
+    *,
+    config: RansacConfig,
+    seed: int = 0,
+    min_rotation_spread: float = 0.0,
+) -> RobustTwist:
+    """Returns the twist that best matches the velocities of points, outliers left out.
+
+    Where plain least squares leaves no residual above the threshold, it is the answer. Otherwise
+    each set of three points proposes a twist; the one with the least truncated cost (MSAC, Torr and
+    Zisserman 2000) names the inliers, and least squares over these is the answer.
+
+    The velocities of POIL eq. 2 agree with one twist only near the reference: away from it by an
+    angle t they hold a contraction of (1 - cos t) eta |r| too, which looks like outliers once that
+    exceeds the threshold. `rigid_inliers` has no such limit.
+
+    Args:
+        points: (N, 3) positions [m].
+        velocities: (N, 3) their velocities [m/s].
+        weights: (N,) positive; None for all equal.
+        config: Threshold and number of trials.
+        seed: Of the drawn sets. The result depends on nothing else.
+        min_rotation_spread: See `fit_twist_to_inliers`.
+    """
+    w = np.ones(len(points)) if weights is None else weights
+    fit, squares = fit_twist_to_inliers(
+        points, velocities, w, min_rotation_spread=min_rotation_spread
+    )
+    limit = config.inlier_threshold**2
+    if len(points) < 4 or squares.max() <= limit:
+        return fit
+    triples = choose_triples(points, config.triples, seed)
+    if len(triples) == 0:
+        return fit
+    squares = triangle_twist_squares(points, velocities, triples)
+    best = int((w @ np.minimum(squares, limit)).argmin())
+    inliers = squares[:, best] <= limit
+    inliers[triples[best]] = True
+    # One more round: the fit over all inliers is better than the three points' and may win others.
+    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers, min_rotation_spread)
+    grown = squares <= limit
+    if np.count_nonzero(grown) > np.count_nonzero(inliers):
+        fit, _ = fit_twist_to_inliers(points, velocities, w, grown, min_rotation_spread)
+    return fit
+
+
+def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
+    """Returns the spatial velocity (..., 6) at Q of a body whose spatial velocity at P is known.
+
+    Args:
+        V_WP: (..., 6), (omega [rad/s], v [m/s]), world.
+        p_PQ: (..., 3) from P to Q [m], world.
+    """
+    V_WQ = np.array(V_WP, dtype=float)
+    p_PQ = np.asarray(p_PQ, dtype=float)
+    if V_WQ.ndim == p_PQ.ndim == 1:
+        (wx, wy, wz), (x, y, z) = V_WQ[:3].tolist(), p_PQ.tolist()
+        # np.cross takes longer than the rest of a control tick's shifting and scaling.
+        V_WQ[3:] += (wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
+        return V_WQ
+    V_WQ[..., 3:] += np.cross(V_WQ[..., :3], p_PQ)
+    return V_WQ
+
+
+def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
+    """Returns spatial velocities, each scaled by one factor so that it respects both limits.
+
+    Its direction is kept, hence the path that it leads along: it is a scaling of time, under which
+    D of POIL eq. 4 falls as before. Limits on single axes would bend the path. One that is not
+    finite gives zero.
+
+    Args:
+        V: (..., 6), (omega [rad/s], v [m/s]).
+        max_angular_speed: Largest |omega| [rad/s], positive.
+        max_linear_speed: Largest |v| [m/s], positive.
+    """
+    if not (max_angular_speed > 0.0 and max_linear_speed > 0.0):
+        raise InvalidValueError(
+            f"The speed limits are {max_angular_speed} rad/s and {max_linear_speed} m/s.",
+            remedy="Both must be positive.",
+        )
+    V = np.asarray(V, dtype=float)
+    if V.ndim > 1:
+        finite = np.where(np.isfinite(V).all(axis=-1, keepdims=True), V, 0.0)
+        speeds = np.linalg.norm(finite.reshape(*V.shape[:-1], 2, 3), axis=-1)
+        excesses = speeds / [max_angular_speed, max_linear_speed]
+        return finite / np.maximum(1.0, excesses.max(axis=-1, keepdims=True))
+    wx, wy, wz, vx, vy, vz = numbers = V.tolist()
+    if not all(map(math.isfinite, numbers)):
+        return np.zeros(6)
+    excess = max(
+        math.sqrt(wx * wx + wy * wy + wz * wz) / max_angular_speed,
+        math.sqrt(vx * vx + vy * vy + vz * vz) / max_linear_speed,
+    )
+    return V / max(1.0, excess)

@@ -1,0 +1,1 @@
+"""From tracked points to the reference that the field follows."""

@@ -1,0 +1,209 @@
+"""The closed loop: station, cameras, tracker, propagator, Point-set BCSDM, inverse kinematics."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+
+from poil_drake.diagrams.loop.control import AddControl
+from poil_drake.diagrams.loop.logging_and_visualization import (
+    AddDisturbances,
+    AddOnlookers,
+    PublishSchedules,
+)
+from poil_drake.diagrams.loop.perception import (
+    AddGroundTruthTracker,
+    AddPerception,
+    AddRecordedTracker,
+)
+from poil_drake.diagrams.loop.wires import ConnectByName
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.runtime.stopwatch import Stopwatch
+from poil_drake.systems.control.motion_source import MotionSource
+from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
+from poil_drake.systems.detection.part_detector import PartDetector
+from poil_drake.systems.disturbance_injector import Pulse
+from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.logging.publishing_clock import PublishingClock
+from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
+from poil_drake.systems.propagation.fk_propagator import FkPropagator
+from poil_drake.systems.safety.supervisor import SafetySupervisor
+from poil_drake.systems.skill.sequencer import SkillSequencer
+from poil_drake.systems.skill.stop_requests import StopRequests, StopSwitch
+from poil_drake.systems.tracking.ground_truth_tracker import GroundTruthTracker
+from poil_drake.systems.tracking.point_tracker import PointTracker
+from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """The closed loop and its named parts.
+
+    With a tracker of images, processes work beside the simulation: `Close` it after the run, or use
+    it as a `with` block.
+
+    Attributes:
+        diagram: The whole, ready for a Simulator.
+        station: The robot and its surroundings.
+        detector: Finds the part; None with the ground-truth tracker, or recorded tracks.
+        tracker: `PointTracker`, `GroundTruthTracker` or, in a replay, `RecordedTracker`.
+        propagator: Brings the tracked points up to now.
+        controller: Point-set BCSDM.
+        inverse_kinematics: From the gripper's twist to joint velocities.
+        sequencer: The skill's phases.
+        motion: What moves the arm in each phase.
+        supervisor: What stands between that and the robot.
+        stop_requests: Counts who asks it to stop the arm.
+        speed: Share of the usual speed at which all motions are made.
+    """
+
+    diagram: Diagram
+    station: Station
+    detector: PartDetector | None
+    tracker: PointTracker | GroundTruthTracker | RecordedTracker
+    propagator: FkPropagator
+    controller: PointSetBcsdm
+    inverse_kinematics: DifferentialIk
+    sequencer: SkillSequencer
+    motion: MotionSource
+    supervisor: SafetySupervisor
+    stop_requests: StopRequests
+    speed: float = 1.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.Close()
+
+    def Close(self) -> None:
+        """Ends the tracker's and the cameras' processes. Nothing can be simulated after that."""
+        _close(self.station, self.tracker, self.detector)
+        self.stop_requests.close()
+
+
+def MakeClosedLoop(
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    *,
+    station: Station | None = None,
+    meshcat: Meshcat | None = None,
+    hardware: bool = False,
+    dry_run: bool = False,
+    log: RunLogWriter | None = None,
+    album: SnapshotAlbum | None = None,
+    disturbances: Sequence[Pulse] = (),
+    stop_switch: StopSwitch | None = None,
+    stopwatch: Stopwatch | None = None,
+) -> ClosedLoop:
+    """Builds the diagram that executes a plan, and starts the processes that work beside it.
+
+    Args:
+        scenario: The station and the task.
+        plan: What `transfer` and grasp selection found.
+        station: The robot and its surroundings; None: made of the scenario.
+        meshcat: Shows the scene, the points and the reference there.
+        hardware: Whether the station is the real robot.
+        dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
+            robot and the object really are.
+        log: Where to log every signal and the images. Whoever opened it closes it after the run.
+        album: Where to keep pictures of the run.
+        disturbances: Pushes on bodies of the simulated plant.
+        stop_switch: What stops the arm, besides the button on the page of `meshcat`.
+        stopwatch: Where to note how long rendering, tracking, control and publishing take.
+
+    Returns:
+        The loop, which is to be closed after the run.
+
+    Raises:
+        PoilError: if the station, the detector or the tracker cannot be built.
+    """
+    builder = DiagramBuilder()
+    truth = scenario.poil.tracker == GROUND_TRUTH
+    speed = scenario.poil.hardware.speed if hardware else 1.0
+    schedules = PublishSchedules(
+        scenario, log=log is not None, meshcat=meshcat is not None, album=album is not None
+    )
+    clock = PublishingClock(stopwatch or Stopwatch(), schedules)
+    clock.AddStart(builder)
+    if station is None:
+        station = MakeStation(
+            scenario,
+            meshcat=meshcat,
+            hardware=hardware,
+            dry_run=dry_run,
+            cameras=not truth,
+            stopwatch=stopwatch,
+        )
+    builder.AddNamedSystem("station", station)
+    tracks = None if station.recorded is None else station.recorded.tracks
+    if not truth and tracks is None:
+        RequireLabels(station)
+    parts: dict[str, Any] = {"station": station}
+    given: dict[str, Any] = {
+        "builder": builder,
+        "scenario": scenario,
+        "plan": plan,
+        "station": station,
+    }
+    try:
+        station.Start()
+        parts |= AddControl(
+            builder=builder,
+            station=station,
+            plan=plan,
+            speed=speed,
+            hardware=hardware,
+            dry_run=dry_run,
+            meshcat=meshcat,
+            stop_switch=stop_switch,
+            stopwatch=stopwatch,
+        )
+        if tracks is not None:
+            parts["tracker"] = AddRecordedTracker(
+                builder=builder, scenario=scenario, plan=plan, tracks=tracks
+            )
+        elif truth:
+            parts["tracker"] = AddGroundTruthTracker(**given)
+        else:
+            parts |= AddPerception(**given, hardware=hardware, dry_run=dry_run, stopwatch=stopwatch)
+        parts |= AddOnlookers(**given, meshcat=meshcat, log=log, album=album)
+        ConnectByName(builder, parts)
+        AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
+        clock.AddStop(builder)
+        diagram = builder.Build()
+        station.WarmUp()
+    except BaseException:
+        _close(station, parts.get("tracker"), parts.get("detector"))
+        raise
+    return ClosedLoop(
+        diagram=diagram,
+        station=station,
+        detector=parts.get("detector"),
+        tracker=parts["tracker"],
+        propagator=parts["propagator"],
+        controller=parts["controller"],
+        inverse_kinematics=parts["inverse_kinematics"],
+        sequencer=parts["sequencer"],
+        motion=parts["motion"],
+        supervisor=parts["supervisor"],
+        stop_requests=parts["stop_requests"],
+        speed=speed,
+    )
+
+
+def _close(station: Station, tracker: LeafSystem | None, detector: PartDetector | None) -> None:
+    try:
+        # The robot first.
+        station.Close()
+    finally:
+        if detector is not None:
+            detector.close()
+        if isinstance(tracker, PointTracker):
+            tracker.close()

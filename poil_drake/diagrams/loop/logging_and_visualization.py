@@ -1,0 +1,112 @@
+"""What shows and records a run of the closed loop, and what disturbs it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from poil_drake.diagrams.loop.logger import MakeLoopLogger, RobotLogSchedule
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import Station
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
+from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
+from poil_drake.systems.skill.phase_texts import PHASE_NAMES
+from poil_drake.systems.visualization.point_set_visualizer import (
+    PointSetVisualizer,
+    PointSetVisualizerConfig,
+)
+
+
+def AddOnlookers(
+    *,
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plan: ExecutionPlan,
+    station: Station,
+    meshcat: Meshcat | None,
+    log: RunLogWriter | None,
+    album: SnapshotAlbum | None,
+) -> dict[str, LeafSystem]:
+    """Adds what shows and records the run, by name; nothing in the loop depends on it.
+
+    Args:
+        builder: Gets the systems.
+        scenario: The station and the task.
+        plan: What is executed.
+        station: What is looked at.
+        meshcat: None: no visualizer.
+        log: None: no logger.
+        album: None, or the ground truth for a tracker: no pictures.
+    """
+    parts: dict[str, LeafSystem] = {}
+    if meshcat is not None:
+        parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
+    if log is not None:
+        parts["logger"] = builder.AddNamedSystem(
+            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
+        )
+    if album is not None and scenario.poil.tracker != GROUND_TRUTH:
+        parts["snapshots"] = builder.AddNamedSystem(
+            "snapshots",
+            SnapshotRecorder(
+                album=album,
+                camera=station.camera_models[0],
+                reference=plan.reference,
+                period=scenario.poil.rates.tracker,
+                offset=scenario.poil.rates.control,
+            ),
+        )
+    return parts
+
+
+def AddDisturbances(
+    *, builder: DiagramBuilder, pulses: Sequence[Pulse], parts: Mapping[str, Any]
+) -> None:
+    """Adds pushes on bodies of the simulated plant, and logs them where there is a logger.
+
+    Args:
+        builder: Gets the injector, if there are any pushes.
+        pulses: The pushes.
+        parts: The loop's parts by name.
+    """
+    if not pulses:
+        return
+    injector = builder.AddNamedSystem(
+        "disturbances", DisturbanceInjector(plant=parts["station"].plant(), pulses=pulses)
+    )
+    for taker in ("station", "logger"):
+        if taker in parts:
+            builder.Connect(
+                injector.get_output_port(0), parts[taker].GetInputPort("applied_spatial_force")
+            )
+
+
+def PublishSchedules(
+    scenario: Scenario, *, log: bool, meshcat: bool, album: bool
+) -> list[tuple[float, float]]:
+    """Returns the periods and offsets [s] at which anything in the loop publishes."""
+    rates = scenario.poil.rates
+    schedules = [(rates.logger, 0.0)]
+    if log:
+        schedules.append(RobotLogSchedule(scenario))
+    if meshcat:
+        schedules.append((scenario.visualization.publish_period, 0.0))
+    if album:
+        schedules.append((rates.tracker, rates.control))
+    return schedules
+
+
+def _add_visualizer(
+    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, meshcat: Meshcat
+) -> PointSetVisualizer:
+    config = PointSetVisualizerConfig(period=scenario.poil.rates.logger)
+    return builder.AddNamedSystem(
+        "visualizer",
+        PointSetVisualizer(
+            meshcat=meshcat, reference=plan.reference, phase_names=PHASE_NAMES, config=config
+        ),
+    )

@@ -1,0 +1,34 @@
+"""The tracker that a scenario asks for."""
+
+from dataclasses import replace
+
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.scenario import PoilConfig
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
+from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+
+DEFAULT_TRACKER = "rigid_flow"
+"""Follows the demonstration where the loop runs on the simulator's own poses."""
+
+
+def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
+    """Returns the tracker of images that a scenario asks for.
+
+    The ground-truth baseline sees no images; demonstrations are then followed by the default.
+
+    Raises:
+        InvalidValueError: if there is no tracker of that name.
+    """
+    name = DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
+    if name not in TRACKERS:
+        raise InvalidValueError(
+            f"There is no point tracker '{name}'.",
+            remedy=f"Choose from: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
+        )
+    if TRACKERS[name][1] is RigidFlowConfig:
+        config = RigidFlowConfig()
+        model = replace(config.model, support_points=poil.num_support_points)
+        return make_tracker(name, replace(config, model=model))
+    return make_tracker(name)

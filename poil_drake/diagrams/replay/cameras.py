@@ -1,0 +1,59 @@
+"""Whether the cameras of a replay stand where they stood in the run."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.run_log.recorded_run import RecordedRun
+
+_SAME_LENGTH = 1e-5
+"""Positions that differ by less [m] are the same: less than a camera's errors by far."""
+
+_SAME_ANGLE = 1e-5
+"""The same for angles [rad]: a tenth of a millimetre at ten metres."""
+
+_SAME_PIXELS = 1e-3
+"""The same for focal lengths and principal points [px]."""
+
+
+def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
+    """Returns how cameras differ from what the log says of them, a clause for each that does.
+
+    Models and calibrations may have changed since the run, or be those of another machine. Of a
+    camera of which the log says nothing, nothing is said.
+
+    Args:
+        run: The run.
+        models: The cameras of the replay.
+    """
+    notes = []
+    for model in models:
+        if differences := (*_intrinsics(run, model), *_pose(run, model)):
+            notes.append(f"camera '{model.name}' {' and '.join(differences)} in the run")
+    return tuple(notes)
+
+
+def _intrinsics(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
+    found = run.calibrations.get(model.name)
+    if found is None:
+        return ()
+    if (found.width, found.height) != (model.width, model.height):
+        return (f"had {found.width} x {found.height} pixels",)
+    largest = float(np.abs(found.K - model.K).max())
+    return (f"had intrinsics that differ by {largest:.2g} px",) if largest > _SAME_PIXELS else ()
+
+
+def _pose(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
+    X_WC = run.camera_poses.get(model.name)
+    if X_WC is None:
+        return ()
+    differences = []
+    distance = float(np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3]))
+    if distance > _SAME_LENGTH:
+        differences.append(f"stood {1e3 * distance:.2g} mm elsewhere")
+    angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
+    if angle > _SAME_ANGLE:
+        differences.append(f"was turned by {np.rad2deg(angle):.2g} deg")
+    return tuple(differences)

@@ -1,0 +1,236 @@
+"""What the log of a run must hold to be replayed, and what to know where it lacks something."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.cameras import CameraDelay
+from poil_drake.errors import RunLogError
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
+from poil_drake.recording.mcap.library_versions import version_metadata
+from poil_drake.recording.run_log.layout import (
+    CAMERAS_STATUS_TOPIC,
+    DETECTOR_TIMES_TOPIC,
+    HAND_STATUS_TOPIC,
+    JOINT_COMMANDS_TOPIC,
+    JOINT_STATES_TOPIC,
+    PLAN_ATTACHMENT,
+    REPLAY_OF_KEY,
+    ROBOT_STATUS_TOPIC,
+    SIMULATED,
+    STATION_KEY,
+    TRACKED_TOPIC,
+    TRACKER_TIMES_TOPIC,
+)
+from poil_drake.recording.run_log.recorded_run import RecordedRun
+
+SPARSE = 1.5
+"""A period longer than the control period by this factor misses what the controller saw."""
+
+_LATEST_START = 4.0
+"""How many periods of the logger after the time 0 the first sample may be: the first few may be
+lost where a disk is slow."""
+
+_LONGEST_GAP = 60.0
+"""How long there may be no sample [s]; no disk is that slow, and a replay lives through it all."""
+
+
+class _Topic(NamedTuple):
+    """What a replay needs of a topic.
+
+    Attributes:
+        topic: The topic.
+        what: What it says, in words.
+        needed: Whether a run needs it, by what else is in its log.
+        there: Whether the log has it.
+        looking: Whether it is needed only where images are looked at again.
+    """
+
+    topic: str
+    what: str
+    needed: Callable[[RecordedRun], bool]
+    there: Callable[[RecordedRun], bool]
+    looking: bool = False
+
+
+def _always(run: RecordedRun) -> bool:
+    return True
+
+
+def _begun(run: RecordedRun) -> bool:
+    """Whether the robot and the points were known, so that the skill went on."""
+    return any(phase.name not in ("wait", "fault") for phase in run.phases)
+
+
+def _moved(run: RecordedRun) -> bool:
+    return bool(np.any(np.nan_to_num(run.commands.values)))
+
+
+def _tracked(run: RecordedRun) -> bool:
+    return _begun(run) or bool(run.tracks)
+
+
+def _found(run: RecordedRun) -> bool:
+    return any(logged.track.confidence.any() for logged in run.tracks)
+
+
+def _knows(topic: str, column: int) -> Callable[[RecordedRun], bool]:
+    return lambda run: bool(np.isfinite(run.numbers[topic].values[:, column]).any())
+
+
+_TOPICS = (
+    _Topic(JOINT_STATES_TOPIC, "joint states", _always, lambda run: len(run.joints) > 0),
+    _Topic(JOINT_COMMANDS_TOPIC, "joint velocities", _always, lambda run: len(run.commands) > 0),
+    _Topic(
+        JOINT_COMMANDS_TOPIC,
+        "joint positions",
+        _moved,
+        lambda run: bool(np.isfinite(run.postures.values).any()),
+    ),
+    _Topic(ROBOT_STATUS_TOPIC, "modes", _begun, _knows(ROBOT_STATUS_TOPIC, 0)),
+    _Topic(HAND_STATUS_TOPIC, "openings ('width_measured')", _begun, _knows(HAND_STATUS_TOPIC, 1)),
+    _Topic(TRACKED_TOPIC, "tracks", _begun, lambda run: bool(run.tracks)),
+    _Topic(
+        TRACKER_TIMES_TOPIC, "times of frames ('begun')", _tracked, _knows(TRACKER_TIMES_TOPIC, 0)
+    ),
+    _Topic(
+        DETECTOR_TIMES_TOPIC,
+        "times of searches ('begun')",
+        _found,
+        _knows(DETECTOR_TIMES_TOPIC, 0),
+        looking=True,
+    ),
+)
+
+
+def RequireAttachments(run: RecordedRun) -> None:
+    """Checks that a log says what was run.
+
+    Raises:
+        RunLogError: if it does not.
+    """
+    for what, lacks in (
+        ("scenario", run.scenario_text is None),
+        (f"plan (the attachment '{PLAN_ATTACHMENT}')", run.plan is None),
+    ):
+        if lacks:
+            raise _lacking(run, what)
+
+
+def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
+    """Checks that a log holds the signals without which nothing would move in a replay.
+
+    Args:
+        run: The run.
+        repeat_tracks: Whether its tracks are repeated, so that nobody looks at images.
+
+    Raises:
+        RunLogError: if one is missing, with its topic.
+    """
+    for one in _TOPICS:
+        if one.there(run) or not one.needed(run) or (one.looking and repeat_tracks):
+            continue
+        raise _lacking(run, f"{one.what} in the topic {one.topic}", looking=one.looking)
+
+
+def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
+    """Checks that a log begins at the time 0 and goes on from there.
+
+    Args:
+        run: The run.
+        scenario: Its periods.
+
+    Raises:
+        RunLogError: if it begins later, or has a gap that no run has.
+    """
+    times = run.joints.times
+    edges = np.append(min(0.0, times[0]), times)
+    allowed = np.full(len(times), _LONGEST_GAP)
+    allowed[0] = _LATEST_START * scenario.poil.rates.logger
+    gaps = np.flatnonzero(np.diff(edges) > allowed)
+    if gaps.size:
+        k = int(gaps[0])
+        raise RunLogError(
+            f"The samples of the topic {JOINT_STATES_TOPIC} in '{run.path}' go from {times[0]:.6g} "
+            f"s to {times[-1]:.6g} s, without any between {edges[k]:.6g} s and {times[k]:.6g} s.",
+            remedy="A run begins at the time 0 and has no such gap: replay its whole log, with the "
+            "times that poil run wrote.",
+        )
+
+
+def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
+    """Checks that a log has what detector and tracker look at.
+
+    Args:
+        run: The run.
+        scenario: The cameras that are looked through, and the detector.
+        remedy: What to do without images.
+
+    Raises:
+        RunLogError: if it has no images of a camera, or no label images that are needed.
+    """
+    for camera in scenario.cameras:
+        images = [image for image in run.images.get(camera, []) if image.depth is not None]
+        labelled = any(image.label is not None for image in images)
+        kind = "" if not images else "label "
+        if not images or (scenario.poil.detector == LABEL_IMAGE and not labelled):
+            raise RunLogError(
+                f"The log '{run.path}' holds no {kind}images of the camera '{camera}'.",
+                remedy=remedy,
+            )
+
+
+def IsSparse(run: RecordedRun, scenario: Scenario) -> bool:
+    """Returns whether a log misses some of what the controller saw of the robot."""
+    return run.joints.period > SPARSE * scenario.poil.rates.control
+
+
+def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tuple[str, ...]:
+    """Returns what to know about a log, a clause each.
+
+    Args:
+        run: The run.
+        scenario: What it was made with.
+        repeat_tracks: Whether its tracks are repeated, so that nobody looks at images.
+    """
+    notes = []
+    if original := run.metadata.get(REPLAY_OF_KEY):
+        notes.append(f"this is the log of a replay, of {original}, and of no run")
+    if run.cut_off:
+        notes.append(f"the log is cut off, its last sample is of {run.end:.2f} s")
+    if IsSparse(run, scenario):
+        notes.append(
+            f"the robot's signals were logged every {run.joints.period:g} s only, and are held in "
+            "between"
+        )
+    if dropped := run.metadata.get("dropped_messages"):
+        notes.append(f"the log lacks {dropped} messages that its disk was too slow for")
+    simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
+    if not simulated and not _knows(ROBOT_STATUS_TOPIC, 3)(run):
+        notes.append(
+            f"the log lacks the time by the clock (in {ROBOT_STATUS_TOPIC}), so that a process "
+            "that was held up does not show"
+        )
+    momentary = simulated and CameraDelay(scenario.cameras) == 0.0
+    if not repeat_tracks and not momentary and not run.camera_times:
+        notes.append(
+            f"the log lacks {CAMERAS_STATUS_TOPIC}: when images came at which nobody looked is not "
+            "known"
+        )
+    versions = version_metadata()
+    for key in ("poil_drake_version", "drake_version"):
+        written = run.metadata.get(key, "")
+        if written and written != versions.get(key):
+            name = key.removesuffix("_version")
+            notes.append(f"written with {name} {written}, replayed with {versions.get(key)}")
+    return tuple(notes)
+
+
+def _lacking(run: RecordedRun, what: str, *, looking: bool = False) -> RunLogError:
+    why = run.cut_off or "An older version wrote it, or something else than poil run"
+    remedy = f"{why}. Replay a log that poil run or poil execute writes"
+    if looking:
+        remedy += ", or repeat the run's own tracks: --tracker recorded"
+    return RunLogError(f"The log '{run.path}' holds no {what}.", remedy=f"{remedy}.")

@@ -1,0 +1,187 @@
+"""Replays a recorded run: the same diagram again, with the sensors' messages out of its log."""
+
+import hashlib
+import math
+import tempfile
+import time
+from pathlib import Path
+
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.replay.cameras import CameraNotes
+from poil_drake.diagrams.replay.setup import RECORDED, ReplaySetup, SetUpReplay
+from poil_drake.diagrams.run.open_run_log import OpenRunLog
+from poil_drake.diagrams.run.output_paths import OutputPaths
+from poil_drake.diagrams.run.real_time_loop import QuietInterpreter
+from poil_drake.diagrams.run.simulator import MakeSimulator
+from poil_drake.diagrams.station.replay_station import ReplayStation
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.recording.comparison.run_comparison import compare_runs
+from poil_drake.recording.comparison.tolerances import ReplayTolerances
+from poil_drake.recording.run_log.layout import (
+    DRY_RUN,
+    REPLAY_OF_DIGEST_KEY,
+    REPLAY_OF_KEY,
+    REPLAY_TEXT_KEY,
+    REPLAY_TRACKER_KEY,
+    SIMULATED,
+    STOPS_TOPIC,
+)
+from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.recording.run_log.recorded_run import RecordedRun
+from poil_drake.recording.run_log.writer import RunLogConfig
+from poil_drake.reports.progress import ProgressBar
+from poil_drake.reports.replay_picture import ReplayPictureData, make_replay_picture
+from poil_drake.reports.replay_summary import ReplaySummary
+from poil_drake.systems.ik.arm_plant import MakePandaKinematics
+from poil_drake.systems.skill.stop_requests import StopSwitch
+
+
+def Replay(
+    path: str | Path,
+    *,
+    tracker: str | None = None,
+    scenario_text: str | None = None,
+    outputs: OutputPaths | None = None,
+    tolerances: ReplayTolerances | None = None,
+    show_progress: bool = True,
+) -> ReplaySummary:
+    """Replays a run as fast as it can, and compares what it commanded with what is commanded now.
+
+    The robot's signals are those of the log, whatever is commanded now: differences do not grow
+    over time. Perception looks, and answers, when it did in the run.
+
+    Args:
+        path: The log of the run, also of one that was killed.
+        tracker: In place of the run's: a tracker of images, or `RECORDED`, which repeats the run's
+            tracks. None: as the run; the tracks of the simulator's truth are repeated.
+        scenario_text: YAML laid over the run's scenario, to see what another setting would do.
+        outputs: Where the log, the picture and the figures of the replay go.
+        tolerances: What counts as the same; None: `CONTROL_TOLERANCES` where tracks are repeated,
+            else `PERCEPTION_TOLERANCES` at the run's speed.
+        show_progress: Whether to draw a progress bar.
+
+    Raises:
+        RunLogError: when the log is missing or damaged, or lacks what is needed.
+        OutputError: when an output cannot be written; all older ones are still there then.
+        PoilError: when the loop cannot be built with these settings.
+    """
+    path, outputs = Path(path), outputs or OutputPaths()
+    outputs.check(inputs=(path,))
+    setup = SetUpReplay(path, tracker=tracker, scenario_text=scenario_text)
+    repeat_tracks = setup.tracker == RECORDED
+    station = ReplayStation(setup.scenario, setup.run, repeat_tracks=repeat_tracks)
+    notes = setup.notes
+    if not repeat_tracks and not setup.cameras_moved:
+        notes += CameraNotes(setup.run, station.camera_models)
+    outputs.unlink()
+    with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
+        log = outputs.mcap or Path(folder) / "replay.mcap"
+        with ProgressBar(disable=not show_progress) as progress:
+            wall = _run(setup, station, log, images=outputs.mcap is not None, progress=progress)
+        replayed = load_recorded_run(log, joint_names=ARM_JOINTS)
+    summary = ReplaySummary(
+        log=str(path),
+        station=setup.station,
+        tracker=setup.tracker,
+        changed=setup.changed,
+        comparison=compare_runs(setup.run, replayed, tolerances or setup.tolerances),
+        replayed=setup.run.end,
+        wall=wall,
+        notes=notes,
+        outputs={kind: str(file) for kind, file in vars(outputs).items() if file is not None},
+    )
+    if outputs.png is not None:
+        limits = MakePandaKinematics().velocity_limits
+        make_replay_picture(
+            outputs.png,
+            ReplayPictureData(
+                summary=summary, recorded=setup.run, replayed=replayed, velocity_limits=limits
+            ),
+        )
+    if outputs.json is not None:
+        summary.write_json(outputs.json)
+    return summary
+
+
+def _run(
+    setup: ReplaySetup,
+    station: ReplayStation,
+    log: Path,
+    *,
+    images: bool,
+    progress: ProgressBar,
+) -> float:
+    """Simulates the loop over the time of the log, and returns how long that took [s]."""
+    switch = StopSwitch()
+    start = time.perf_counter()
+    with (
+        OpenRunLog(
+            log,
+            plan=setup.plan,
+            scenario=setup.scenario,
+            station=setup.station,
+            metadata=_origin(setup),
+            config=RunLogConfig(images=images),
+        ) as writer,
+        MakeClosedLoop(
+            setup.scenario,
+            setup.plan,
+            station=station,
+            hardware=setup.station != SIMULATED,
+            dry_run=setup.station == DRY_RUN,
+            log=writer,
+            stop_switch=switch,
+        ) as loop,
+    ):
+        simulator = MakeSimulator(loop.diagram, setup.scenario, realtime_rate=0.0)
+        with QuietInterpreter(collecting=True):
+            _advance(loop, simulator, setup.run, switch, progress)
+    progress("replay", 1.0)
+    return time.perf_counter() - start
+
+
+def _origin(setup: ReplaySetup) -> dict[str, str]:
+    """Returns what the log of a replay says of where it comes from."""
+    with setup.run.path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {
+        REPLAY_OF_KEY: setup.run.path.name,
+        REPLAY_OF_DIGEST_KEY: digest,
+        REPLAY_TRACKER_KEY: setup.tracker,
+        REPLAY_TEXT_KEY: setup.scenario_text,
+    }
+
+
+def _advance(
+    loop: ClosedLoop,
+    simulator: Simulator,
+    run: RecordedRun,
+    switch: StopSwitch,
+    progress: ProgressBar,
+) -> None:
+    rates = loop.station.scenario.poil.rates
+    stops = _stops(run, rates.control)
+    simulator.Initialize()
+    now = 0.0
+    while now < run.end:
+        while stops and stops[0] <= now:
+            stops.pop(0)
+            switch.request()
+        boundary = min(rates.next_report(now), run.end, *stops[:1])
+        simulator.AdvanceTo(boundary)
+        now = simulator.get_context().get_time()
+        progress("replay", min(now / run.end, 0.99))
+
+
+def _stops(run: RecordedRun, period: float) -> list[float]:
+    """Returns when stops were asked for [s]: the control ticks that saw them, one for each."""
+    series, asked = run.numbers[STOPS_TOPIC], 0.0
+    ticks: list[float] = []
+    for logged, requests in zip(series.times, series.values[:, 0], strict=True):
+        if math.isfinite(requests) and requests > asked:
+            tick = (math.ceil(logged / period - 1e-6) - 1) * period
+            ticks += [max(tick, 0.0)] * int(min(requests - asked, 1000.0))
+            asked = requests
+    return ticks

@@ -1,0 +1,189 @@
+"""What is to be replayed, and with what: out of a run's log, and what a user wants otherwise."""
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load
+
+from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.replay.contents import (
+    IsSparse,
+    NotesOn,
+    RequireAttachments,
+    RequireImages,
+    RequireTimes,
+    RequireTopics,
+)
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
+from poil_drake.errors import PoilError, RunLogError, ScenarioError
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.plan_file import plan_of
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.recording.comparison.tolerances import (
+    CONTROL_TOLERANCES,
+    PERCEPTION_TOLERANCES,
+    ReplayTolerances,
+)
+from poil_drake.recording.run_log.layout import PLAN_ATTACHMENT, SIMULATED, STATION_KEY
+from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.recording.run_log.recorded_run import RecordedRun
+
+RECORDED = "recorded"
+"""The tracker that repeats the run's own tracks."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySetup:
+    """What is replayed, and with what.
+
+    Attributes:
+        run: The recorded run.
+        scenario: The scenario of the replay.
+        plan: The plan that was executed.
+        tracker: What follows the points: a tracker of images, or `RECORDED`.
+        changed: Whether the replay is made with other settings than the run.
+        scenario_text: What was laid over the run's scenario; empty for nothing.
+        tolerances: What counts as the same.
+        cameras_moved: Whether its cameras are to stand elsewhere than they did.
+        notes: What to know about the log, a clause each.
+    """
+
+    run: RecordedRun
+    scenario: Scenario
+    plan: ExecutionPlan
+    tracker: str
+    changed: bool
+    scenario_text: str
+    tolerances: ReplayTolerances
+    cameras_moved: bool
+    notes: tuple[str, ...]
+
+    @property
+    def station(self) -> str:
+        """What executed the plan: `SIMULATED`, `HARDWARE` or `DRY_RUN`."""
+        return self.run.metadata.get(STATION_KEY, SIMULATED)
+
+
+def SetUpReplay(
+    path: Path, *, tracker: str | None = None, scenario_text: str | None = None
+) -> ReplaySetup:
+    """Returns what a replay needs, after checking that the log has it.
+
+    Args:
+        path: The log.
+        tracker: In place of the run's; None: the run's.
+        scenario_text: YAML laid over the run's scenario.
+
+    Raises:
+        RunLogError: when the log is missing or damaged, or lacks what is needed.
+        PoilError: when there is no such tracker, detector or setting.
+    """
+    run = load_recorded_run(path, joint_names=ARM_JOINTS)
+    RequireAttachments(run)
+    recorded, plan = _recorded_scenario(run), _recorded_plan(run)
+    scenario = recorded
+    if scenario_text is not None:
+        scenario = LoadScenario(data=scenario_text, defaults=recorded)
+        _keep_times(recorded, scenario)
+    used = scenario.poil.tracker if tracker is None else tracker
+    if used == GROUND_TRUTH:
+        if recorded.poil.tracker != GROUND_TRUTH:
+            raise RunLogError(
+                f"A log does not hold the truth, which the tracker '{GROUND_TRUTH}' tells.",
+                remedy=f"Choose a tracker of images, or '{RECORDED}'.",
+            )
+        used = RECORDED
+    if used != RECORDED:
+        scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
+        MakeScenarioTracker(scenario.poil)
+        make_detector(scenario.poil.detector)
+        RequireImages(run, scenario, remedy=f"Repeat the run's own tracks: --tracker {RECORDED}.")
+    RequireTopics(run, repeat_tracks=used == RECORDED)
+    RequireTimes(run, recorded)
+    changed = scenario_text is not None or (
+        used not in (RECORDED, recorded.poil.tracker) and tracker is not None
+    )
+    return ReplaySetup(
+        run=run,
+        scenario=scenario,
+        plan=plan,
+        tracker=used,
+        changed=changed,
+        scenario_text=scenario_text or "",
+        tolerances=_tolerances(run, recorded, used),
+        cameras_moved=_moves_cameras(recorded, scenario),
+        notes=NotesOn(run, recorded, repeat_tracks=used == RECORDED),
+    )
+
+
+def _recorded_scenario(run: RecordedRun) -> Scenario:
+    """Returns the scenario that the run was made with."""
+    with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
+        file = Path(folder) / "scenario.yaml"
+        file.write_text(run.scenario_text or "", encoding="utf-8")
+        try:
+            scenario = LoadScenario(filename=file)
+        except PoilError as error:
+            problem = error.problem.replace(str(file), "scenario.yaml")
+            raise RunLogError(
+                f"The scenario in the log '{run.path}' cannot be used: {problem}",
+                remedy="Replay it with the version that wrote it.",
+            ) from error
+    return replace(scenario, source=ScenarioSource(name=scenario.source.name, file=str(run.path)))
+
+
+def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
+    try:
+        return plan_of(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
+    except PoilError as error:
+        raise RunLogError(error.problem, remedy="Copy the log again.") from error
+
+
+def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
+    """Returns what counts as the same, unless somebody says otherwise."""
+    if tracker == RECORDED:
+        return CONTROL_TOLERANCES
+    simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
+    tolerances = PERCEPTION_TOLERANCES.at_speed(1.0 if simulated else recorded.poil.hardware.speed)
+    # Where the log lacks samples, what points do not move is not the same, either.
+    lacking = IsSparse(run, recorded) or "dropped_messages" in run.metadata
+    return replace(tolerances, elsewhere=None) if lacking else tolerances
+
+
+def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
+    """Checks that nothing is asked for that the times in the log decide.
+
+    Raises:
+        ScenarioError: if something is.
+    """
+    for key, was in _times(recorded).items():
+        wanted = _times(scenario).get(key, was)
+        if wanted != was:
+            raise ScenarioError(
+                f"{key} is {wanted:g} s, but it was {was:g} s in the run: a replay keeps the run's "
+                "times.",
+                remedy=f"Leave {key} out of --scenario_text.",
+            )
+
+
+def _times(scenario: Scenario) -> dict[str, float]:
+    """Returns the settings of which the log holds the consequences [s], by their keys."""
+    poil = scenario.poil
+    return {
+        "poil.rates.plant": poil.rates.plant,
+        "poil.rates.control": poil.rates.control,
+        "poil.rates.tracker": poil.rates.tracker,
+        "poil.latency": poil.latency,
+        **{f"cameras.{n}.output_delay": c.output_delay for n, c in scenario.cameras.items()},
+    }
+
+
+def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
+    """Returns whether a user has put cameras elsewhere than they stood in the run."""
+    nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
+    return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

@@ -1,0 +1,54 @@
+"""Opens the log of a run, with all that a replay needs to begin."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.plan_file import plan_bytes
+from poil_drake.recording.run_log.layout import SIMULATED, STATION_KEY
+from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
+
+
+def OpenRunLog(
+    path: Path,
+    *,
+    plan: ExecutionPlan,
+    scenario: Scenario,
+    station: str = SIMULATED,
+    metadata: Mapping[str, str] | None = None,
+    config: RunLogConfig | None = None,
+) -> RunLogWriter:
+    """Opens the log of a run; whoever opens it closes it.
+
+    Args:
+        path: Where it goes.
+        plan: What is executed; it is kept in the log.
+        scenario: Where; likewise.
+        station: What executes it: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
+        metadata: What else to say about the run.
+        config: How to log. None: as suits the station.
+    """
+    if config is None:
+        config = RunLogConfig() if station == SIMULATED else RunLogConfig.for_hardware()
+    poil = scenario.poil
+    about = {
+        **{key: str(value) for key, value in plan.metadata.items()},
+        "scenario": scenario.source.name,
+        "scenario_file": scenario.source.file,
+        "object": poil.object,
+        "part": poil.part,
+        "fixture": poil.fixture,
+        "tracker": poil.tracker,
+        "seed": str(scenario.random_seed),
+        STATION_KEY: station,
+        **(metadata or {}),
+    }
+    return RunLogWriter(
+        path,
+        metadata=about,
+        scenario_text=DumpScenario(scenario),
+        plan=plan_bytes(plan),
+        config=config,
+    )

@@ -1,0 +1,144 @@
+"""Samples a running closed loop for its summary. Nothing in the loop depends on it."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from poil_drake.diagrams.loop.closed_loop import ClosedLoop
+from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
+from poil_drake.diagrams.run.task_success import HangingJudge
+from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import Fault, Phase
+
+_VECTORS = {
+    # Name in the record       system, port
+    "points": ("propagator", "points"),
+    "confidence": ("propagator", "confidence"),
+    "target_points": ("controller", "target_points"),
+    "mean_error": ("controller", "mean_error"),
+    "goal_error": ("controller", "goal_error"),
+    "potential": ("controller", "potential"),
+    "tau": ("controller", "tau"),
+    "controller_status": ("controller", "status"),
+    "ik_scale": ("inverse_kinematics", "scale"),
+    "joint_velocities": ("supervisor", "velocity"),
+    "phase": ("sequencer", "phase"),
+}
+
+
+class Sample(NamedTuple):
+    """What was seen at one time: name of a signal -> its value."""
+
+    time: float
+    values: dict[str, np.ndarray]
+
+
+class CheckedTrack(NamedTuple):
+    """A track that was released, and (N, 3) where the points truly were at its stamp [m, world]."""
+
+    track: TrackedPoints
+    truth: np.ndarray
+
+
+@dataclass
+class RunRecorder:
+    """Collects samples of a closed loop; `sample` is called between steps of the simulation.
+
+    A sample is added whole or not at all, so that a signal which stops the run in the middle of
+    one leaves a record that fits together.
+
+    Attributes:
+        loop: The closed loop.
+        query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
+        truth: Where the object truly is, and whether it hangs; None on hardware, where only the
+            cameras could say.
+        samples: What was seen, in order.
+        tracks: Every track that was released.
+    """
+
+    loop: ClosedLoop
+    query_points: np.ndarray
+    truth: SimulatedTruth | None
+    samples: list[Sample] = field(default_factory=list)
+    tracks: list[CheckedTrack] = field(default_factory=list)
+    _poses: dict[float, np.ndarray] = field(default_factory=dict)
+
+    def sample(self, root: Context) -> None:
+        """Takes one sample.
+
+        Args:
+            root: The root context of the loop's diagram.
+        """
+        values = {
+            name: np.array(self._evaluate(root, system, port))
+            for name, (system, port) in _VECTORS.items()
+        }
+        self.samples.append(Sample(root.get_time(), values))
+        if self.truth is None:
+            return
+        self._poses[root.get_time()] = self.truth.object_pose(root)
+        self._sample_track(root)
+        if self.phase >= Phase.RELEASE:
+            self.truth.judge_now(root)
+
+    @property
+    def judge(self) -> HangingJudge | None:
+        """Tells whether the object hangs; None where nobody can."""
+        return None if self.truth is None else self.truth.judge
+
+    @property
+    def times(self) -> list[float]:
+        """Times of the samples [s]."""
+        return [sample.time for sample in self.samples]
+
+    @property
+    def phase(self) -> Phase:
+        """The phase at the last sample."""
+        return Phase(int(self.samples[-1].values["phase"][0]))
+
+    def fault(self, root: Context) -> Fault:
+        """Returns the fault that the sequencer reports."""
+        return Fault(int(self._evaluate(root, "sequencer", "fault")[0]))
+
+    def phase_start(self, root: Context) -> float:
+        """Returns when the present phase began [s]."""
+        return float(self._evaluate(root, "sequencer", "phase_start")[0])
+
+    def safety_fault(self, root: Context) -> SafetyFault:
+        """Returns the fault that the supervisor reports."""
+        return SafetyFault(int(self._evaluate(root, "supervisor", "fault")[0]))
+
+    def signal(self, name: str) -> np.ndarray:
+        """Returns one signal, a row (or, for scalars, an entry) for each sample."""
+        rows = np.array([sample.values[name] for sample in self.samples])
+        return rows[:, 0] if rows.shape[1] == 1 else rows
+
+    def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the stamps (S,) [s] of all tracks and the (S, N) distances to the truth [m].
+
+        NaN where a point was not observed.
+        """
+        errors = np.full((len(self.tracks), len(self.query_points)), np.nan)
+        for row, (track, truth) in zip(errors, self.tracks, strict=True):
+            distances = np.linalg.norm(track.positions - truth, axis=1)
+            row[:] = np.where(track.confidence > 0.0, distances, np.nan)
+        return np.array([checked.track.stamp for checked in self.tracks]), errors
+
+    def _evaluate(self, root: Context, system: str, port: str) -> Any:
+        part = getattr(self.loop, system)
+        return part.GetOutputPort(port).Eval(part.GetMyContextFromRoot(root))
+
+    def _sample_track(self, root: Context) -> None:
+        track = self._evaluate(root, "tracker", "tracked_points")
+        if self.tracks and track.stamp <= self.tracks[-1].track.stamp:
+            return
+        now = self._poses.get(track.stamp)
+        if now is None:
+            return
+        start = self._poses[min(self._poses)]
+        truth = transform_points(now @ inverse(start), self.query_points)
+        self.tracks.append(CheckedTrack(track, truth))

@@ -1,0 +1,1 @@
+"""The scenario: its schema, and how it is read and checked."""

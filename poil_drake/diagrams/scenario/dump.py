@@ -1,0 +1,45 @@
+"""Writes a scenario as the YAML text that `LoadScenario` reads."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load
+
+from poil_drake.diagrams.scenario.hardware_config import CameraSource
+from poil_drake.diagrams.scenario.scenario import Scenario
+
+
+def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
+    """Returns a scenario as a YAML document of its own, under its name.
+
+    Every value is written out, defaults too, and choices such as a drawn pose or another tracker
+    are in it: loaded again, also by a version with other defaults, the text gives this very
+    scenario. Models are named, not copied.
+
+    Args:
+        scenario: The scenario.
+        named: False leaves out the name, as in the text (not file) that `LoadScenario` takes.
+    """
+    node = _node(scenario)
+    return yaml_dump({scenario.source.name or "Scenario": node} if named else node)
+
+
+def _node(value: Any) -> Any:
+    """Returns a value as mappings, lists and scalars."""
+    if dataclasses.is_dataclass(value):
+        written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
+        node = {field.name: _node(getattr(value, field.name)) for field in written}
+        if isinstance(value, CameraSource):  # Of several kinds, the tag tells which.
+            node = {"_tag": f"!{type(value).__name__}", **node}
+        return node
+    if isinstance(value, Mapping):
+        return {str(key): _node(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_node(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if hasattr(value, "__fields__"):
+        return yaml_load(data=yaml_dump_typed(value, schema=type(value)))
+    return value

@@ -1,0 +1,119 @@
+"""A plant with a scenario's models."""
+
+import copy
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.manipulation import ApplyNamedPositionsAsDefaults
+from pydrake.multibody.parsing import (
+    ModelDirective,
+    ModelDirectives,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+import poil_drake.models
+from poil_drake.diagrams.scenario.drake_errors import DRAKE_ERRORS, drake_reason
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.labels import model_instances
+from poil_drake.errors import ScenarioError
+from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
+
+
+def AddScenarioPlant(
+    builder: DiagramBuilder, scenario: Scenario
+) -> tuple[MultibodyPlant, SceneGraph]:
+    """Adds an empty plant with the scenario's settings and time step.
+
+    Raises:
+        ScenarioError: when Drake does not take the settings.
+    """
+    config = copy.deepcopy(scenario.plant_config)
+    config.time_step = scenario.poil.rates.plant
+    try:
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+    except DRAKE_ERRORS as error:
+        raise ScenarioError(
+            f"plant_config cannot be used: {drake_reason(error)}.",
+            remedy="Correct the value; Drake's MultibodyPlantConfig lists what there is.",
+        ) from error
+    return plant, scene_graph
+
+
+def AddPackages(parser: Parser, package_xmls: Sequence[str | Path]) -> None:
+    """Tells a parser where our own models, the robot's and further packages are.
+
+    Raises:
+        MissingDependencyError: when the Panda's description is not installed.
+    """
+    packages = parser.package_map()
+    packages.AddPackageXml(str(Path(poil_drake.models.__file__).parent / "package.xml"))
+    packages.Add(PANDA_PACKAGE, str(panda_package_directory()))
+    for path in package_xmls:
+        packages.AddPackageXml(str(path))
+
+
+def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
+    """Carries out directives.
+
+    Raises:
+        ScenarioError: when a file or frame does not exist.
+    """
+    try:
+        ProcessModelDirectives(ModelDirectives(directives=list(directives)), parser)
+    except DRAKE_ERRORS as error:
+        raise ScenarioError(
+            f"The directives cannot be carried out: {drake_reason(error)}.",
+            remedy="Check the files and the model, link and frame names in the directives.",
+        ) from error
+
+
+def SetInitialPositions(
+    plant: MultibodyPlant, scenario: Scenario, *, without: Collection[str] = ()
+) -> None:
+    """Makes the scenario's `initial_position` the plant's default.
+
+    Args:
+        plant: The plant with all models.
+        scenario: The scenario.
+        without: Models to leave out.
+
+    Raises:
+        ScenarioError: when there is no such model or joint, or a value does not suit it.
+    """
+    positions = {
+        model: {joint: np.atleast_1d(q) for joint, q in joints.items()}
+        for model, joints in scenario.initial_position.items()
+        if model not in without
+    }
+    for model, joints in positions.items():
+        for joint, q in joints.items():
+            if not np.isfinite(q).all():
+                raise ScenarioError(
+                    f"initial_position.{model}.{joint} is {q.tolist()}.",
+                    remedy="Write finite numbers, in radians or metres.",
+                )
+    try:
+        ApplyNamedPositionsAsDefaults(positions, plant)
+    except DRAKE_ERRORS as error:
+        raise ScenarioError(
+            f"initial_position cannot be set: {drake_reason(error)}.",
+            remedy="Correct the model's or joint's name, or how many values the joint has.",
+        ) from error
+
+
+def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
+    """Checks that the model with a role in `poil` ("object", "robot", "fixture") exists.
+
+    Raises:
+        ScenarioError: naming the models that there are.
+    """
+    if not plant.HasModelInstanceNamed(name):
+        raise ScenarioError(
+            f"poil.{role} is '{name}', but no directive adds a model of that name.",
+            remedy=f"Choose one of: {', '.join(model_instances(plant))}.",
+        )

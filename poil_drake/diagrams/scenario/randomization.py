@@ -1,0 +1,92 @@
+"""Draws the trials of a benchmark from a scenario."""
+
+import copy
+import dataclasses
+
+import numpy as np
+from pydrake.common.schema import Rotation, Transform
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.parsing import AddModel, ModelDirective
+
+from poil_drake.diagrams.scenario.scenario import Randomization, Scenario
+from poil_drake.errors import ScenarioError
+
+
+def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
+    """Returns a scenario whose object, its pose and the cameras' noise were drawn anew.
+
+    What is drawn, and how widely, `scenario.poil.randomization` says. The object keeps the height
+    of its default pose; where x, y or yaw has no range, it keeps that, too. Without any range only
+    the noise is drawn, and the object may be added in any way.
+
+    Args:
+        scenario: What to vary; it stays as it is.
+        seed: Not negative; the same seed draws the same trial.
+
+    Raises:
+        ScenarioError: when there are ranges, but no directive adds the object, or it has no
+            default pose to vary.
+    """
+    rng = np.random.default_rng(seed)
+    ranges = scenario.poil.randomization
+    directives = copy.deepcopy(list(scenario.directives))
+    # Everything is drawn in any case, so that narrowing one range leaves the others' draws alone.
+    choice, x, y, yaw = rng.uniform(size=4)
+    if ranges.models:
+        model = ObjectDirective(directives, scenario.poil.object)
+        model.file = ranges.models[int(choice * len(ranges.models))]
+    if ranges.x or ranges.y or ranges.yaw:
+        _move(ObjectDirective(directives, scenario.poil.object), ranges, (x, y, yaw))
+    return dataclasses.replace(
+        scenario, directives=directives, random_seed=int(rng.integers(2**31))
+    )
+
+
+def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, float]) -> None:
+    """Moves a model's default pose within ranges; draws (x, y, yaw) lie in [0, 1)."""
+    body, transform = _default_pose(model)
+    translation = np.array(transform.translation, dtype=float)
+    for axis, interval in enumerate((ranges.x, ranges.y)):
+        if interval:
+            translation[axis] = interval[0] + draws[axis] * (interval[1] - interval[0])
+    rotation = transform.rotation
+    if ranges.yaw:
+        degrees = ranges.yaw[0] + draws[2] * (ranges.yaw[1] - ranges.yaw[0])
+        rotation = Rotation(RollPitchYaw(0.0, 0.0, np.deg2rad(degrees)))
+    model.default_free_body_pose = {
+        body: Transform(base_frame=transform.base_frame, translation=translation, rotation=rotation)
+    }
+
+
+def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
+    """Returns the directive that adds the model of this name; changes to it count.
+
+    Raises:
+        ScenarioError: when there is none.
+    """
+    models = [d.add_model for d in directives if d.add_model is not None]
+    for model in models:
+        if model.name == name:
+            return model
+    raise ScenarioError(
+        f"No directive adds a model named '{name}'.",
+        remedy=f"Set poil.object to one of: {', '.join(m.name for m in models)}.",
+    )
+
+
+def _default_pose(model: AddModel) -> tuple[str, Transform]:
+    """Returns the only entry of the model's default poses."""
+    if len(model.default_free_body_pose) != 1:
+        raise ScenarioError(
+            f"The directive that adds '{model.name}' names "
+            f"{len(model.default_free_body_pose)} default poses.",
+            remedy="Give it one default_free_body_pose, that of the object's base link, or leave "
+            "out the ranges of poil.randomization.",
+        )
+    body, transform = next(iter(model.default_free_body_pose.items()))
+    if not isinstance(transform.translation, np.ndarray):
+        raise ScenarioError(
+            f"The default pose of '{model.name}' is random already.",
+            remedy="Give it one certain translation; poil.randomization draws from ranges.",
+        )
+    return body, transform

@@ -1,0 +1,1 @@
+"""Stations: simulated, hardware, replay, and the simulated driver."""

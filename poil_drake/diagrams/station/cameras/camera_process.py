@@ -1,0 +1,107 @@
+"""Renders a station's cameras in a process of its own, beside the simulation."""
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import StationError
+from poil_drake.perception.images import RgbdImage
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
+
+
+class CameraProcess:
+    """Renders what a station's cameras show: a `SceneRenderer`.
+
+    The process builds the station of the same scenario once more, puts it at the positions that it
+    is given, and renders; the images are those of the station itself, to the last bit. It knows of
+    nothing but positions: what is changed otherwise in a station's context or scene graph does not
+    show. It is a process, as the renderer of Drake that needs no display, VTK, crashes on a thread,
+    and as rendering on a CPU then leaves the interpreter to the simulation. It begins with the
+    first images, or with `start`.
+    """
+
+    def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
+        """Remembers what to render; nothing is started.
+
+        Args:
+            scenario: The station's.
+            package_xmls: Further `package.xml` files for its directives.
+        """
+        self._scenario = DumpScenario(scenario, named=False)
+        self._package_xmls = [str(Path(path).resolve()) for path in package_xmls]
+        self._worker: WorkerProcess | None = None
+        self._closed = False
+        self._turn = threading.Lock()
+
+    @property
+    def pid(self) -> int | None:
+        """The process's number; None while there is none."""
+        return None if self._worker is None else self._worker.pid
+
+    def start(self) -> None:
+        """Starts the process, if it does not run yet; does not wait until it is ready."""
+        if self._worker is None and not self._closed:
+            setup = (self._scenario, self._package_xmls)
+            self._worker = WorkerProcess(f"{__package__}.camera_worker", setup)
+
+    def warm_up(self) -> None:
+        """Waits until the next images take no longer than any other.
+
+        Raises:
+            PoilError: if the cameras cannot be used.
+        """
+        self._ask("warm up")
+
+    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+        """See `SceneRenderer.render`.
+
+        Raises:
+            StationError: if the process has ended.
+        """
+        arrays = self._ask("render", positions, time)
+        return tuple(
+            RgbdImage(rgb=rgb, depth=depth, stamp=time)
+            for rgb, depth in zip(arrays[::2], arrays[1::2], strict=True)
+        )
+
+    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+        """See `SceneRenderer.render_labels`.
+
+        Raises:
+            StationError: if the process has ended.
+        """
+        return tuple(self._ask("render labels", positions, time))
+
+    def close(self) -> None:
+        """Ends the process, after what it is doing. Nothing can be rendered after that."""
+        with self._turn:
+            self._closed = True
+            if self._worker is not None:
+                self._worker.end()
+                self._worker = None
+
+    def _ask(self, *request: Any) -> Sequence[np.ndarray]:
+        with self._turn:
+            self.start()
+            if self._worker is None:
+                raise _ended("has been closed")
+            try:
+                arrays = self._worker.ask(request).arrays
+            except WorkerEndedError as error:
+                raise _ended(str(error)) from error
+        for array in arrays:
+            array.flags.writeable = False
+        return arrays
+
+
+def _ended(reason: str) -> StationError:
+    return StationError(
+        f"The cameras' process {reason}.",
+        remedy="See what it wrote, or whether memory ran out; with the cameras' output_delay 0 "
+        "no process is needed.",
+    )

@@ -1,0 +1,61 @@
+"""The other end of `camera_process`: builds a station and renders its cameras."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from pydrake.lcm import DrakeLcmParams
+
+from poil_drake.diagrams.scenario.checks import NO_NETWORK
+from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.runtime.worker_process import Answer
+from poil_drake.runtime.worker_service import run
+
+
+class CameraService:
+    """Renders the cameras of a station that it puts at given positions."""
+
+    def __init__(self, setup: tuple[str, list[str]]):
+        """Builds the station.
+
+        Args:
+            setup: The scenario's text, and further `package.xml` files.
+        """
+        text, package_xmls = setup
+        scenario = LoadScenario(data=text)
+        # What is on the scenario's networks is the business of the station itself.
+        silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
+        scenario = dataclasses.replace(scenario, lcm_buses=silent)
+        self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)
+        self._context = self._station.CreateDefaultContext()
+
+    def __call__(self, request: tuple[Any, ...]) -> Answer:
+        """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
+
+        Returns:
+            The colour and the depth image of each camera, or the label image of each.
+        """
+        kind, *scene = request
+        if kind == "warm up":
+            self._station.TakeImages(self._context)
+            return Answer(None)
+        self._put(*scene)
+        if kind == "render labels":
+            return Answer(None, [self._label(name) for name in self._station.camera_names])
+        images = self._station.TakeImages(self._context)
+        return Answer(None, [array for image in images for array in (image.rgb, image.depth)])
+
+    def _put(self, positions: np.ndarray, time: float) -> None:
+        plant = self._station.plant()
+        plant_context = self._station.GetMutableSubsystemContext(plant, self._context)
+        plant.SetPositions(plant_context, positions)
+        self._context.SetTime(time)
+
+    def _label(self, camera: str) -> np.ndarray:
+        port = self._station.GetOutputPort(f"{camera}.label_image")
+        return port.Eval(self._context).data[:, :, 0]
+
+
+if __name__ == "__main__":
+    run(CameraService)

@@ -1,0 +1,304 @@
+"""Cameras of the simulated station, and whole frames taken with them."""
+
+import copy
+import math
+import re
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.common.schema import Transform
+from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import GetScopedFrameByName
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.lcm import LcmBuses
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo
+
+from poil_drake.diagrams.scenario.checks import NO_NETWORK
+from poil_drake.diagrams.scenario.drake_errors import DRAKE_ERRORS, drake_reason
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.runtime.stopwatch import Stopwatch
+from poil_drake.systems.cameras.camera_ports import copied_depth, copied_rgb
+from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
+from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
+
+_LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
+
+
+def AddCameras(
+    *,
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    cameras: Mapping[str, CameraConfig],
+    lcm_buses: LcmBuses,
+    noise: StereoDepthNoiseConfig,
+    seed: int,
+) -> tuple[CameraModel, ...]:
+    """Adds the cameras, and noise on their depth, and exports their images, which never delay.
+
+    Nothing renders by itself: an image is rendered when somebody evaluates its port, so consumers
+    sample in their own periodic events.
+
+    Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
+    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], which is now.
+
+    Returns:
+        The cameras' models.
+
+    Raises:
+        ScenarioError: when a camera is named differently inside and outside, moves, or has a value
+            that Drake does not take.
+    """
+    models = MakeCameraModels(plant, cameras)
+    for index, (name, config) in enumerate(cameras.items()):
+        _apply(name, config, builder, lcm_buses)
+        sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
+        depth = builder.AddNamedSystem(
+            f"depth_noise_{name}",
+            DepthNoiseSystem(
+                width=config.width,
+                height=config.height,
+                config=noise,
+                seed=seed,
+                camera_index=index,
+            ),
+        )
+        builder.Connect(sensor.depth_image_32F_output_port(), depth.GetInputPort("depth_image"))
+        builder.ExportOutput(sensor.color_image_output_port(), f"{name}.rgb_image")
+        builder.ExportOutput(depth.GetOutputPort("noisy_depth_image"), f"{name}.depth_image")
+        builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
+        builder.ExportOutput(sensor.image_time_output_port(), f"{name}.image_time")
+    return models
+
+
+def AddDelayedCameras(
+    *,
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    cameras: Mapping[str, CameraConfig],
+    lcm_buses: LcmBuses,
+    renderer: SceneRenderer,
+    period: float,
+    stopwatch: Stopwatch | None,
+) -> DelayedCameras:
+    """Adds cameras whose images appear their `output_delay` after the capture.
+
+    Exports the same ports as `AddCameras`.
+
+    Args:
+        builder: Gets the cameras.
+        plant: What they look at.
+        cameras: Their configuration.
+        lcm_buses: The networks; none of them gets the images.
+        renderer: What renders.
+        period: From one capture to the next [s].
+        stopwatch: See `DelayedCameras`.
+
+    Raises:
+        ScenarioError: as `AddCameras`, and where not all cameras have one delay.
+    """
+    models = MakeCameraModels(plant, cameras)
+    _require_usable(cameras, lcm_buses)
+    system = builder.AddNamedSystem(
+        "cameras",
+        DelayedCameras(
+            renderer=renderer,
+            cameras=models,
+            num_positions=plant.num_positions(),
+            num_velocities=plant.num_velocities(),
+            period=period,
+            delay=CameraDelay(cameras),
+            stopwatch=stopwatch,
+        ),
+    )
+    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+    for model in models:
+        for kind in ("rgb_image", "depth_image", "label_image", "image_time"):
+            port = f"{model.name}.{kind}"
+            builder.ExportOutput(system.GetOutputPort(port), port)
+    return system
+
+
+def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
+    """Returns the one delay of all cameras [s]; 0 where there are none.
+
+    Raises:
+        ScenarioError: if they differ, or one is not finite or negative.
+    """
+    delays = {name: config.output_delay for name, config in cameras.items()}
+    for name, delay in delays.items():
+        first, expected = next(iter(delays.items()))
+        if not 0.0 <= delay < math.inf:
+            raise ScenarioError(
+                f"cameras.{name}.output_delay is {delay} s.", remedy="It must be 0 or positive."
+            )
+        if delay != expected:
+            raise ScenarioError(
+                f"cameras.{name}.output_delay is {delay} s, but cameras.{first}.output_delay is "
+                f"{expected} s.",
+                remedy="Give all cameras one delay: a frame holds the images of one instant.",
+            )
+    return next(iter(delays.values()), 0.0)
+
+
+def MakeCameraModels(
+    plant: MultibodyPlant, cameras: Mapping[str, CameraConfig]
+) -> tuple[CameraModel, ...]:
+    """Returns the cameras' pinhole models.
+
+    Raises:
+        ScenarioError: as `AddCameras`.
+    """
+    models = []
+    for name, config in cameras.items():
+        _check_camera(name, config)
+        X_WB = _require_at_rest(plant, name, config)
+        try:
+            core = config.MakeCameras()[0].core()
+        except DRAKE_ERRORS as error:
+            raise _unusable(name, error) from error
+        X_WC = X_WB @ core.sensor_pose_in_camera_body()
+        models.append(MakeCameraModel(name=name, info=core.intrinsics(), X_WC=X_WC))
+    return tuple(models)
+
+
+def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: LcmBuses) -> None:
+    """Adds a camera that does not delay, whatever its configuration says of that."""
+    config = copy.copy(config)
+    config.output_delay = 0.0
+    lcm = None
+    if not (config.rgb or config.depth or config.label):
+        # Drake leaves out a camera that publishes nothing.
+        config.rgb = True
+        lcm = DrakeLcm(NO_NETWORK)
+    try:
+        ApplyCameraConfig(config, builder, lcm_buses=lcm_buses, lcm=lcm)
+    except DRAKE_ERRORS as error:
+        raise _unusable(name, error) from error
+
+
+def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
+    """Lets Drake make the cameras before an empty scene: what it does not take shows here.
+
+    Otherwise it would show in the process that renders, long after the station was built.
+    """
+    builder = DiagramBuilder()
+    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    for name, config in cameras.items():
+        alone = copy.copy(config)
+        alone.X_PB = Transform()
+        _apply(name, alone, builder, lcm_buses)
+
+
+def _unusable(name: str, error: BaseException) -> ScenarioError:
+    return ScenarioError(
+        f"cameras.{name} cannot be used: {drake_reason(error)}.",
+        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
+    )
+
+
+def _check_camera(name: str, config: CameraConfig) -> None:
+    if config.name != name:
+        raise ScenarioError(
+            f"The camera under the key '{name}' is named '{config.name}'.",
+            remedy=f"Write 'name: {name}' in cameras.{name}.",
+        )
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise ScenarioError(
+            f"A camera is named '{name}'.",
+            remedy="Use letters, digits, '_' and '-': the name becomes part of ports and topics.",
+        )
+    if max(config.width, config.height) > _LARGEST_SIDE:
+        raise ScenarioError(
+            f"cameras.{name} has {config.width} x {config.height} pixels.",
+            remedy=f"At most {_LARGEST_SIDE} either way are drawn.",
+        )
+    if config.capture_offset != 0.0:
+        raise ScenarioError(
+            f"cameras.{name}.capture_offset is {config.capture_offset} s.",
+            remedy="Leave it at 0: all cameras capture at multiples of poil.rates.tracker.",
+        )
+
+
+def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
+    """Returns X_WB, the pose of a camera's body, after checking that it stays where it is.
+
+    Those who look through it know its pose once.
+    """
+    path = f"cameras.{name}.X_PB"
+    # The camera's own poses: of its colour and its depth image in its body.
+    poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
+    base = config.X_PB.base_frame or "world"
+    try:
+        finite = {
+            key: np.isfinite(pose.GetDeterministicValue().GetAsMatrix4()).all()
+            for key, pose in poses.items()
+        }
+        frame = GetScopedFrameByName(plant, base)
+    except DRAKE_ERRORS as error:
+        raise ScenarioError(
+            f"{path} cannot be used: {drake_reason(error)}.",
+            remedy="Name an existing base_frame that is not the robot's, or none for the world, "
+            "and give one certain pose.",
+        ) from error
+    if not all(finite.values()):
+        wrong = ", ".join(key for key in finite if not finite[key])
+        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Correct its numbers.")
+    if not plant.IsAnchored(frame.body()):
+        raise ScenarioError(
+            f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",
+            remedy="Mount the camera on what is welded to the world.",
+        )
+    X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
+    return X_WP @ config.X_PB.GetDeterministicValue()
+
+
+def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> CameraModel:
+    """Returns the pinhole model of a camera at a pose; Drake's camera frame is optical already."""
+    return CameraModel(
+        name=name,
+        width=info.width(),
+        height=info.height(),
+        K=info.intrinsic_matrix(),
+        X_WC=X_WC.GetAsMatrix4(),
+    )
+
+
+def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
+    """Renders one camera's image now, copied from Drake's cache.
+
+    Args:
+        diagram: The diagram that exports the camera's ports.
+        context: The diagram's own context.
+        name: The camera's name.
+        labels: Whether to render the label image, too.
+    """
+    rgba = diagram.GetOutputPort(f"{name}.rgb_image").Eval(context).data
+    depth = diagram.GetOutputPort(f"{name}.depth_image").Eval(context).data
+    label = None
+    if labels:
+        label = np.array(
+            diagram.GetOutputPort(f"{name}.label_image").Eval(context).data[:, :, 0],
+            dtype=np.int16,
+        )
+    return RgbdImage(
+        rgb=copied_rgb(rgba),
+        depth=copied_depth(depth),
+        stamp=context.get_time(),
+        label=label,
+    )
+
+
+def MakeFrame(
+    models: tuple[CameraModel, ...],
+    images: tuple[RgbdImage, ...],
+    label_ids: Mapping[str, tuple[int, ...]],
+) -> MultiViewFrame:
+    """Returns the frame of all cameras; labels are named only where the images have them."""
+    labelled = all(image.label is not None for image in images)
+    return MultiViewFrame(
+        cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}
+    )

@@ -1,0 +1,112 @@
+"""What reads each camera of the hardware station, and on which networks."""
+
+from collections.abc import Mapping
+from itertools import combinations
+
+from poil_drake.diagrams.scenario.hardware_config import (
+    IMAGE_BUS_URL,
+    CameraSource,
+    HardwareConfig,
+    LcmImages,
+)
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
+from poil_drake.perception.capture.device import CaptureDevice
+from poil_drake.perception.capture.registry import make_device
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.demonstration.camera_playback import CameraPlayback
+from poil_drake.systems.cameras.lcm_image_device import LcmImageDevice
+from poil_drake.systems.panda.lcm_messages import Clock
+
+_USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)
+
+
+def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
+    """Returns the address of one of the scenario's LCM networks, or the usual one.
+
+    Raises:
+        ScenarioError: if it is neither there nor called as by default, or its channels are to have
+            a suffix.
+    """
+    params = scenario.lcm_buses.get(bus)
+    if params is None:
+        if bus not in _USUAL_BUSES:
+            raise ScenarioError(
+                f"poil.hardware names the LCM network '{bus}', which lcm_buses does not define.",
+                remedy=f"Define it, or choose one of: {', '.join(scenario.lcm_buses)}.",
+            )
+        return usual
+    if params.channel_suffix:
+        raise ScenarioError(
+            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', which hardware's "
+            "channels do not get.",
+            remedy="Leave it out, and write whole names in poil.hardware.channels, and in the "
+            "channel of each !LcmImages.",
+        )
+    return params.lcm_url or usual
+
+
+def ImageChannel(source: LcmImages, camera: str) -> str:
+    """Returns where the images of a camera are sent."""
+    return source.channel or f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
+
+
+def MakeCaptureDevice(
+    source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
+) -> CaptureDevice:
+    """Returns what reads a camera.
+
+    Args:
+        source: Where its images come from.
+        scenario: Its networks.
+        camera: Its model.
+        clock: The time now [s since the epoch].
+
+    Raises:
+        PoilError: if it cannot be used.
+    """
+    if isinstance(source, LcmImages):
+        return LcmImageDevice(
+            url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
+            channel=ImageChannel(source, camera.name),
+            size=(camera.height, camera.width),
+        )
+    if isinstance(source, McapPlayback):
+        return CameraPlayback(source, camera=camera, clock=clock)
+    return make_device(source, camera=camera, clock=clock)
+
+
+def SendsLabels(source: CameraSource) -> bool:
+    """Returns whether label images come along with a camera's images."""
+    return isinstance(source, LcmImages | McapPlayback) and source.labels
+
+
+def CheckHardwareCameras(scenario: Scenario) -> None:
+    """Checks that every source is that of one of the scenario's cameras, and is told from others.
+
+    Raises:
+        ScenarioError: naming a camera that is none of the scenario's, or two of one kind that may
+            be the same device.
+    """
+    _check_serials(scenario.poil.hardware.cameras)
+    for name in scenario.poil.hardware.cameras:
+        if name not in scenario.cameras:
+            raise ScenarioError(
+                f"poil.hardware.cameras names '{name}', which is not among the cameras.",
+                remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
+            )
+
+
+def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
+    for kind in (RealSense, Zed):
+        same = {name: source for name, source in cameras.items() if isinstance(source, kind)}
+        for (first, one), (second, other) in combinations(same.items(), 2):
+            if one.serial and other.serial and one.serial != other.serial:
+                continue
+            raise ScenarioError(
+                f"poil.hardware.cameras gives '{first}' the serial number '{one.serial}' and "
+                f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
+                "cannot be told from each other.",
+                remedy="Give each the serial number printed on it.",
+            )

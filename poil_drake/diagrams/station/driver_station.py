@@ -1,0 +1,148 @@
+"""A simulated robot behind its driver's network interface, for the hardware station."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from poil_drake.diagrams.scenario.hardware_config import IMAGE_BUS_URL, LcmImages
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
+from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageChannel
+from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
+from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
+from poil_drake.systems.lcm.network import LcmPump, MessageNetwork
+from poil_drake.systems.panda.lcm_messages import Clock, PandaChannels
+from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
+from poil_drake.systems.panda.simulated_hand import SimulatedHand
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriverStation:
+    """A simulated robot and its driver.
+
+    Attributes:
+        diagram: The whole, ready for a Simulator.
+        station: The simulated robot and its surroundings.
+        driver: The arm's end of the network.
+        hand: The hand's end of the network.
+        feed: The cameras' end of the network; None without cameras.
+        renderer: What renders for them.
+    """
+
+    diagram: Diagram
+    station: SimulatedStation
+    driver: SimulatedDriver
+    hand: SimulatedHand
+    feed: LcmCameraFeed | None = None
+    renderer: CameraProcess | None = None
+
+    def Close(self) -> None:
+        """Ends the cameras' thread and process, if there are any."""
+        if self.feed is not None and self.renderer is not None:
+            # First the thread that asks, then the process that answers.
+            self.feed.close()
+            self.renderer.close()
+
+
+def MakeDriverStation(
+    scenario: Scenario,
+    lcm: MessageNetwork,
+    *,
+    channels: PandaChannels | None = None,
+    config: SimulatedDriverConfig | None = None,
+    cameras: bool = False,
+    meshcat: Meshcat | None = None,
+    clock: Clock = time.time,
+) -> DriverStation:
+    """Builds a simulated robot that obeys and reports over LCM as the real one does.
+
+    Args:
+        scenario: What stands where.
+        lcm: The network; its subscriptions are handled between the steps.
+        channels: Where what is said; None for the Franka driver's own.
+        config: How the driver behaves; None for the defaults.
+        cameras: Whether to send images of the scenario's cameras, those that the hardware station
+            reads from LCM. The result is to be closed then.
+        meshcat: Shows the simulated scene there.
+        clock: The driver's time [s since the epoch].
+
+    Raises:
+        PoilError: if the station cannot be built.
+    """
+    channels = channels or PandaChannels()
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=scenario.poil.rates.plant))
+    station = MakeStation(scenario, meshcat=meshcat, cameras=False)
+    assert isinstance(station, SimulatedStation)
+    builder.AddNamedSystem("station", station)
+    driver = builder.AddNamedSystem(
+        "driver",
+        SimulatedDriver(
+            lcm=lcm,
+            command_channel=channels.command,
+            status_channel=channels.status,
+            period=scenario.poil.rates.plant,
+            config=config,
+            clock=clock,
+        ),
+    )
+    hand = builder.AddNamedSystem(
+        "hand",
+        SimulatedHand(
+            lcm=lcm,
+            command_channel=channels.hand_command,
+            status_channel=channels.hand_status,
+            clock=clock,
+        ),
+    )
+    robot = scenario.poil.robot
+    for giver, output, taker, input_ in (
+        (station, f"{robot}.position_measured", driver, "position_measured"),
+        (station, f"{robot}.velocity_measured", driver, "velocity_measured"),
+        (station, f"{robot}.torque_external", driver, "torque_external"),
+        (driver, "velocity", driver, "velocity_commanded"),
+        (driver, "velocity", station, f"{robot}.velocity"),
+        (driver, "velocity_time", station, f"{robot}.velocity_time"),
+        (station, "hand.width_measured", hand, "width_measured"),
+        (hand, "width", station, "hand.width"),
+    ):
+        builder.Connect(giver.GetOutputPort(output), taker.GetInputPort(input_))
+    parts: dict[str, Any] = {"station": station, "driver": driver, "hand": hand}
+    if cameras:
+        parts |= _add_feed(builder, scenario, station, clock)
+    return DriverStation(diagram=builder.Build(), **parts)
+
+
+def _add_feed(
+    builder: DiagramBuilder, scenario: Scenario, station: SimulatedStation, clock: Clock
+) -> dict[str, Any]:
+    hardware = scenario.poil.hardware
+    sources = {name: hardware.cameras.get(name, LcmImages()) for name in scenario.cameras}
+    channels = {
+        name: ImageChannel(source, name)
+        for name, source in sources.items()
+        if isinstance(source, LcmImages)
+    }
+    if not channels:
+        return {}
+    cameras = {name: scenario.cameras[name] for name in channels}
+    renderer = CameraProcess(replace(scenario, cameras=cameras))
+    plant = station.plant()
+    feed = builder.AddNamedSystem(
+        "camera_feed",
+        LcmCameraFeed(
+            renderer=renderer,
+            cameras=tuple(channels),
+            channels=tuple(channels.values()),
+            url=BusUrl(scenario, hardware.image_bus, IMAGE_BUS_URL),
+            num_positions=plant.num_positions(),
+            num_velocities=plant.num_velocities(),
+            period=scenario.poil.rates.tracker,
+            clock=clock,
+        ),
+    )
+    builder.Connect(station.GetOutputPort("plant_state"), feed.GetInputPort("plant_state"))
+    return {"feed": feed, "renderer": renderer}

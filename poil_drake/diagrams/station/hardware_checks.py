@@ -1,0 +1,48 @@
+"""What makes a scenario unfit for a run on hardware, known before anything is opened."""
+
+from pathlib import Path
+
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.hardware_config import LcmImages
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.capture_sources import SendsLabels
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.capture.config import McapPlayback
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
+
+
+def CheckHardwareRun(scenario: Scenario) -> None:
+    """Checks that tracker, detector and cameras can do their work on hardware.
+
+    Raises:
+        ScenarioError: if one cannot.
+    """
+    if scenario.poil.tracker == GROUND_TRUTH:
+        raise NoTruth()
+    for name in scenario.cameras:
+        source = scenario.poil.hardware.cameras.get(name, LcmImages())
+        if scenario.poil.detector == LABEL_IMAGE and not SendsLabels(source):
+            raise NoLabels(name)
+        if isinstance(source, McapPlayback) and not Path(source.file).is_file():
+            raise ScenarioError(
+                f"poil.hardware.cameras.{name} plays '{source.file}', which is not there.",
+                remedy="Name a recording (.mcap).",
+            )
+
+
+def NoTruth() -> ScenarioError:
+    """Returns the error of a tracker that reads the simulator's poses where there is none."""
+    return ScenarioError(
+        f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
+        remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
+    )
+
+
+def NoLabels(camera: str) -> ScenarioError:
+    """Returns the error of a camera without label images."""
+    return ScenarioError(
+        f"The detector '{LABEL_IMAGE}' reads label images, which camera '{camera}' does not give.",
+        remedy="There is no detector yet that needs none. Let a segmentation node send them over "
+        f"LCM along with the images (poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a "
+        "recording that holds them (!McapPlayback).",
+    )

@@ -1,0 +1,349 @@
+"""The real robot's station: a Franka behind its driver, and cameras that are read in-process."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import (
+    Meshcat,
+    SceneGraph,
+)
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from poil_drake.diagrams.scenario.fit import CheckScenarioFits
+from poil_drake.diagrams.scenario.hardware_config import (
+    ROBOT_BUS_URL,
+    HardwareConfig,
+    LcmImages,
+)
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
+from poil_drake.diagrams.station.cameras.capture_sources import (
+    BusUrl,
+    CheckHardwareCameras,
+    MakeCaptureDevice,
+    SendsLabels,
+)
+from poil_drake.diagrams.station.hardware_view import HardwareView
+from poil_drake.diagrams.station.mailbox_problems import MailboxProblems
+from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
+from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
+from poil_drake.errors import StationError
+from poil_drake.perception.capture.capture_thread import CaptureThread
+from poil_drake.perception.images import RgbdImage
+from poil_drake.robots.velocity_limiter import VelocityLimiter
+from poil_drake.systems.cameras.captured_cameras import CapturedCameras
+from poil_drake.systems.ik.arm_plant import MakePandaKinematics
+from poil_drake.systems.lcm.mailbox import Stamped
+from poil_drake.systems.lcm.network import LcmNetwork
+from poil_drake.systems.lcm.shared_channel import SharedChannel
+from poil_drake.systems.panda.lcm_messages import Clock
+from poil_drake.systems.statuses import RobotMode
+
+_REOPEN = 3.0
+"""Between a camera's failure and the next try to open it [s of the robot's time]. A camera library
+may block Python for a second; by then the supervisor has stopped the arm."""
+
+_LISTEN = 0.05
+"""How long to listen for other commands [s of the robot's time]: a dozen control periods."""
+
+_LOOK = 0.01
+"""Between two looks whether everything is there [s]."""
+
+_AHEAD = 0.02
+"""An image that is stamped farther in the future than this comes from a clock that is off [s]."""
+
+_REST = 1.5
+"""Rest is commanded for so many times the driver's expiry."""
+
+
+class HardwareStation(Station):
+    """The real robot, built by `MakeStation`.
+
+    .. pydrake_system::
+
+        name: HardwareStation
+        input_ports:
+        - panda.velocity
+        - panda.velocity_time
+        - hand.width
+        output_ports:
+        - panda.position_measured
+        - panda.velocity_measured
+        - panda.torque_external
+        - panda.status
+        - hand.width_measured
+        - <camera>.rgb_image
+        - <camera>.depth_image
+        - <camera>.label_image
+        - <camera>.image_time
+
+    The ports are those of `SimulatedStation`, without what only a simulation knows: poses, contacts
+    and forces. `<camera>.label_image` is there only for cameras whose source sends labels along.
+    See `AddPandaHardware` and `CapturedCameras` for what the outputs are before the first message
+    or image.
+
+    In a dry run nothing is sent to the robot. What would be moves a `KinematicRobot` instead, which
+    starts where the real one stands; the arm's and the hand's measurements are its.
+
+    It is to be simulated at the pace of its clock (see `RealTimeLoop`). The scenario's models tell
+    where the robot's base and the cameras stand, and Meshcat shows them, the robot as it is
+    measured and without the object.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        meshcat: Meshcat | None,
+        cameras: bool,
+        package_xmls: Sequence[str | Path],
+        dry_run: bool,
+        parser_preload_callback: PrefinalizeCallback | None,
+        parser_prefinalize_callback: PrefinalizeCallback | None,
+    ):
+        super().__init__()
+        builder = DiagramBuilder()
+        self._scenario = scenario
+        self._config = scenario.poil.hardware
+        self._clock: Clock = self._config.clock()
+        self._steady_clock = self._config.steady_clock()
+        self._plant = MultibodyPlant(scenario.poil.rates.plant)
+        self._scene_graph = SceneGraph()
+        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
+        self._label_ids = AddStationModels(
+            plant=self._plant,
+            scene_graph=self._scene_graph,
+            scenario=scenario,
+            package_xmls=package_xmls,
+            parser_preload_callback=parser_preload_callback,
+            parser_prefinalize_callback=parser_prefinalize_callback,
+        )
+        CheckHardwareCameras(scenario)
+        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
+        self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
+        self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
+        period = scenario.poil.rates.control
+        self._robot = AddPandaHardware(
+            builder=builder,
+            lcm=self._lcm,
+            name=scenario.poil.robot,
+            period=period,
+            channels=self._config.channels,
+            dry_run=dry_run,
+            limiter=VelocityLimiter(
+                limits=MakePandaKinematics().joint_limits,
+                period=period,
+                config=scenario.poil.safety.limiter,
+            ),
+            expiry=self._config.command_expiry,
+            stall_limit=scenario.poil.safety.stall_limit,
+            clock=self._clock,
+            time_scale=self._config.time_scale,
+        )
+        self._threads: list[CaptureThread] = []
+        self._labelled: list[bool] = []
+        self._camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
+        if self._camera_models:
+            self._add_cameras(builder, period)
+        if meshcat is not None:
+            self._view = HardwareView(
+                builder=builder,
+                scenario=scenario,
+                plant=self._plant,
+                scene_graph=self._scene_graph,
+                meshcat=meshcat,
+                dry_run=dry_run,
+            )
+        builder.BuildInto(self)
+
+    def _add_cameras(self, builder: DiagramBuilder, period: float) -> None:
+        reopen_period = _REOPEN / self._config.time_scale
+        for model in self._camera_models:
+            source = self._config.cameras.get(model.name, LcmImages())
+            size = (model.height, model.width)
+            device = MakeCaptureDevice(source, self._scenario, model, clock=self._clock)
+            self._threads.append(
+                CaptureThread(device, name=model.name, size=size, reopen_period=reopen_period)
+            )
+            self._labelled.append(SendsLabels(source))
+        system = builder.AddNamedSystem(
+            "cameras",
+            CapturedCameras(
+                cameras=self._camera_models,
+                sources=self._threads,
+                labels=self._labelled,
+                period=period,
+                clock=self._clock,
+            ),
+        )
+        for k in range(system.num_output_ports()):
+            port = system.get_output_port(k)
+            builder.ExportOutput(port, port.get_name())
+
+    @property
+    def config(self) -> HardwareConfig:
+        """How the robot is reached."""
+        return self._config
+
+    @property
+    def clock(self) -> Clock:
+        """See `Station.clock`: [s since the epoch], as if nobody set the clock since."""
+        return self._steady_clock
+
+    def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
+        """See `Station.TakeImages`.
+
+        Waits until every camera has an image that is newer than this call; with labels, where its
+        source sends any.
+        """
+        start = self._clock()
+        found: dict[str, RgbdImage] = {}
+        deadline = time.monotonic() + self._config.ready_timeout
+        while missing := [name for name in self.camera_names if name not in found]:
+            self._wait(deadline, [self._image_of(name, labels=labels) for name in missing])
+            for model, thread, labelled in zip(
+                self._camera_models, self._threads, self._labelled, strict=True
+            ):
+                image = thread.newest
+                if image is None or image.stamp < start:
+                    continue
+                if labels and labelled and image.label is None:
+                    continue
+                found.setdefault(model.name, image)
+        return tuple(found[name] for name in self.camera_names)
+
+    def _image_of(self, name: str, *, labels: bool) -> str:
+        """Says what is waited for."""
+        thread = self._threads[self.camera_names.index(name)]
+        if labels and thread.newest is not None:
+            return f"an image with labels of the camera '{name}', whose images come"
+        return f"an image of the camera '{name}'"
+
+    def ArmPosition(self, context: Context) -> np.ndarray:
+        """See `Station.ArmPosition`."""
+        self.HandleMessages()
+        status = self._robot.arm.newest
+        if status is None:
+            raise self._missing([f"the robot's status on {self._config.channels.status}"])
+        return np.array(status.position)
+
+    def Start(self) -> None:
+        """Starts the cameras' threads."""
+        for thread in self._threads:
+            thread.start()
+
+    def WarmUp(self) -> None:
+        """Waits for statuses of arm and hand, and an image of each camera, newer than this call.
+
+        The robot must be in its moving mode.
+
+        Raises:
+            StationError: naming what did not come in time.
+        """
+        start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
+        while missing := self._older_than(start):
+            self._wait(deadline, missing)
+        senders = (self._robot.sender, self._robot.hand_sender)
+        self._refuse_others([one.channel for one in senders if one is not None])
+
+    def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
+        """Listens for a while whether somebody else commands, or another robot reports."""
+        for channel in channels:
+            channel.foreign = 0
+        end = time.monotonic() + _LISTEN / self._config.time_scale
+        while time.monotonic() < end:
+            self.HandleMessages()
+            self._robot.arm.CheckOneSender()
+            for channel in channels:
+                channel.CheckAlone()
+            time.sleep(_LOOK)
+
+    def _older_than(self, time: float) -> list[str]:
+        """Returns what of all that is received is older than some time of the clock, or not there.
+
+        The driver's clock may be behind ours by as much as it tolerates itself.
+        """
+        self.HandleMessages()
+        drivers = time - self._config.command_expiry
+        channels = self._config.channels
+        newest: list[tuple[str, Stamped | None, float]] = [
+            (f"the robot's status on {channels.status}", self._robot.arm.newest, drivers),
+            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest, drivers),
+        ]
+        newest += [
+            (f"an image of the camera '{name}'", thread.newest, time)
+            for name, thread in zip(self.camera_names, self._threads, strict=True)
+        ]
+        missing = [what for what, found, since in newest if found is None or found.stamp < since]
+        now = self._clock()
+        missing += [
+            f"an image of the camera '{name}' that is not stamped in the future"
+            for name, thread in zip(self.camera_names, self._threads, strict=True)
+            if thread.newest is not None and thread.newest.stamp > now + _AHEAD
+        ]
+        status = self._robot.arm.newest
+        if status is not None and status.mode is not RobotMode.MOVE:
+            missing.append(f"a robot in its moving mode (it is in '{status.mode.name.lower()}')")
+        return missing
+
+    def Close(self) -> None:
+        """Brings the robot to rest, and ends the cameras' threads."""
+        try:
+            self.Rest()
+        finally:
+            for thread in self._threads:
+                thread.close()
+            self._lcm.Close()
+
+    def Rest(self) -> None:
+        """Commands rest for longer than the driver follows a command, if the arm is commanded."""
+        sender = self._robot.sender
+        if sender is not None and sender.commanding:
+            sender.SendRest(_REST * self._config.command_expiry / self._config.time_scale)
+
+    def HandleMessages(self) -> None:
+        """See `Station.HandleMessages`."""
+        self._lcm.HandleSubscriptions(0)
+
+    def Problems(self) -> tuple[str, ...]:
+        """See `Station.Problems`."""
+        channels, expiry = self._config.channels, self._config.command_expiry
+        found = [
+            *MailboxProblems(self._robot.arm, channels.status, expiry),
+            *MailboxProblems(self._robot.hand, channels.hand_status, expiry),
+        ]
+        found += [
+            f"camera '{name}': {thread.problem}"
+            for name, thread in zip(self.camera_names, self._threads, strict=True)
+            if thread.problem
+        ]
+        now, oldest = self._clock(), self._scenario.poil.safety.image_age_limit
+        for name, thread in zip(self.camera_names, self._threads, strict=True):
+            age = 0.0 if thread.newest is None else now - thread.newest.stamp
+            if age > oldest:
+                found.append(f"camera '{name}': no new image for {age:.1f} s")
+            if age < -_AHEAD:
+                found.append(
+                    f"camera '{name}': its images are stamped {-age:.2f} s in the future: are the "
+                    "clocks in step?"
+                )
+        return tuple(found)
+
+    def _wait(self, deadline: float, missing: Sequence[str]) -> None:
+        if time.monotonic() > deadline:
+            raise self._missing(missing)
+        time.sleep(_LOOK)
+
+    def _missing(self, missing: Sequence[str]) -> StationError:
+        problems = "; ".join(self.Problems())
+        problems = f" ({problems})" if problems else ""
+        return StationError(
+            f"After {self._config.ready_timeout:g} s this is still missing: "
+            f"{', '.join(missing)}{problems}. The robot is at {self._url}.",
+            remedy="Start the Franka driver (or poil driver) with the same scenario; see "
+            "poil.hardware for networks, channels and cameras.",
+        )

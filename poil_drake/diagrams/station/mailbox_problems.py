@@ -1,0 +1,35 @@
+"""What was wrong with the messages of a channel, in words."""
+
+from typing import Any
+
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+
+_DAYS = 1e6
+"""Clocks that differ by more [s] are not only out of step."""
+
+
+def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
+    """Returns what was wrong with the messages of a channel, a sentence each.
+
+    Args:
+        mailbox: Where they arrive.
+        channel: The channel's name.
+        tolerance: How far the sender's clock may be off ours [s].
+    """
+    found = []
+    if mailbox.malformed:
+        found.append(f"{mailbox.malformed} messages on {channel} could not be read")
+    if mailbox.late:
+        found.append(f"{mailbox.late} messages on {channel} came late or twice")
+    if abs(mailbox.offset) > _DAYS:
+        found.append(
+            f"the messages on {channel} come from a clock of another kind: is the time scale "
+            "(--time-scale) the same there?"
+        )
+    elif abs(mailbox.offset) > tolerance:
+        side = "before" if mailbox.offset > 0.0 else "after"
+        found.append(
+            f"the last message on {channel} was stamped {abs(mailbox.offset):.2f} s {side} it "
+            "came: are the clocks in step?"
+        )
+    return found

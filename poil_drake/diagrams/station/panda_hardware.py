@@ -1,0 +1,154 @@
+"""The real Panda behind the same port names as the simulated one."""
+
+import time
+from dataclasses import dataclass
+
+from pydrake.systems.framework import DiagramBuilder
+
+from poil_drake.diagrams.station.hardware_schedule import COMMAND_SHARE
+from poil_drake.robots.velocity_limiter import VelocityLimiter
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.lcm.network import LcmPump, MessageNetwork
+from poil_drake.systems.panda.kinematic_robot import KinematicRobot
+from poil_drake.systems.panda.lcm_messages import (
+    HAND_PERIOD,
+    Clock,
+    HandStatus,
+    PandaChannels,
+    PandaStatus,
+    decode_hand_status,
+    decode_panda_status,
+    same_panda,
+)
+from poil_drake.systems.panda.lcm_receivers import HandStatusReceiver, PandaStatusReceiver
+from poil_drake.systems.panda.lcm_senders import HandCommandSender, PandaCommandSender
+
+
+@dataclass(frozen=True, kw_only=True)
+class PandaHardware:
+    """The ends of the network that talk to the arm's and the hand's drivers.
+
+    Attributes:
+        arm: Where the arm's statuses arrive.
+        hand: Where the hand's statuses arrive.
+        sender: What commands the arm; its `SendRest` is for the way out. None in a dry run.
+        hand_sender: What commands the hand. None in a dry run.
+    """
+
+    arm: LcmMailbox[PandaStatus]
+    hand: LcmMailbox[HandStatus]
+    sender: PandaCommandSender | None
+    hand_sender: HandCommandSender | None
+
+
+def AddPandaHardware(
+    *,
+    builder: DiagramBuilder,
+    lcm: MessageNetwork,
+    name: str,
+    period: float,
+    limiter: VelocityLimiter,
+    channels: PandaChannels | None = None,
+    dry_run: bool = False,
+    expiry: float = 0.1,
+    stall_limit: float = 0.08,
+    clock: Clock = time.time,
+    time_scale: float = 1.0,
+) -> PandaHardware:
+    """Adds what talks to the Franka drivers, and exports the ports that the simulation has, too.
+
+    With a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
+    `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
+    `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
+    `poil_drake.systems.panda.lcm_receivers` for what they are before the first status.
+
+    Args:
+        builder: Gets the systems.
+        lcm: The network; its subscriptions are handled between the steps.
+        name: The robot's.
+        period: The control period [s].
+        limiter: How the arm brakes on the way out.
+        channels: Where what is said; None for the Franka driver's own.
+        dry_run: Whether nothing is sent: what would be commanded moves a `KinematicRobot`, which is
+            what the outputs show, and which starts where the real one stands.
+        expiry: For how long the driver follows a command [s].
+        stall_limit: What an update that was longer ago found is not sent any more [s].
+        clock: The time now [s since the epoch].
+        time_scale: Seconds of that clock per second.
+    """
+    channels = channels or PandaChannels()
+    arm = LcmMailbox(lcm, channels.status, decode_panda_status, same_sender=same_panda, clock=clock)
+    hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status, clock=clock)
+    pump = builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=period))
+    receiver = builder.AddNamedSystem(
+        "panda_status", PandaStatusReceiver(mailbox=arm, period=period, clock=clock)
+    )
+    hand_receiver = builder.AddNamedSystem(
+        "hand_status", HandStatusReceiver(mailbox=hand, period=period, clock=clock)
+    )
+    if dry_run:
+        _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
+        return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
+
+    def update_age() -> float:
+        return time_scale * (time.monotonic() - pump.handled_at)
+
+    # Behind the update, as nothing is to be sent while a simulator is initialized.
+    offset = COMMAND_SHARE * period
+    sender = builder.AddNamedSystem(
+        "panda_command",
+        PandaCommandSender(
+            lcm=lcm,
+            channel=channels.command,
+            mailbox=arm,
+            limiter=limiter,
+            period=period,
+            offset=offset,
+            expiry=expiry,
+            update_age=update_age,
+            max_update_age=stall_limit,
+            clock=clock,
+            time_scale=time_scale,
+        ),
+    )
+    hand_sender = builder.AddNamedSystem(
+        "hand_command",
+        HandCommandSender(
+            lcm=lcm,
+            channel=channels.hand_command,
+            mailbox=hand,
+            period=HAND_PERIOD,
+            offset=offset,
+            update_age=update_age,
+            max_update_age=stall_limit,
+            clock=clock,
+        ),
+    )
+    builder.ExportInput(sender.GetInputPort("velocity"), f"{name}.velocity")
+    builder.ExportInput(sender.GetInputPort("velocity_time"), f"{name}.velocity_time")
+    builder.ExportInput(hand_sender.GetInputPort("width"), "hand.width")
+    for port in ("position_measured", "velocity_measured", "torque_external", "status"):
+        builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
+    builder.ExportOutput(hand_receiver.GetOutputPort("width_measured"), "hand.width_measured")
+    return PandaHardware(arm=arm, hand=hand, sender=sender, hand_sender=hand_sender)
+
+
+def _add_kinematic_robot(
+    builder: DiagramBuilder,
+    name: str,
+    period: float,
+    receiver: PandaStatusReceiver,
+    hand_receiver: HandStatusReceiver,
+) -> None:
+    robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
+    position = receiver.GetOutputPort("position_measured")
+    width = hand_receiver.GetOutputPort("width_measured")
+    builder.Connect(position, robot.GetInputPort("real_position"))
+    builder.Connect(width, robot.GetInputPort("real_width"))
+    builder.ExportInput(robot.GetInputPort("velocity"), f"{name}.velocity")
+    builder.ExportInput(robot.GetInputPort("velocity_time"), f"{name}.velocity_time")
+    builder.ExportInput(robot.GetInputPort("hand.width"), "hand.width")
+    for port in ("position_measured", "velocity_measured", "torque_external"):
+        builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
+    builder.ExportOutput(receiver.GetOutputPort("status"), f"{name}.status")
+    builder.ExportOutput(robot.GetOutputPort("hand.width_measured"), "hand.width_measured")

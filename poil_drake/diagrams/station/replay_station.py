@@ -1,0 +1,207 @@
+"""A station whose robot and cameras are those of a recorded run."""
+
+from collections.abc import Collection
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from poil_drake.diagrams.loop.recorded_perception import PerceptionOf, RecordedPerception
+from poil_drake.diagrams.replay.contents import IsSparse
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
+from poil_drake.diagrams.scenario.fit import CheckScenarioFits
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
+from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.station_models import AddStationModels
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.mcap.timestamps import to_seconds
+from poil_drake.recording.run_log.layout import (
+    DETECTOR_TIMES_TOPIC,
+    DRY_RUN,
+    HAND_STATUS_TOPIC,
+    ROBOT_STATUS_TOPIC,
+    SIMULATED,
+    STATION_KEY,
+    TRACKER_TIMES_TOPIC,
+)
+from poil_drake.recording.run_log.logged_images import ImageReader
+from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
+from poil_drake.recording.run_log.series import Series
+from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
+from poil_drake.systems.panda.recorded_robot import (
+    HAND,
+    JOINTS,
+    STATUS,
+    RecordedClock,
+    RecordedRobot,
+)
+
+_ROUNDING = 1e-6
+
+_DRY_RUN_LEADS = (STATUS,)
+"""In a dry run, arm and hand are a `KinematicRobot`, which moves with the other updates."""
+
+
+class ReplayStation(Station):
+    """The robot and the cameras of a recorded run.
+
+    .. pydrake_system::
+
+        name: ReplayStation
+        input_ports:
+        - panda.velocity
+        - panda.velocity_time
+        - hand.width
+        output_ports:
+        - panda.position_measured
+        - panda.velocity_measured
+        - panda.torque_external
+        - panda.status
+        - hand.width_measured
+        - <camera>.rgb_image
+        - <camera>.depth_image
+        - <camera>.label_image
+        - <camera>.image_time
+        - replayed_position
+
+    The ports are those of `HardwareStation`, and `replayed_position` (7,) [rad], the posture that
+    was commanded in the run. The inputs may be connected and are ignored; the
+    outputs are what the log says at the time of the context (see `RecordedRobot` and
+    `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` is there for cameras
+    of which the log has any.
+
+    As there, the scenario's models tell where the robot's base and the cameras stand.
+    """
+
+    def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):
+        """Constructs the station.
+
+        Args:
+            scenario: What the run was made with, or what it is to be replayed with.
+            run: The recorded run.
+            repeat_tracks: Whether the run's tracks are repeated, rather than made anew from its
+                images.
+
+        Raises:
+            PoilError: when the scenario's models do not fit together.
+        """
+        super().__init__()
+        self._scenario, self._run = scenario, run
+        self._kind = run.metadata.get(STATION_KEY, SIMULATED)
+        status = run.numbers[ROBOT_STATUS_TOPIC]
+        self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
+        self._perception = PerceptionOf(run, repeat_tracks=repeat_tracks)
+        builder = DiagramBuilder()
+        self._plant = MultibodyPlant(scenario.poil.rates.plant)
+        self._scene_graph = SceneGraph()
+        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
+        made = AddStationModels(plant=self._plant, scene_graph=self._scene_graph, scenario=scenario)
+        self._label_ids = run.label_ids or made
+        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
+        self._add_robot(builder)
+        if scenario.poil.tracker != GROUND_TRUTH and scenario.cameras:
+            self._camera_models = MakeCameraModels(self._plant, scenario.cameras)
+            self._add_cameras(builder)
+        builder.BuildInto(self)
+
+    def _add_robot(self, builder: DiagramBuilder) -> None:
+        run, name = self._run, self._scenario.poil.robot
+        hand, status = run.numbers[HAND_STATUS_TOPIC], run.numbers[ROBOT_STATUS_TOPIC]
+        width = Series(hand.times, hand.values[:, 1:])
+        joints = run.joints
+        leading: Collection[str] = (JOINTS, HAND, STATUS)
+        if self._kind == DRY_RUN:
+            leading = _DRY_RUN_LEADS
+        if self._kind == DRY_RUN or IsSparse(run, self._scenario):
+            # Before the robot is known, nothing is; its first measurements pass right through.
+            joints, width = _known_early(joints), _known_early(width)
+        robot = builder.AddNamedSystem(
+            "robot",
+            RecordedRobot(
+                joints=joints,
+                hand=width,
+                status=status,
+                postures=run.postures,
+                period=self._scenario.poil.rates.control,
+                clock=self._clock,
+                leading=leading,
+            ),
+        )
+        for port in ("velocity", "velocity_time"):
+            builder.ExportInput(robot.GetInputPort(port), f"{name}.{port}")
+        builder.ExportInput(robot.GetInputPort("hand.width"), "hand.width")
+        for port in ("position_measured", "velocity_measured", "torque_external", "status"):
+            builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
+        for port in ("hand.width_measured", "replayed_position"):
+            builder.ExportOutput(robot.GetOutputPort(port), port)
+
+    def _add_cameras(self, builder: DiagramBuilder) -> None:
+        delay = CameraDelay(self._scenario.cameras)
+        system = builder.AddNamedSystem(
+            "cameras",
+            RecordedCameras(cameras=[self._camera(model, delay) for model in self._camera_models]),
+        )
+        for k in range(system.num_output_ports()):
+            port = system.get_output_port(k)
+            builder.ExportOutput(port, port.get_name())
+
+    def _camera(self, model: CameraModel, delay: float) -> RecordedCamera:
+        images = [i for i in self._run.images.get(model.name, []) if i.depth is not None]
+        stamps = [to_seconds(image.color.stamp) for image in images]
+        simulated = self._kind == SIMULATED
+        if simulated:
+            shown_from = [stamp + delay for stamp in stamps]
+        else:
+            shown_from = [self._seen_at(image) for image in images]
+        times = self._run.camera_times.get(model.name, Series.of([], 1))
+        return RecordedCamera(
+            name=model.name,
+            shown_from=shown_from,
+            stamps=stamps,
+            read=ImageReader(self._run.path, model, images),
+            labels=any(image.label is not None for image in images),
+            times=None if simulated and delay == 0.0 else times,
+        )
+
+    def _seen_at(self, image: LoggedImages) -> float:
+        """Returns the control tick [s] at which an image was there before somebody looked at it."""
+        looks = [
+            self._run.numbers[topic].at(image.time)[0]
+            for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
+        ]
+        look = image.time if np.isnan(looks).all() else np.nanmax(looks)
+        period = self._scenario.poil.rates.control
+        return float(np.floor(look / period + _ROUNDING) * period)
+
+    @property
+    def recorded(self) -> RecordedPerception:
+        """See `Station.recorded`."""
+        return self._perception
+
+    @property
+    def clock(self) -> RecordedClock | None:
+        """See `Station.clock`: the run's, where it had one."""
+        return self._clock
+
+    def ArmPosition(self, context: Context) -> np.ndarray:
+        """See `Station.ArmPosition`."""
+        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
+        return np.array(port.Eval(context))
+
+
+def _known_early(series: Series) -> Series:
+    """Returns a series that is known a sample before the first one that is finite.
+
+    Where there is none before it, it is known from the beginning.
+    """
+    known = np.isfinite(series.values).all(axis=1)
+    if not known.any():
+        return series
+    first = int(np.argmax(known))
+    values = series.values.copy()
+    if first > 0:
+        values[first - 1] = values[first]
+        return Series(series.times, values)
+    return Series(np.insert(series.times, 0, -np.inf), np.insert(values, 0, values[0], axis=0))

@@ -1,0 +1,211 @@
+"""The simulated station."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
+from pydrake.visualization import ApplyVisualizationConfig
+
+from poil_drake.diagrams.scenario.fit import CheckScenarioFits
+from poil_drake.diagrams.scenario.models import AddScenarioPlant
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
+from poil_drake.diagrams.station.cameras.cameras import (
+    AddCameras,
+    AddDelayedCameras,
+    CameraDelay,
+    ReadImage,
+)
+from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
+from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
+from poil_drake.perception.images import RgbdImage
+from poil_drake.runtime.stopwatch import Stopwatch
+from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
+from poil_drake.systems.panda.velocity_driver import PandaDriver
+
+
+class SimulatedStation(Station):
+    """A simulated robot and its surroundings, built by `MakeStation`.
+
+    .. pydrake_system::
+
+        name: SimulatedStation
+        input_ports:
+        - panda.velocity
+        - panda.velocity_time
+        - hand.width
+        - applied_spatial_force
+        output_ports:
+        - panda.position_measured
+        - panda.velocity_measured
+        - panda.torque_external
+        - panda.status
+        - hand.width_measured
+        - <camera>.rgb_image
+        - <camera>.depth_image
+        - <camera>.label_image
+        - <camera>.image_time
+        - body_poses
+        - query_object
+        - contact_results
+        - plant_state
+
+    All inputs may be left unconnected: the arm and hand then hold still. Joint vectors are (7,),
+    [rad], [rad/s], [N m]; `panda.torque_external` is what contacts do to the joints. `hand.width`
+    is [m]. `panda` stands for the robot's name in the scenario.
+
+    Images are of the moment when somebody looks, and rendered then, unless the cameras have an
+    `output_delay`. With one they are captured at the tracker's rate, rendered by a process of
+    their own, and appear that much later; before the first they are empty (see `DelayedCameras`).
+    That process knows the plant's positions only (see `CameraProcess`). It starts with the first
+    capture, or with `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
+    `<camera>.image_time` (1,) is the time of the capture [s].
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        meshcat: Meshcat | None,
+        cameras: bool,
+        ignore_output_delay: bool,
+        package_xmls: Sequence[str | Path],
+        stopwatch: Stopwatch | None,
+        parser_preload_callback: PrefinalizeCallback | None,
+        parser_prefinalize_callback: PrefinalizeCallback | None,
+    ):
+        super().__init__()
+        builder = DiagramBuilder()
+        poil = scenario.poil
+        self._scenario = scenario
+        self._camera_process: CameraProcess | None = None
+        self._delayed_cameras: DelayedCameras | None = None
+        self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
+        self._label_ids = AddStationModels(
+            plant=self._plant,
+            scene_graph=self._scene_graph,
+            scenario=scenario,
+            package_xmls=package_xmls,
+            parser_preload_callback=parser_preload_callback,
+            parser_prefinalize_callback=parser_prefinalize_callback,
+        )
+        robot = self._plant.GetModelInstanceByName(poil.robot)
+        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
+        lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
+        AddPandaDrivers(
+            builder=builder,
+            plant=self._plant,
+            robot=robot,
+            config=scenario.model_drivers.get(poil.robot, PandaDriver()),
+            time_step=poil.rates.plant,
+        )
+        if cameras:
+            self._add_cameras(builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch)
+        # Before the visualization: in newer Drakes it takes the port for dragging with the mouse.
+        builder.ExportInput(
+            self._plant.get_applied_spatial_force_input_port(), "applied_spatial_force"
+        )
+        if meshcat is not None:
+            visualization = copy.copy(scenario.visualization)
+            if hasattr(visualization, "mouse_interaction_stiffness"):
+                visualization.mouse_interaction_stiffness = None
+            ApplyVisualizationConfig(visualization, builder, lcm_buses=lcm_buses, meshcat=meshcat)
+        builder.ExportOutput(self._plant.get_body_poses_output_port(), "body_poses")
+        builder.ExportOutput(self._plant.get_contact_results_output_port(), "contact_results")
+        builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
+        builder.ExportOutput(self._plant.get_state_output_port(), "plant_state")
+        builder.BuildInto(self)
+
+    def _add_cameras(
+        self,
+        builder: DiagramBuilder,
+        lcm_buses: LcmBuses,
+        ignore_output_delay: bool,
+        package_xmls: Sequence[str | Path],
+        stopwatch: Stopwatch | None,
+    ) -> None:
+        scenario = self._scenario
+        delay = CameraDelay(scenario.cameras)
+        if ignore_output_delay or delay == 0.0:
+            self._camera_models = AddCameras(
+                builder=builder,
+                plant=self._plant,
+                cameras=scenario.cameras,
+                lcm_buses=lcm_buses,
+                noise=scenario.poil.depth_noise,
+                seed=scenario.random_seed,
+            )
+            return
+        self._camera_delay = delay
+        self._camera_process = CameraProcess(scenario, package_xmls)
+        self._delayed_cameras = AddDelayedCameras(
+            builder=builder,
+            plant=self._plant,
+            cameras=scenario.cameras,
+            lcm_buses=lcm_buses,
+            renderer=self._camera_process,
+            period=scenario.poil.rates.tracker,
+            stopwatch=stopwatch,
+        )
+        self._camera_models = self._delayed_cameras.cameras
+
+    def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
+        """Returns what each camera sees now, (H, W) each; `CaptureFrame` makes a frame of it.
+
+        Args:
+            context: The station's own context.
+            labels: Whether to render the label images, too.
+
+        Raises:
+            StationError: if the process that renders has ended.
+        """
+        if self._camera_process is None:
+            return tuple(
+                ReadImage(diagram=self, context=context, name=name, labels=labels)
+                for name in self.camera_names
+            )
+        plant_context = self.GetSubsystemContext(self._plant, context)
+        scene = (self._plant.GetPositions(plant_context), context.get_time())
+        images = self._camera_process.render(*scene)
+        if labels:
+            found = self._camera_process.render_labels(*scene)
+            images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
+        return images
+
+    def ArmPosition(self, context: Context) -> np.ndarray:
+        """See `Station.ArmPosition`."""
+        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
+        return np.array(port.Eval(context))
+
+    def Start(self) -> None:
+        """Starts the process that renders for delayed cameras, early, without waiting for it."""
+        if self._camera_process is not None:
+            self._camera_process.start()
+
+    def WarmUp(self) -> None:
+        """Waits until delayed cameras are ready to render at their usual pace.
+
+        Raises:
+            PoilError: if they cannot be used.
+        """
+        if self._camera_process is not None:
+            self._camera_process.warm_up()
+
+    def Close(self) -> None:
+        """Ends the process of delayed cameras. Nothing can be simulated after that."""
+        if self._camera_process is not None and self._delayed_cameras is not None:
+            # First the thread that asks, then the process that answers.
+            self._delayed_cameras.close()
+            self._camera_process.close()
+
+    def object_body(self) -> RigidBody:
+        """Returns the object's base body, whose frame is the object's frame O."""
+        instance = self._plant.GetModelInstanceByName(self._scenario.poil.object)
+        return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])

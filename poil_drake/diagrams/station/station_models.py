@@ -1,0 +1,74 @@
+"""The models of a station, as its scenario names them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+from poil_drake.diagrams.scenario.models import (
+    AddModels,
+    AddPackages,
+    RequireModel,
+    SetInitialPositions,
+)
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.labels import AssignLabels
+from poil_drake.diagrams.station.panda_arm import SetControllerGains
+from poil_drake.systems.panda.velocity_driver import PandaDriver
+
+PrefinalizeCallback = Callable[[Parser], None]
+"""Told of the parser while models can still be added."""
+
+
+def AddStationModels(
+    *,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    scenario: Scenario,
+    package_xmls: Sequence[str | Path] = (),
+    parser_preload_callback: PrefinalizeCallback | None = None,
+    parser_prefinalize_callback: PrefinalizeCallback | None = None,
+) -> Mapping[str, tuple[int, ...]]:
+    """Adds the scenario's models to an empty plant, and finalizes it.
+
+    Args:
+        plant: The plant.
+        scene_graph: Its scene graph.
+        scenario: What to add, and how it stands at first.
+        package_xmls: Further `package.xml` files, for directives with `package://...`.
+        parser_preload_callback: Called with the parser before the directives are read.
+        parser_prefinalize_callback: Called with the parser before the plant is finalized.
+
+    Returns:
+        Which render labels stand for what: "mug", "mug/handle", "rack", ...
+
+    Raises:
+        ScenarioError: when the scenario does not fit together.
+        StationError: when the robot is no Panda.
+        MissingDependencyError: when the Panda's description is not installed.
+    """
+    poil = scenario.poil
+    parser = Parser(plant)
+    AddPackages(parser, package_xmls)
+    if parser_preload_callback is not None:
+        parser_preload_callback(parser)
+    AddModels(parser, scenario.directives)
+    for role, name in (("robot", poil.robot), ("object", poil.object)):
+        RequireModel(plant, name, role)
+    SetControllerGains(
+        plant=plant,
+        robot=plant.GetModelInstanceByName(poil.robot),
+        config=scenario.model_drivers.get(poil.robot, PandaDriver()),
+    )
+    SetInitialPositions(plant, scenario)
+    label_ids = AssignLabels(
+        plant=plant,
+        scene_graph=scene_graph,
+        parts={poil.object: {poil.part: poil.part, **poil.parts}},
+    )
+    if parser_prefinalize_callback is not None:
+        parser_prefinalize_callback(parser)
+    plant.Finalize()
+    return label_ids

@@ -1,0 +1,1 @@
+"""Grasp candidates and how they are sampled."""

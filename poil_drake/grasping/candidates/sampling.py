@@ -1,0 +1,186 @@
+"""Samples parallel-jaw grasps on a point cloud: thin walls at their rim, and whole bodies."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
+from poil_drake.grasping.candidates.closing_region import Grip, find_grips
+from poil_drake.grasping.candidates.diversity import dissimilar, keep_diverse
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
+from poil_drake.grasping.candidates.grasp_scene import GraspScene
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def sample_antipodal_grasps(
+    object_cloud: PointCloud,
+    part_points: np.ndarray,
+    *,
+    obstacle_points: np.ndarray | None = None,
+    ground_height: float | None = 0.0,
+    config: GraspSamplingConfig | None = None,
+    seed: int = 0,
+) -> list[GraspCandidate]:
+    """Samples antipodal grasps that approach roughly from above and leave the part free.
+
+    The closing axes are the surface normals of random surface points (from their neighbourhood,
+    both faces of a thin wall together, and from the cloud); the approach directions are spun about
+    them. What lies between the fingers decides the grip (`find_grips`), and the open gripper's
+    boxes must be clear of object, part, obstacles and table. A grasp and its half turn about the
+    approach direction are the same for the object but not for the arm, so both are returned.
+
+    Args:
+        object_cloud: The whole object [m, world]; normals are used where it has them.
+        part_points: (M, 3) its functional part [m, world].
+        obstacle_points: (Q, 3) everything else that must not be touched [m, world].
+        ground_height: Height of the table [m], or None where there is none.
+        config: Sizes and thresholds.
+        seed: Seed of the choice of surface points.
+
+    Returns:
+        The candidates, best first; none where nothing can be grasped.
+
+    Raises:
+        InvalidValueError: The cloud holds too few points.
+    """
+    config = config or GraspSamplingConfig()
+    object_cloud = voxel_downsample(object_cloud, config.cloud_voxel)
+    points = object_cloud.points
+    if len(points) < config.min_points:
+        raise InvalidValueError(
+            f"The object cloud has {len(points)} points; {config.min_points} are needed.",
+            remedy="Check the object's mask and depth, or move the cameras nearer.",
+        )
+    scene = GraspScene(
+        object_points=points,
+        part_points=np.asarray(part_points, dtype=float).reshape(-1, 3),
+        obstacle_points=np.zeros((0, 3)) if obstacle_points is None else obstacle_points,
+        ground_height=ground_height,
+        config=config,
+    )
+    normals = wall_normals(points, config.normal_radius)
+    axes: list[tuple[int, np.ndarray]] = []
+    for index in _seed_indices(scene, config, seed):
+        axes.append((index, normals[index]))
+        if object_cloud.normals is not None and abs(
+            object_cloud.normals[index] @ normals[index]
+        ) < np.cos(config.friction_angle):
+            axes.append((index, object_cloud.normals[index]))
+    found: list[GraspCandidate] = []
+    for largest_angle in (config.approach_angle, config.wide_approach_angle):
+        grips = [
+            grip
+            for index, axis in axes
+            for approach in approach_directions(axis, config.spins, largest_angle)
+            for grip in find_grips(points[index], axis, approach, points, normals, config)
+        ]
+        found = [c for grip in _thinned(grips, config) for c in _candidates(grip, scene, config)]
+        if len(found) >= config.few_candidates:
+            break
+    return keep_diverse(found, points.mean(axis=0), config)
+
+
+def wall_normals(points: np.ndarray, radius: float) -> np.ndarray:
+    """Returns unit surface normals (P, 3), up to their sign, from each point's neighbourhood.
+
+    They are the directions of least extent. On a wall thinner than the radius both faces fall into
+    the neighbourhood, and the normal is that of the wall, however noisy the faces are.
+
+    Args:
+        points: (P, 3) the cloud [m].
+        radius: Radius of the neighbourhood [m].
+    """
+    neighbours = cKDTree(points).query_ball_point(points, radius)
+    counts = np.array([len(n) for n in neighbours])
+    flat = np.concatenate([np.asarray(n, dtype=int) for n in neighbours])
+    owner = np.repeat(np.arange(len(points)), counts)
+    mean = np.stack(
+        [np.bincount(owner, points[flat, k], minlength=len(points)) for k in range(3)], axis=1
+    )
+    centered = points[flat] - (mean / counts[:, None])[owner]
+    covariance = np.empty((len(points), 3, 3))
+    for i in range(3):
+        for j in range(3):
+            covariance[:, i, j] = np.bincount(
+                owner, centered[:, i] * centered[:, j], minlength=len(points)
+            )
+    return np.linalg.eigh(covariance)[1][:, :, 0]
+
+
+def approach_directions(closing_axis: np.ndarray, spins: int, largest_angle: float) -> np.ndarray:
+    """Returns the approach directions (S, 3) orthogonal to a closing axis, steepest first.
+
+    Args:
+        closing_axis: (3,) unit axis along which the fingers close.
+        spins: How many to spin through, over the full turn.
+        largest_angle: How far from straight down they may be [rad].
+    """
+    steepest = _DOWN - (_DOWN @ closing_axis) * closing_axis
+    length = np.linalg.norm(steepest)
+    if length < np.cos(largest_angle):
+        return np.zeros((0, 3))
+    steepest /= length
+    angles = 2.0 * np.pi * np.arange(spins) / spins
+    sideways = np.cross(closing_axis, steepest)
+    directions = np.cos(angles)[:, None] * steepest + np.sin(angles)[:, None] * sideways
+    cosines = directions @ _DOWN
+    order = np.argsort(-np.round(cosines, 9), kind="stable")
+    return directions[order[cosines[order] >= np.cos(largest_angle)]]
+
+
+def _seed_indices(scene: GraspScene, config: GraspSamplingConfig, seed: int) -> np.ndarray:
+    points = scene.object_points
+    eligible = np.arange(len(points))
+    if len(scene.part_points):
+        distance, _ = cKDTree(scene.part_points).query(points)
+        eligible = np.flatnonzero(distance > config.part_clearance)
+    rng = np.random.default_rng(seed)
+    count = min(config.seed_points, len(eligible))
+    return rng.choice(eligible, size=count, replace=False)
+
+
+def _thinned(grips: list[Grip], config: GraspSamplingConfig) -> list[Grip]:
+    """Returns the better ones of nearly equal grips, before the dearer checks."""
+    if not grips:
+        return []
+    kept = dissimilar(
+        np.array([grip.X_WG for grip in grips]),
+        np.array([grip.alignment + grip.points / (8.0 * config.min_points) for grip in grips]),
+        0.5 * config.same_position,
+        0.5 * config.same_angle,
+    )
+    return [grips[i] for i in kept]
+
+
+def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> list[GraspCandidate]:
+    """Returns the grasp with the widest opening that fits, and its half turn; or nothing."""
+    for clearance in config.opening_clearances:
+        opening = grip.width + 2.0 * clearance
+        if opening <= config.gripper.max_width and scene.is_clear(grip.X_WG, opening):
+            score = _score(grip, clearance, scene, config)
+            turned = grip.X_WG @ np.diag([-1.0, -1.0, 1.0, 1.0])
+            return [
+                GraspCandidate(grip.X_WG, grip.width, opening, score, grip.contact_points),
+                GraspCandidate(turned, grip.width, opening, score, grip.contact_points[::-1]),
+            ]
+    return []
+
+
+def _score(grip: Grip, clearance: float, scene: GraspScene, config: GraspSamplingConfig) -> float:
+    """Returns the mean of what speaks for a grasp, each in [0, 1]."""
+    floor = np.cos(config.friction_angle)
+    far_from_part = 1.0
+    if len(scene.part_points):
+        gap = np.linalg.norm(scene.part_points - grip.X_WG[:3, 3], axis=1).min()
+        # Beyond the hand's half length more distance brings nothing.
+        far_from_part = min(gap / (0.5 * config.gripper.hand_size[1]), 1.0)
+    steepness, flattest = -grip.X_WG[2, 2], np.cos(config.approach_angle)
+    terms = [
+        (grip.alignment - floor) / (1.0 - floor),
+        min(grip.points / (8.0 * config.min_points), 1.0),
+        far_from_part,
+        clearance / max(config.opening_clearances),
+        max((steepness - flattest) / (1.0 - flattest), 0.0),
+    ]
+    return float(np.clip(np.mean(terms), 0.0, 1.0))

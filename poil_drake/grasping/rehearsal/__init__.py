@@ -1,0 +1,1 @@
+"""Rollouts of grasp candidates, and the choice among them."""

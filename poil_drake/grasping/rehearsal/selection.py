@@ -1,0 +1,211 @@
+"""Chooses the grasp, and the matching where the part is symmetric (POIL section III-B)."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.errors import NoFeasibleGraspError
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
+from poil_drake.grasping.rehearsal.object_path import (
+    ObjectPath,
+    ObjectPathConfig,
+    foresee_object_path,
+)
+from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
+from poil_drake.robots.collision import SceneCloud
+from poil_drake.robots.panda_kinematics import PandaModel
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction of it that is done."""
+
+
+class PartMatching(Protocol):
+    """One way in which the demonstrated part matches the target's."""
+
+    @property
+    def target_points(self) -> np.ndarray:
+        """(N, 3) the part's points before the grasp [m, world]."""
+
+    @property
+    def reference(self) -> PointTrajectory:
+        """Their reference."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionConfig:
+    """How grasps are chosen.
+
+    Attributes:
+        path: How the object's motion is foreseen.
+        feasibility: What is checked and how it is weighed.
+        batch: Grasps rehearsed together, which bounds the memory that is needed.
+    """
+
+    path: ObjectPathConfig = field(default_factory=ObjectPathConfig)
+    feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
+    batch: int = 12
+
+
+@dataclass(frozen=True, eq=False)
+class GraspChoice:
+    """A feasible pair of grasp and matching.
+
+    Attributes:
+        candidate: The grasp.
+        matching: Index of the matching.
+        feasibility: What its rehearsal found.
+        path: The object's foreseen motion.
+        feasible: How many pairs of grasp and matching were feasible.
+        rehearsed: How many were rehearsed.
+    """
+
+    candidate: GraspCandidate
+    matching: int
+    feasibility: Feasibility
+    path: ObjectPath
+    feasible: int
+    rehearsed: int
+
+
+def rank_grasps(
+    candidates: Sequence[GraspCandidate],
+    matchings: Sequence[PartMatching],
+    *,
+    model: PandaModel,
+    scene: SceneCloud,
+    object_points: np.ndarray,
+    part_points: np.ndarray,
+    config: SelectionConfig | None = None,
+    progress: Progress | None = None,
+) -> list[GraspChoice]:
+    """Rehearses grasps under every matching and returns the feasible pairs by cost.
+
+    Args:
+        candidates: Grasps, best first.
+        matchings: The ways in which the part may be matched: more than one where it is symmetric.
+        model: The arm.
+        scene: What must not be touched, without the object and the robot.
+        object_points: (P, 3) the whole object [m, world].
+        part_points: (M, 3) its functional part [m, world].
+        config: What is checked.
+        progress: Told how far the search is.
+
+    Raises:
+        NoFeasibleGraspError: No pair is feasible; the message counts why.
+    """
+    config = config or SelectionConfig()
+    paths = [
+        foresee_object_path(
+            matching.target_points,
+            matching.reference,
+            object_points=object_points,
+            part_points=part_points,
+            scene=scene,
+            config=config.path,
+            collision=config.feasibility.collision,
+        )
+        for matching in matchings
+    ]
+    checker = FeasibilityChecker(model=model, scene=scene, config=config.feasibility)
+    best: dict[tuple[int, int], Feasibility | None] = {}
+    for start in range(0, len(candidates), config.batch):
+        if progress:
+            progress("rehearsing grasps", start / len(candidates))
+        batch = candidates[start : start + config.batch]
+        configurations = checker.configurations(batch)
+        for number, path in enumerate(paths):
+            findings = checker.rehearse(batch, configurations, path)
+            for index in range(len(batch)):
+                own = [f for f in findings if f.candidate == index]
+                best[start + index, number] = min(own, key=_rank) if own else None
+    feasible = {pair: f for pair, f in best.items() if f is not None and f.failure is None}
+    if not feasible:
+        raise _no_feasible_grasp(len(candidates), len(matchings), list(best.values()))
+    if progress:
+        progress("rehearsing grasps", 1.0)
+    return [
+        GraspChoice(candidates[index], number, finding, paths[number], len(feasible), len(best))
+        for (index, number), finding in sorted(feasible.items(), key=lambda item: item[1].cost)
+    ]
+
+
+def select_grasp(
+    candidates: Sequence[GraspCandidate],
+    matchings: Sequence[PartMatching],
+    *,
+    model: PandaModel,
+    scene: SceneCloud,
+    object_points: np.ndarray,
+    part_points: np.ndarray,
+    config: SelectionConfig | None = None,
+    progress: Progress | None = None,
+) -> GraspChoice:
+    """Returns the pair of grasp and matching of least cost; see `rank_grasps`.
+
+    Raises:
+        NoFeasibleGraspError: No pair is feasible; the message counts why.
+    """
+    return rank_grasps(
+        candidates,
+        matchings,
+        model=model,
+        scene=scene,
+        object_points=object_points,
+        part_points=part_points,
+        config=config,
+        progress=progress,
+    )[0]
+
+
+_FAILURES = list(Failure)
+_REMEDIES = {
+    Failure.OUT_OF_REACH: "Move the object to about 0.35 to 0.6 m in front of the robot.",
+    Failure.APPROACH: "Move the object nearer to the robot, or shorten pregrasp_distance.",
+    Failure.PATH: "Turn or move the object, or move the fixture nearer to the robot.",
+    Failure.RETREAT: "Move the fixture nearer to the robot, or shorten retreat_distance.",
+    Failure.SINGULAR: "Move the object or the fixture away from the edge of the arm's reach.",
+    Failure.WORKSPACE: "Widen the box (poil.safety.posture), move object and fixture away from "
+    "that face, or lower FeasibilityConfig.workspace_margin.",
+    Failure.ROBOT_COLLISION: "Clear the space around object and fixture, check that the cameras' "
+    "poses are right, or lower CollisionConfig.robot_margin.",
+    Failure.OBJECT_COLLISION: "Check that the fixture stands where it did in the demonstration "
+    "(or adapt the reference to it), and that the object is not there already.",
+    Failure.NOT_CONVERGED: "Raise ObjectPathConfig.max_time, or check the reference.",
+}
+
+
+def _rank(finding: Feasibility) -> tuple[float, int, float]:
+    """Orders findings: by cost, and infeasible ones by how far they came."""
+    came = -_FAILURES.index(finding.failure) if finding.failure else 0
+    outside = finding.failure is Failure.WORKSPACE
+    return finding.cost, came, -finding.workspace_clearance if outside else 0.0
+
+
+def _no_feasible_grasp(
+    candidates: int,
+    matchings: int,
+    findings: list[Feasibility | None],
+) -> NoFeasibleGraspError:
+    if not candidates:
+        return NoFeasibleGraspError(
+            "No grasp was found on the object: nowhere do the fingers fit around it from above, "
+            "clear of the functional part and of the scene.",
+            remedy="Check the object's and the part's masks, clear the space around the object, "
+            "or widen GraspSamplingConfig.approach_angle.",
+        )
+    failures = Counter(
+        Failure.OUT_OF_REACH if f is None or f.failure is None else f.failure for f in findings
+    )
+    counts = ", ".join(f"{n} {failure.value}" for failure, n in failures.most_common())
+    ways = "" if matchings == 1 else f" under {matchings} matchings"
+    outside = [f for f in findings if f is not None and f.failure is Failure.WORKSPACE]
+    face = f"; at best, {min(outside, key=_rank).tightest_face}" if outside else ""
+    return NoFeasibleGraspError(
+        f"None of the {candidates} grasps{ways} is feasible: {counts}{face}.",
+        remedy=_REMEDIES[failures.most_common(1)[0][0]],
+    )

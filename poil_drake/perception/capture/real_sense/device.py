@@ -1,0 +1,201 @@
+"""Intel RealSense cameras, by `pyrealsense2`."""
+
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from poil_drake.errors import CaptureError, MissingDependencyError
+from poil_drake.perception.capture.checked_image import checked_image
+from poil_drake.perception.capture.config import RealSense
+from poil_drake.perception.capture.device import PATIENCE, Clock
+from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.capture.real_sense.rectification import Rectification
+from poil_drake.perception.capture.real_sense.stamps import FramePairStamps
+from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.runtime.interpreter_turns import TURNS
+
+_MILLISECONDS = 1e3
+
+
+class RealSenseDevice:
+    """A RealSense with colour and depth, its depth aligned to colour; a `CaptureDevice`.
+
+    Images are rectified where the camera's own calibration says that they are distorted, and that
+    calibration must be the scenario's. See `RealSense` for what the stamps mean.
+
+    No camera was there to try it; the library's names and types were checked.
+    """
+
+    def __init__(
+        self,
+        config: RealSense,
+        *,
+        camera: CameraModel,
+        clock: Clock,
+        host_clock: Clock = time.time,
+    ):
+        """Loads the library; the camera is not touched.
+
+        Args:
+            config: Which camera, and how it is run.
+            camera: Its model in the scenario.
+            clock: The time now [s since the epoch].
+            host_clock: This computer's clock, by which the library stamps.
+
+        Raises:
+            MissingDependencyError: if `pyrealsense2` is not installed.
+        """
+        self._rs = _load()
+        self._config, self._camera, self._clock = config, camera, clock
+        self._size = (camera.height, camera.width)
+        serial = config.serial or "without a serial number"
+        self._source = f"Camera '{camera.name}' (RealSense {serial})"
+        self._stamps = FramePairStamps(
+            self._rs,
+            clock,
+            source=self._source,
+            fps=config.fps,
+            latency=config.latency,
+            host_clock=host_clock,
+        )
+        self._pipeline: Any = None
+        self._align: Any = None
+        self._rectification: Rectification | None = None
+        self._depth_step = 0.0
+        self._heard = self._settled = 0.0
+
+    def open(self) -> None:
+        """See `CaptureDevice.open`."""
+        self._stamps.restart()
+        rs = self._rs
+        try:
+            context = rs.context()
+            serial = self._choose(_serials(rs, context))
+            pipeline = rs.pipeline(context)
+            profile = pipeline.start(self._streams(serial))
+            self._pipeline = pipeline
+            device = profile.get_device()
+            for sensor in device.query_sensors():
+                if sensor.supports(rs.option.global_time_enabled):
+                    sensor.set_option(rs.option.global_time_enabled, 1.0)
+            self._depth_step = device.first_depth_sensor().get_depth_scale()
+            self._align = rs.align(rs.stream.color)
+            stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
+            intrinsics = stream.get_intrinsics()
+        except RuntimeError as error:
+            height, width = self._size
+            raise CaptureError(
+                f"{self._source} does not start with {width} x {height} pixels at "
+                f"{self._config.fps} per second: {error}.",
+                remedy="Choose a size and a rate that it has (rs-enumerate-devices lists them), "
+                "use a USB 3 port, and end other programs that use it.",
+            ) from error
+        self._rectification = Rectification(rs, intrinsics, source=self._source)
+        check_intrinsics(self._rectification.K, self._camera, source=self._source)
+        self._heard = self._clock()
+        self._settled = self._heard + self._config.settle
+
+    def read(self) -> RgbdImage | None:
+        """See `CaptureDevice.read`."""
+        if self._pipeline is None or self._rectification is None:
+            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
+        try:
+            return self._read(self._rectification)
+        except RuntimeError as error:
+            raise CaptureError(
+                f"{self._source} failed: {error}.",
+                remedy="See whether it is plugged in, and into a USB 3 port.",
+            ) from error
+
+    def close(self) -> None:
+        """See `CaptureDevice.close`."""
+        pipeline, self._pipeline, self._align = self._pipeline, None, None
+        if pipeline is not None:
+            # An unplugged camera cannot be stopped.
+            with suppress(RuntimeError):
+                pipeline.stop()
+
+    def _read(self, rectification: Rectification) -> RgbdImage | None:
+        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
+        TURNS.wait()
+        stamp = self._stamp(frames)
+        if stamp is None:
+            self._silent()
+            return None
+        self._heard = self._clock()
+        if self._heard < self._settled:
+            return None
+        frames = self._align.process(frames)
+        color, depth = frames.get_color_frame(), frames.get_depth_frame()
+        if not (color and depth):
+            return None
+        return checked_image(
+            rectification.color(np.asanyarray(color.get_data())),
+            rectification.depth(np.asanyarray(depth.get_data())),
+            stamp=stamp,
+            size=self._size,
+            source=self._source,
+            depth_step=self._depth_step,
+        )
+
+    def _stamp(self, frames: Any) -> float | None:
+        """Returns when the frames were taken, or None where none are new."""
+        # The first frames come without their partners, and none at all when the time is over.
+        if not frames:
+            return None
+        color, depth = frames.get_color_frame(), frames.get_depth_frame()
+        return self._stamps.stamp(color, depth) if color and depth else None
+
+    def _silent(self) -> None:
+        """The library does not say that a camera was unplugged: it only becomes silent."""
+        if self._clock() - self._heard <= self._config.silence:
+            return
+        raise CaptureError(
+            f"{self._source} has sent no new image for {self._config.silence:g} s; connected are: "
+            f"{', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
+            remedy="See whether it is plugged in, and into a USB 3 port.",
+        )
+
+    def _choose(self, serials: list[str]) -> str:
+        wanted = self._config.serial
+        if wanted in serials:
+            return wanted
+        if not wanted and len(serials) == 1:
+            return serials[0]
+        raise CaptureError(
+            f"{self._source} was not found; connected are: {', '.join(serials) or 'none'}.",
+            remedy="Plug it in, and give it in the scenario the serial number printed on it."
+            if not wanted
+            else "Plug it in, or correct its serial number in the scenario.",
+        )
+
+    def _streams(self, serial: str) -> Any:
+        rs, fps, (height, width) = self._rs, self._config.fps, self._size
+        depth_width = self._config.depth_width or width
+        depth_height = self._config.depth_height or height
+        streams = rs.config()
+        streams.enable_device(serial)
+        streams.enable_stream(rs.stream.color, width, height, rs.format.rgb8, fps)
+        streams.enable_stream(rs.stream.depth, depth_width, depth_height, rs.format.z16, fps)
+        return streams
+
+
+def _serials(rs: Any, context: Any) -> list[str]:
+    return [
+        device.get_info(rs.camera_info.serial_number)
+        for device in context.query_devices()
+        if device.supports(rs.camera_info.serial_number)
+    ]
+
+
+def _load() -> Any:
+    try:
+        import pyrealsense2
+    except ImportError as error:
+        raise MissingDependencyError(
+            "pyrealsense2, which reads RealSense cameras, is not installed.",
+            remedy="Install it with: pip install pyrealsense2",
+        ) from error
+    return pyrealsense2

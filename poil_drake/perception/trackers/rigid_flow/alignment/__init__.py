@@ -1,0 +1,1 @@
+"""Aligns the tracker's object model to camera views."""

@@ -1,0 +1,1 @@
+"""Joint-space and pose-space motion planning. No pydrake."""

@@ -1,0 +1,114 @@
+"""Gives joint paths their timing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.robots.joint_trajectory import JointTrajectory
+
+_FINE = 1e-3
+"""Time step of the motion before it is smoothed [s]; far below any joint's time constant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointTimingConfig:
+    """How fast joint paths are travelled.
+
+    Attributes:
+        velocity_scale: Fraction of the joint velocity limits; brisk, and leaves the feedback that
+            follows the trajectory room to correct.
+        acceleration: (7,) joint acceleration limits [rad/s^2], from the Panda's datasheet.
+        acceleration_scale: Fraction of them.
+        smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
+            Panda stops with a reflex when commands step.
+        path_samples: Samples of the path at which its speed is bounded.
+        sample_period: Time between the trajectory's samples [s].
+    """
+
+    velocity_scale: float = 0.4
+    acceleration: tuple[float, ...] = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+    acceleration_scale: float = 0.3
+    smoothing_time: float = 0.2
+    path_samples: int = 400
+    sample_period: float = 1.0 / 64.0
+
+
+def time_joint_path(
+    path: np.ndarray,
+    velocity_limits: np.ndarray,
+    *,
+    config: JointTimingConfig | None = None,
+    min_duration: float = 0.0,
+) -> JointTrajectory:
+    """Returns a smooth motion along a joint path, from rest to rest.
+
+    The path is interpolated by a cubic spline over its length s. Its speed v is the largest with
+    |q'| v and |q''| v^2 within bounds (the latter within half the acceleration), from which it
+    speeds up and slows down with |q'| dv/dt in the other half. A moving average over time then
+    rounds the motion; averages of velocities and accelerations keep their bounds.
+
+    Args:
+        path: (K, 7) joint positions [rad], K >= 2, no two successive ones equal.
+        velocity_limits: (7,) joint velocity limits [rad/s].
+        config: Fractions of the limits that are used.
+        min_duration: The motion takes at least this long [s].
+
+    Raises:
+        InvalidValueError: The path has fewer than two samples, or two successive equal ones.
+    """
+    config = config or JointTimingConfig()
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    if len(path) < 2 or np.any(lengths == 0.0):
+        raise InvalidValueError(
+            f"The joint path of {len(path)} samples does not move between some of them.",
+            remedy="Pass at least two samples, and none twice in a row.",
+        )
+    spline = CubicSpline(np.concatenate([[0.0], np.cumsum(lengths)]), path)
+    s = np.linspace(0.0, lengths.sum(), config.path_samples)
+    when = _passing_times(s, spline, velocity_limits, config)
+    stretch = max((min_duration - config.smoothing_time) / when[-1], 1.0)
+    half = 0.5 * config.smoothing_time
+    duration = when[-1] * stretch + 2.0 * half
+    count = max(int(np.ceil(duration / config.sample_period)), 1)
+    times = np.linspace(0.0, duration, count + 1)
+    # The integral of the unsmoothed motion gives every moving average by two look-ups.
+    fine = np.arange(-2.0 * half - _FINE, duration + 2.0 * half + _FINE, _FINE)
+    motion = spline(np.interp(fine - half, when * stretch, s))
+    integral = np.vstack([np.zeros(7), np.cumsum(0.5 * (motion[1:] + motion[:-1]), axis=0) * _FINE])
+    positions = (
+        _at(times + half, fine, integral) - _at(times - half, fine, integral)
+    ) / config.smoothing_time
+    velocities = (_at(times + half, fine, motion) - _at(times - half, fine, motion)) / (
+        config.smoothing_time
+    )
+    positions[0], positions[-1] = path[0], path[-1]
+    velocities[0] = velocities[-1] = 0.0
+    return JointTrajectory(times, positions, velocities)
+
+
+def _passing_times(
+    s: np.ndarray, spline: CubicSpline, velocity_limits: np.ndarray, config: JointTimingConfig
+) -> np.ndarray:
+    """Returns the times [s] at which the path lengths s (M,) are passed."""
+    tiny = 1e-9
+    first, second = np.abs(spline(s, 1)) + tiny, np.abs(spline(s, 2)) + tiny
+    half = 0.5 * config.acceleration_scale * np.array(config.acceleration)
+    squares = np.minimum(
+        (config.velocity_scale * velocity_limits / first).min(axis=1) ** 2,
+        (half / second).min(axis=1),
+    )
+    gains = 2.0 * (half / first).min(axis=1)  # bounds d(v^2) / ds
+    ds = s[1] - s[0]
+    squares[0] = squares[-1] = 0.0
+    for k in range(1, len(s)):
+        squares[k] = min(squares[k], squares[k - 1] + gains[k - 1] * ds)
+    for k in range(len(s) - 2, -1, -1):
+        squares[k] = min(squares[k], squares[k + 1] + gains[k + 1] * ds)
+    speeds = np.sqrt(squares)
+    return np.concatenate([[0.0], np.cumsum(2.0 * ds / (speeds[1:] + speeds[:-1]))])
+
+
+def _at(times: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.stack([np.interp(times, grid, values[:, k]) for k in range(values.shape[1])], axis=1)

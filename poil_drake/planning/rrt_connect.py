@@ -1,0 +1,147 @@
+"""RRT-Connect (Kuffner and LaValle 2000) by OMPL, with edges checked all at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from poil_drake.errors import MissingDependencyError
+from poil_drake.planning.path_shortening import IsFree
+
+State = Any  # of OMPL, which is imported where it is needed
+
+
+class SearchSpace(Protocol):
+    """How configurations are kept in OMPL."""
+
+    def make(self, base: Any) -> Any:
+        """Returns the state space; `base` is the module `ompl.base`."""
+
+    def read(self, state: State) -> np.ndarray:
+        """Returns the configuration (D,) of a state."""
+
+    def write(self, state: State, values: np.ndarray) -> None:
+        """Sets a state to a configuration (D,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class VectorSpace:
+    """Vectors within a box, such as joint positions.
+
+    Attributes:
+        lower: (D,) lowest values.
+        upper: (D,) highest values.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def make(self, base: Any) -> Any:
+        """Returns a real vector space."""
+        space = base.RealVectorStateSpace(len(self.lower))
+        space.setBounds(make_bounds(base, self.lower, self.upper))
+        return space
+
+    def read(self, state: State) -> np.ndarray:
+        """Returns the vector (D,)."""
+        return np.array([state[k] for k in range(len(self.lower))])
+
+    def write(self, state: State, values: np.ndarray) -> None:
+        """Sets the vector (D,)."""
+        for k, value in enumerate(values.tolist()):
+            state[k] = value
+
+
+def make_bounds(base: Any, lower: np.ndarray, upper: np.ndarray) -> Any:
+    """Returns a box of OMPL between two corners (D,)."""
+    bounds = base.RealVectorBounds(len(lower))
+    for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        bounds.setLow(k, low)
+        bounds.setHigh(k, high)
+    return bounds
+
+
+def rrt_connect(
+    space: SearchSpace,
+    start: np.ndarray,
+    goal: np.ndarray,
+    *,
+    is_free: IsFree,
+    edge_is_free: Callable[[np.ndarray, np.ndarray], bool],
+    max_edge: float,
+    iterations: int,
+    seed: int,
+) -> np.ndarray | None:
+    """Returns the corners (K, D) of a free path from the start to the goal, or None.
+
+    The outcome depends on the arguments alone, the seed among them, not on the machine's speed.
+
+    Args:
+        space: What is searched.
+        start: (D,) where the path begins.
+        goal: (D,) where it ends.
+        is_free: Tells which configurations are free.
+        edge_is_free: Tells whether the straight edge between two configurations (D,) is free.
+        max_edge: Longest edge of the search trees, in the space's metric.
+        iterations: Rounds of tree growth. Counted, not timed.
+        seed: Of the samples.
+
+    Raises:
+        MissingDependencyError: OMPL is not installed.
+    """
+    base, geometric, util = _import_ompl()
+    util.noOutputHandler()
+    # Every generator made from here on draws its seed from this one; 0 is not a valid seed.
+    util.RNG.setSeed(seed + 1)
+    information = _make_information(base, space, is_free, edge_is_free)
+
+    def state_of(values: np.ndarray) -> State:
+        state = information.allocState()
+        space.write(state, values)
+        return state
+
+    problem = base.ProblemDefinition(information)
+    problem.setStartAndGoalStates(state_of(start), state_of(goal))
+    planner = geometric.RRTConnect(information)
+    planner.setProblemDefinition(problem)
+    planner.setRange(max_edge)
+    planner.setup()
+    rounds = iter(range(iterations))
+    planner.solve(base.PlannerTerminationCondition(lambda: next(rounds, None) is None))
+    if not problem.hasExactSolution():
+        return None
+    return np.array([space.read(state) for state in problem.getSolutionPath().getStates()])
+
+
+def _import_ompl() -> tuple[Any, Any, Any]:
+    """Returns the modules `base`, `geometric` and `util`."""
+    try:
+        from ompl import base, geometric, util
+    except ImportError as error:
+        raise MissingDependencyError(
+            "OMPL, which plans the way around obstacles, is not installed.",
+            remedy="Install it with: pip install 'ompl>=2.0'",
+        ) from error
+    return base, geometric, util
+
+
+def _make_information(
+    base: Any,
+    space: SearchSpace,
+    is_free: IsFree,
+    edge_is_free: Callable[[np.ndarray, np.ndarray], bool],
+) -> Any:
+    """Returns OMPL's `SpaceInformation`: the space, and what is free in it."""
+
+    class BatchMotionValidator(base.MotionValidator):
+        """Checks an edge's configurations all at once, which is what makes Python fast enough."""
+
+        def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
+            return edge_is_free(space.read(first), space.read(last))
+
+    information = base.SpaceInformation(space.make(base))
+    information.setStateValidityChecker(lambda state: bool(is_free(space.read(state)[None])[0]))
+    information.setMotionValidator(BatchMotionValidator(information))
+    information.setup()
+    return information

@@ -1,0 +1,332 @@
+"""How two runs differ that had the same inputs: a run, and its replay."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poil_drake.recording.comparison.signal_pair import SignalPair
+from poil_drake.recording.comparison.tolerances import (
+    ANGULAR_VELOCITY,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY,
+    TRACKED_POINTS,
+    ReplayTolerances,
+)
+from poil_drake.recording.comparison.track_comparison import TrackComparison, compare_tracks
+from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun
+from poil_drake.recording.run_log.series import Series
+
+PHASE, TRACKS = "phase", "tracks"
+"""What two runs may differ in besides signals."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferenceStatistics:
+    """Size of a difference, NaN where nothing was compared.
+
+    Attributes:
+        count: Number of samples.
+        median: Median.
+        percentile_95: What 95 percent of the samples do not exceed.
+        maximum: Largest.
+    """
+
+    count: int
+    median: float
+    percentile_95: float
+    maximum: float
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "DifferenceStatistics":
+        """Returns the statistics of some differences; NaN among them are left out."""
+        known = values[~np.isnan(values)]
+        if not known.size:
+            return cls(count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan)
+        # Of the samples themselves, as there may be infinite ones, between which nothing is.
+        median, percentile_95 = np.percentile(known, [50.0, 95.0], method="higher")
+        return cls(
+            count=known.size,
+            median=float(median),
+            percentile_95=float(percentile_95),
+            maximum=float(known.max()),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseComparison:
+    """A phase, and when it began in the run and in its replay [s]; NaN where it did not."""
+
+    name: str
+    recorded: float
+    replayed: float
+
+    @property
+    def alone(self) -> bool:
+        """Whether only one of the two has it."""
+        return math.isnan(self.recorded) or math.isnan(self.replayed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstDifference:
+    """Where two runs part.
+
+    Attributes:
+        time: When [s].
+        what: A signal, `PHASE` or `TRACKS`.
+        phase: The phase of the recorded run.
+        size: How large the difference is, in the signal's unit, or [s]; infinite where only one
+            of the two has it. Of `TRACKS`, the share that cannot be compared.
+        tolerance: How large it might have been.
+        began: The phase that differs, where one does.
+    """
+
+    time: float
+    what: str
+    phase: str
+    size: float
+    tolerance: float
+    began: PhaseComparison | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunComparison:
+    """How a replay differs from the run.
+
+    Attributes:
+        differences: Signal -> its differences, infinite where only one of the two is finite.
+        judged: The same, as far as they count: of velocities, while points move the arm and for
+            `ReplayTolerances.phase_start` after, what is left of them if either run may be
+            `ReplayTolerances.shift` earlier or later.
+        phases: The phases of both, in order.
+        spans: Each phase of the recorded run: name, start and end [s].
+        tolerances: What was tolerated.
+        tracks: How the tracks differ.
+        commands: How many samples of commands the recorded run has.
+        first: Where they part; None if nowhere.
+    """
+
+    differences: Mapping[str, Series]
+    judged: Mapping[str, Series]
+    phases: Sequence[PhaseComparison]
+    spans: Sequence[tuple[str, float, float]]
+    tolerances: ReplayTolerances
+    tracks: TrackComparison
+    commands: int
+    first: FirstDifference | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "first", self._first())
+
+    @property
+    def same(self) -> bool:
+        """Whether anything was compared, and no difference is above its tolerance."""
+        return self.first is None and self.statistics(JOINT_VELOCITY).count > 0
+
+    @property
+    def phases_agree(self) -> bool:
+        """Whether the same phases began at the same times."""
+        return not any(self._parts(phase) for phase in self.phases)
+
+    def statistics(self, signal: str) -> DifferenceStatistics:
+        """Returns the statistics of a signal's differences over the run."""
+        return DifferenceStatistics.of(self.differences[signal].values[:, 0])
+
+    def statistics_by_phase(self, signal: str) -> dict[str, DifferenceStatistics]:
+        """Returns the same for each phase of the recorded run."""
+        series = self.differences[signal]
+        found = {}
+        for name, start, end in self.spans:
+            inside = (series.times >= start) & (series.times < end)
+            found[name] = DifferenceStatistics.of(series.values[inside, 0])
+        return found
+
+    def limits(self, signal: str) -> np.ndarray:
+        """Returns the tolerance (T,) of each judged difference; infinite where none counts.
+
+        Points count in the phases in which they move the arm. While both runs are in the same other
+        phase, which began at the same time, velocities are held to `ReplayTolerances.elsewhere`;
+        but not so soon after the points moved the arm, as what they did fades away.
+        """
+        times, tolerances = self.differences[signal].times, self.tolerances
+        usual, strict = tolerances.of(signal), tolerances.elsewhere
+        if signal == TRACKED_POINTS:
+            return np.where(_moved(times, self.spans, tolerances), usual, math.inf)
+        limits = np.full(len(times), usual)
+        if strict is not None:
+            for start, end in self._together(strict.phase_start):
+                limits[(times >= start) & (times < end)] = strict.of(signal)
+        limits[_moved(times, self.spans, tolerances, fading=tolerances.phase_start)] = usual
+        return limits
+
+    def judged_maximum(self, signal: str) -> float:
+        """Returns the largest judged difference where the signal's tolerance holds; NaN if none."""
+        held = self.limits(signal) == self.tolerances.of(signal)
+        return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
+
+    def _together(self, tolerance: float) -> Iterator[tuple[float, float]]:
+        """Yields from when until when [s] both are in a phase that they began together."""
+        begun = [phase for phase in self.phases if not math.isnan(phase.recorded)]
+        for k, (phase, (_, start, end)) in enumerate(zip(begun, self.spans, strict=True)):
+            if abs(phase.recorded - phase.replayed) <= tolerance:
+                left = begun[k + 1].replayed if k + 1 < len(begun) else math.nan
+                yield start, float(np.fmin(end, left))
+
+    def _parts(self, phase: PhaseComparison) -> bool:
+        end = self.spans[-1][2] if self.spans else math.inf
+        starts = (phase.recorded, phase.replayed)
+        alone = [math.isnan(other.recorded) for other in self.phases if other.alone]
+        if phase.alone and len(set(alone)) == 1 and np.nanmin(starts) > end - self._late:
+            return False  # It may yet have come.
+        return not abs(starts[0] - starts[1]) <= self._late
+
+    @property
+    def _late(self) -> float:
+        return self.tolerances.phase_start
+
+    def _first(self) -> FirstDifference | None:
+        found = [*self._signals_apart(), *self._phases_apart(), *self._tracks_apart()]
+        return min(found, key=lambda one: one.time, default=None)
+
+    def _signals_apart(self) -> Iterator[FirstDifference]:
+        for signal, series in self.judged.items():
+            limits = self.limits(signal)
+            above = np.flatnonzero(series.values[:, 0] > limits)
+            if above.size:
+                k = above[0]
+                yield self._difference(
+                    series.times[k], signal, size=series.values[k, 0], tolerance=limits[k]
+                )
+
+    def _phases_apart(self) -> Iterator[FirstDifference]:
+        for phase in self.phases:
+            if self._parts(phase):
+                gap = abs(phase.recorded - phase.replayed)
+                yield self._difference(
+                    np.nanmin((phase.recorded, phase.replayed)),
+                    PHASE,
+                    size=math.inf if phase.alone else gap,
+                    tolerance=self._late,
+                    began=phase,
+                )
+
+    def _tracks_apart(self) -> Iterator[FirstDifference]:
+        wanted = self.tolerances.point_phases
+        judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
+        apart = [pair.time for pair in judged if not pair.comparable]
+        share, tolerance = len(apart) / max(len(judged), 1), self.tolerances.unmatched_tracks
+        if share > tolerance:
+            yield self._difference(min(apart), TRACKS, size=share, tolerance=tolerance)
+
+    def _difference(
+        self,
+        time: float,
+        what: str,
+        *,
+        size: float,
+        tolerance: float,
+        began: PhaseComparison | None = None,
+    ) -> FirstDifference:
+        return FirstDifference(
+            time=float(time),
+            what=what,
+            phase=self._phase_at(float(time)),
+            size=float(size),
+            tolerance=float(tolerance),
+            began=began,
+        )
+
+    def _phase_at(self, time: float) -> str:
+        names = [name for name, start, _ in self.spans if start <= time]
+        return names[-1] if names else ""
+
+
+def compare_runs(
+    recorded: RecordedRun, replayed: RecordedRun, tolerances: ReplayTolerances
+) -> RunComparison:
+    """Compares two runs at the sample times that both have.
+
+    Args:
+        recorded: The run.
+        replayed: Its replay.
+        tolerances: What is tolerated.
+    """
+    commands = SignalPair.of(recorded.commands, replayed.commands)
+    twists = SignalPair.of(recorded.twist, replayed.twist)
+    tracks = compare_tracks(recorded.tracks, replayed.tracks)
+    plain = _velocity_differences(commands, twists, shift=0.0)
+    left = _velocity_differences(commands, twists, shift=tolerances.shift)
+    spans = _spans(recorded)
+    judged = {}
+    for signal, series in plain.items():
+        moved = _moved(series.times, spans, tolerances, fading=tolerances.phase_start)
+        values = np.where(moved[:, None], left[signal].values, series.values)
+        judged[signal] = Series(series.times, values)
+    return RunComparison(
+        differences={**plain, TRACKED_POINTS: tracks.distances},
+        judged={**judged, TRACKED_POINTS: tracks.distances},
+        phases=_compare_phases(recorded.phases, replayed.phases),
+        spans=spans,
+        tolerances=tolerances,
+        tracks=tracks,
+        commands=len(recorded.commands),
+    )
+
+
+def _moved(
+    times: np.ndarray,
+    spans: Sequence[tuple[str, float, float]],
+    tolerances: ReplayTolerances,
+    *,
+    fading: float = 0.0,
+) -> np.ndarray:
+    """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] ago."""
+    moved = np.zeros(len(times), dtype=bool)
+    for name, start, end in spans:
+        if name in tolerances.point_phases:
+            moved |= (times >= start) & (times < end + fading)
+    return moved
+
+
+def _velocity_differences(
+    commands: SignalPair, twists: SignalPair, *, shift: float
+) -> dict[str, Series]:
+    """Returns each velocity's differences (T, 1), if it may be so much earlier or later [s]."""
+    joints, twist = commands.differences(shift), twists.differences(shift)
+    largest = np.max(joints, axis=1, initial=0.0)
+    angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
+    return {
+        JOINT_VELOCITY: Series(commands.times, largest[:, None]),
+        ANGULAR_VELOCITY: Series(twists.times, angular[:, None]),
+        LINEAR_VELOCITY: Series(twists.times, linear[:, None]),
+    }
+
+
+def _compare_phases(
+    recorded: Sequence[PhaseStart], replayed: Sequence[PhaseStart]
+) -> tuple[PhaseComparison, ...]:
+    """Returns the phases of both side by side as long as they are the same, and then all others."""
+    same = 0
+    while same < min(len(recorded), len(replayed)) and (recorded[same].name == replayed[same].name):
+        same += 1
+    pairs = [
+        PhaseComparison(name=a.name, recorded=a.time, replayed=b.time)
+        for a, b in zip(recorded[:same], replayed[:same], strict=True)
+    ]
+    pairs += [
+        PhaseComparison(name=a.name, recorded=a.time, replayed=math.nan) for a in recorded[same:]
+    ]
+    pairs += [
+        PhaseComparison(name=b.name, recorded=math.nan, replayed=b.time) for b in replayed[same:]
+    ]
+    return tuple(pairs)
+
+
+def _spans(run: RecordedRun) -> tuple[tuple[str, float, float], ...]:
+    """Returns the phases; the last one ends after the last sample."""
+    starts = [phase.time for phase in run.phases]
+    last = math.nextafter(max([run.end, *starts]), math.inf)
+    ends = [*starts[1:], last][: len(starts)]
+    names = [phase.name for phase in run.phases]
+    return tuple(zip(names, starts, ends, strict=True))

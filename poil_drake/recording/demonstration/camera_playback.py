@@ -1,0 +1,125 @@
+"""A recorded camera, played back in real time."""
+
+import time
+
+import numpy as np
+
+from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
+from poil_drake.perception.capture.config import McapPlayback
+from poil_drake.perception.capture.device import PATIENCE, Clock
+from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
+from poil_drake.recording.demonstration.frame_grouping import median_period
+from poil_drake.recording.demonstration.recorded_frames import RecordedFrames
+from poil_drake.runtime.interpreter_turns import TURNS
+
+
+class CameraPlayback:
+    """One camera of a demonstration or of a run's log; a `CaptureDevice`.
+
+    Images are decoded when they are due, and those that were missed meanwhile are left out. See
+    `McapPlayback` for what the stamps mean.
+    """
+
+    def __init__(self, config: McapPlayback, *, camera: CameraModel, clock: Clock):
+        """Remembers what to play; the file is not opened.
+
+        Args:
+            config: The file, and how to play it.
+            camera: The camera's model in the scenario, with the intrinsics of the recording.
+            clock: The time now [s since the epoch].
+
+        Raises:
+            InvalidValueError: if no file is given.
+        """
+        if not config.file:
+            raise InvalidValueError(
+                f"McapPlayback.file of camera '{camera.name}' is empty.",
+                remedy="Give a demonstration or the log of a run.",
+            )
+        self._config, self._camera, self._clock = config, camera, clock
+        self._source = f"Camera '{camera.name}'"
+        self._recording: Demonstration | None = None
+        self._offsets = np.zeros(0)
+        self._cycle = 0.0
+        self._start: float | None = None
+        self._played = -1
+
+    def open(self) -> None:
+        """See `CaptureDevice.open`."""
+        if self._start is None:
+            self._start = self._clock() + self._config.lead_in
+        try:
+            recording = load_demonstration(
+                self._config.file, cameras=[self._config.camera or self._camera.name]
+            )
+        except DemonstrationError as error:
+            raise CaptureError(f"{self._source}: {error.problem}", remedy=error.remedy) from error
+        self._check(recording)
+        stamps = recording.stamps
+        self._offsets = (stamps - stamps[0]) / self._config.rate
+        self._cycle = float(self._offsets[-1] + median_period(self._offsets))
+        self._recording = recording
+
+    def read(self) -> RgbdImage | None:
+        """See `CaptureDevice.read`."""
+        if self._recording is None or self._start is None:
+            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
+        number = self._due(self._clock() - self._start)
+        if number <= self._played:
+            ahead = self._start + self._time_of(number + 1) - self._clock()
+            time.sleep(min(max(ahead, 0.0), PATIENCE))
+            number = self._due(self._clock() - self._start)
+        if number <= self._played:
+            if self._time_of(number + 1) == np.inf:
+                raise NoImageError(
+                    f"{self._source}: {self._config.file} has ended.",
+                    remedy="Play it in a loop (loop: true), or take a longer recording.",
+                )
+            return None
+        self._played = number
+        TURNS.wait()
+        try:
+            image = self._recording.frames[number % len(self._offsets)].images[0]
+        except DemonstrationError as error:
+            raise NoImageError(f"{self._source}: {error.problem}", remedy=error.remedy) from error
+        return RgbdImage(
+            image.rgb, image.depth, self._start + self._time_of(number), label=image.label
+        )
+
+    def close(self) -> None:
+        """See `CaptureDevice.close`."""
+        self._recording = None
+
+    def _check(self, recording: Demonstration) -> None:
+        """Raises a CaptureError where a recording is not what the scenario says."""
+        file, wanted, model = self._config.file, self._camera, recording.cameras[0]
+        if (model.height, model.width) != (wanted.height, wanted.width):
+            raise CaptureError(
+                f"{self._source}: {file} holds {model.width} x {model.height} pixels, but "
+                f"{wanted.width} x {wanted.height} are needed.",
+                remedy="Give the camera in the scenario the size and the calibration of the "
+                "recording.",
+            )
+        check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
+        frames = recording.frames
+        if self._config.labels and isinstance(frames, RecordedFrames) and not frames.labelled:
+            raise CaptureError(
+                f"{self._source}: {file} holds no label images of it.",
+                remedy="Write labels: false, or take a recording that has them.",
+            )
+
+    def _due(self, elapsed: float) -> int:
+        """Returns the number of the latest image at this time [s], counted through all rounds."""
+        count = len(self._offsets)
+        rounds = max(int(elapsed // self._cycle), 0) if self._config.loop else 0
+        within = elapsed - rounds * self._cycle
+        return rounds * count + int(np.searchsorted(self._offsets, within, side="right")) - 1
+
+    def _time_of(self, number: int) -> float:
+        """Returns when an image is due [s from the start]; never, after the end."""
+        rounds, index = divmod(number, len(self._offsets))
+        if rounds > 0 and not self._config.loop:
+            return np.inf
+        return rounds * self._cycle + float(self._offsets[index])

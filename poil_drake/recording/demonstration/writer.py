@@ -1,0 +1,166 @@
+"""Writes a demonstration in the layout of docs/demonstration_format.md."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from poil_drake.errors import DemonstrationError
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.recording.demonstration.layout import (
+    CAMERAS_KEY,
+    LABEL_IDS_KEY,
+    METADATA_RECORD,
+    SCENARIO_ATTACHMENT,
+    TRANSFORM_TOPIC,
+    WORLD_FRAME,
+    WORLD_FRAME_KEY,
+    camera_topic,
+    optical_frame,
+)
+from poil_drake.recording.mcap.camera_messages import encode_calibration, encode_transform
+from poil_drake.recording.mcap.image_messages import (
+    ColorEncoding,
+    encode_color,
+    encode_depth,
+    encode_label,
+)
+from poil_drake.recording.mcap.library_versions import version_metadata
+from poil_drake.recording.mcap.sink import McapSink
+from poil_drake.recording.mcap.timestamps import to_nanoseconds
+
+
+class DemonstrationWriter:
+    """Writes the frames of a demonstration, as a context manager.
+
+    The file appears under its name only when the `with` block ends without an exception and at
+    least two frames were written: a recording that failed never looks complete.
+
+    Args:
+        path: The MCAP file; its folder is made where needed.
+        cameras: The names of the cameras that every frame must have, in its order.
+        metadata: What to say about the demonstration, e.g. {"scenario": ..., "seed": ...}.
+        scenario_text: The scenario as YAML, kept as an attachment.
+        color: How colour images are encoded; by default JPEG.
+
+    Raises:
+        DemonstrationError: on exit, if fewer than two frames were written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        cameras: Sequence[str],
+        metadata: Mapping[str, str],
+        *,
+        scenario_text: str | None = None,
+        color: ColorEncoding | None = None,
+    ):
+        self._path = Path(path)
+        self._partial = self._path.with_name(self._path.name + ".partial")
+        self._cameras = tuple(cameras)
+        self._metadata = dict(metadata)
+        self._color = color or ColorEncoding()
+        self._label_ids: dict[str, tuple[int, ...]] = {}
+        self._written: dict[str, CameraModel] = {}
+        self._frame_count = 0
+        self._last_stamps: dict[str, float] = {}
+        self._sink = McapSink(self._partial)
+        if scenario_text is not None:
+            self._sink.add_attachment(
+                SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
+            )
+
+    def write(self, frame: MultiViewFrame) -> None:
+        """Adds a frame.
+
+        Raises:
+            DemonstrationError: if the frame's cameras are not the writer's, or its stamps are not
+                later than those of the frame before.
+        """
+        names = tuple(camera.name for camera in frame.cameras)
+        if names != self._cameras:
+            raise DemonstrationError(
+                f"{self._path}: a frame has cameras {names}, but {self._cameras} are recorded.",
+                remedy="Give every frame all cameras in the same order.",
+            )
+        for camera, image in zip(frame.cameras, frame.images, strict=True):
+            if image.stamp <= self._last_stamps.get(camera.name, -1.0):
+                raise DemonstrationError(
+                    f"{self._path}: an image of camera '{camera.name}' at {image.stamp} s follows "
+                    f"one at {self._last_stamps[camera.name]} s.",
+                    remedy="Write frames in order of time, each once.",
+                )
+            self._last_stamps[camera.name] = image.stamp
+            self._write_camera(camera, image)
+        self._label_ids |= frame.label_ids
+        self._frame_count += 1
+
+    def _write_camera(self, camera: CameraModel, image: RgbdImage) -> None:
+        stamp = to_nanoseconds(image.stamp)
+        frame_id = optical_frame(camera.name)
+        if not _same(camera, self._written.get(camera.name)):
+            self._sink.write(
+                camera_topic(camera.name, "calibration"),
+                encode_calibration(camera, stamp=stamp, frame_id=frame_id),
+                time=stamp,
+            )
+            self._sink.write(
+                TRANSFORM_TOPIC,
+                encode_transform(camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp),
+                time=stamp,
+            )
+            self._written[camera.name] = camera
+        messages = {
+            "image": encode_color(image.rgb, stamp=stamp, frame_id=frame_id, encoding=self._color),
+            "depth": encode_depth(image.depth, stamp=stamp, frame_id=frame_id),
+        }
+        if image.label is not None:
+            messages["label"] = encode_label(image.label, stamp=stamp, frame_id=frame_id)
+        for kind, message in messages.items():
+            self._sink.write(camera_topic(camera.name, kind), message, time=stamp)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exception_type: type[BaseException] | None,
+        exception: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if exception_type is None:
+                self._finish()
+        finally:
+            self._sink.abandon()
+            self._partial.unlink(missing_ok=True)
+
+    def _finish(self) -> None:
+        if self._frame_count < 2:
+            raise DemonstrationError(
+                f"{self._path}: only {self._frame_count} frames were recorded.",
+                remedy="Record at least two frames.",
+            )
+        self._sink.add_metadata(
+            METADATA_RECORD,
+            {
+                **version_metadata(),
+                "frames": str(self._frame_count),
+                **self._metadata,
+                CAMERAS_KEY: json.dumps(self._cameras),
+                LABEL_IDS_KEY: json.dumps(self._label_ids),
+                WORLD_FRAME_KEY: WORLD_FRAME,
+            },
+        )
+        self._sink.close()
+        self._partial.replace(self._path)
+
+
+def _same(camera: CameraModel, other: CameraModel | None) -> bool:
+    return other is not None and (
+        np.array_equal(camera.K, other.K) and np.array_equal(camera.X_WC, other.X_WC)
+    )

@@ -1,0 +1,1 @@
+"""MCAP files and the messages in them."""

@@ -1,0 +1,113 @@
+"""A run as its log has it; images are left in the file until they are asked for."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from poil_drake.errors import RunLogError
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.demonstration.contents import StoredImage
+from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY
+from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.run_log.series import Series
+
+REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
+"""What to do about a log that cannot be used."""
+
+
+class PhaseStart(NamedTuple):
+    """When a phase of the skill was seen to begin [s], which, and why."""
+
+    time: float
+    name: str
+    reason: str
+
+
+class LoggedTrack(NamedTuple):
+    """A track and when it was logged [s]."""
+
+    time: float
+    track: TrackedPoints
+
+
+@dataclass
+class LoggedImages:
+    """The images of one camera that were logged at one time, still in the file.
+
+    Attributes:
+        time: When they were logged [s].
+        color: The colour image.
+        depth: The depth image; None where it is missing.
+        label: The label image, which may have been logged later; None where there is none.
+    """
+
+    time: float
+    color: StoredImage
+    depth: StoredImage | None = None
+    label: StoredImage | None = None
+
+
+@dataclass
+class RecordedRun:
+    """What the log of a run holds of what a replay needs, and of what it is compared with.
+
+    Attributes:
+        path: The file.
+        joint_names: The arm's joints, J of them.
+        metadata: What the log says about the run.
+        scenario_text: The scenario as YAML; None where the log lacks it.
+        plan: The plan's file; None where the log lacks it.
+        joints: (T, 3 J) measured positions [rad], velocities [rad/s] and external torques [Nm].
+        commands: (T, J) joint velocities commanded [rad/s].
+        postures: (T, J) the joint positions that they lead to [rad].
+        twist: (T, 6) spatial velocity asked of the gripper, (ω [rad/s], v [m/s]) in the world.
+        numbers: Topic -> (T, fields) of the statuses in `run_log_reader.NUMBERS`.
+        camera_times: Camera -> (T, 1) when its newest image was captured [s].
+        calibrations: Camera -> its intrinsics.
+        camera_poses: Camera -> (4, 4) its pose in the world [m].
+        phases: The phases of the skill.
+        tracks: The tracks that were released.
+        images: Camera -> its images, in order.
+        cut_off: What is wrong with the file's end; empty for a whole file.
+    """
+
+    path: Path
+    joint_names: tuple[str, ...]
+    metadata: dict[str, str] = field(default_factory=dict)
+    scenario_text: str | None = None
+    plan: bytes | None = None
+    joints: Series = field(default_factory=lambda: Series.of([], 21))
+    commands: Series = field(default_factory=lambda: Series.of([], 7))
+    postures: Series = field(default_factory=lambda: Series.of([], 7))
+    twist: Series = field(default_factory=lambda: Series.of([], 6))
+    numbers: dict[str, Series] = field(default_factory=dict)
+    camera_times: dict[str, Series] = field(default_factory=dict)
+    calibrations: dict[str, Calibration] = field(default_factory=dict)
+    camera_poses: dict[str, np.ndarray] = field(default_factory=dict)
+    phases: list[PhaseStart] = field(default_factory=list)
+    tracks: list[LoggedTrack] = field(default_factory=list)
+    images: dict[str, list[LoggedImages]] = field(default_factory=dict)
+    cut_off: str = ""
+
+    @property
+    def end(self) -> float:
+        """The time of the last sample of the joints [s]; 0 where there is none."""
+        return float(self.joints.times[-1]) if len(self.joints) else 0.0
+
+    @property
+    def label_ids(self) -> dict[str, tuple[int, ...]]:
+        """Which labels stand for what; empty where the log does not say.
+
+        Raises:
+            RunLogError: if the log says it wrongly.
+        """
+        text = self.metadata.get(LABEL_IDS_KEY, "{}")
+        try:
+            return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
+        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+            raise RunLogError(
+                f"The metadata '{LABEL_IDS_KEY}' of '{self.path}' is {text[:80]}.", remedy=REMEDY
+            ) from error

@@ -1,0 +1,1 @@
+"""Pictures, figures and progress for people. No diagrams."""

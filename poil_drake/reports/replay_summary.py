@@ -1,0 +1,150 @@
+"""What a replay came to: one line for people, one JSON file for programs."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from poil_drake.recording.comparison.run_comparison import TRACKS, PhaseComparison, RunComparison
+from poil_drake.recording.comparison.tolerances import (
+    ANGULAR_VELOCITY,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY,
+    TRACKED_POINTS,
+)
+from poil_drake.recording.mcap.library_versions import library_versions
+from poil_drake.recording.mcap.plain_json import plain_json, write_json
+
+_SIGNALS = {
+    # Signal             in words                        unit, and how many of it are one SI unit
+    JOINT_VELOCITY: ("joint velocities", "rad/s", 1.0),
+    ANGULAR_VELOCITY: ("angular velocities", "rad/s", 1.0),
+    LINEAR_VELOCITY: ("linear velocities", "mm/s", 1e3),
+    TRACKED_POINTS: ("tracked points", "mm", 1e3),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplaySummary:
+    """What a replay came to.
+
+    Attributes:
+        log: The log that was replayed.
+        station: What had written it: simulated, hardware or dry_run.
+        tracker: Which tracker followed the points in the replay; "recorded" repeats the tracks.
+        changed: Whether it was replayed with other settings than it was run with.
+        comparison: How the replay differs from the run.
+        replayed: Time that was replayed [s].
+        wall: Wall-clock time that it took [s].
+        notes: What to know about the log, a clause each.
+        outputs: What was written, kind -> path.
+        versions: Library -> version.
+    """
+
+    log: str
+    station: str
+    tracker: str
+    changed: bool
+    comparison: RunComparison
+    replayed: float
+    wall: float
+    notes: Sequence[str] = ()
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=library_versions)
+
+    @property
+    def same(self) -> bool:
+        """Whether the replay did what the run did, within tolerances."""
+        return self.comparison.same
+
+    @property
+    def reason(self) -> str:
+        """What the two have in common, or where they part, in one clause."""
+        first = self.comparison.first
+        if first is None:
+            if self.same:
+                return f"the same {len(self.comparison.phases)} phases"
+            if self.comparison.commands:
+                return "no command of the log is of a time of the replay's"
+            return "the log holds no commands to compare with"
+        when = f"from {first.time:.2f} s on, in phase '{first.phase}'"
+        if first.began is not None:
+            return f"{when}, the phases differ: {_parting(first.began)}"
+        if first.what == TRACKS:
+            return f"{when}, {100.0 * first.size:.2g} % of the tracks show no point that both saw"
+        name, unit, scale = _SIGNALS[first.what]
+        return f"{when}, {name} differ by more than {scale * first.tolerance:g} {unit}"
+
+    def closing_line(self) -> str:
+        """Returns the one line that ends a replay's output."""
+        clauses = [self.reason]
+        for signal in (JOINT_VELOCITY, TRACKED_POINTS):
+            name, unit, scale = _SIGNALS[signal]
+            found = self.comparison.statistics(signal)
+            if found.count:
+                clauses.append(
+                    f"{name} differ by {scale * found.median:.2g} {unit} (median), "
+                    f"{scale * found.maximum:.2g} {unit} (most)"
+                )
+        tracks = self.comparison.tracks
+        clauses.append(
+            f"{tracks.unmatched} of {len(tracks.pairs)} tracks and {tracks.visibility} of "
+            f"{tracks.points} points in one of the two only"
+        )
+        clauses += self.notes
+        clauses.append(f"{self.replayed:.1f} s replayed in {self.wall:.1f} s")
+        return f"{'SAME' if self.same else 'DIFFERENT'}: {'; '.join(clauses)}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything as JSON can hold it; what is not finite becomes None."""
+        comparison = self.comparison
+        signals = {
+            signal: {
+                **dataclasses.asdict(comparison.statistics(signal)),
+                "judged_maximum": comparison.judged_maximum(signal),
+                "tolerance": comparison.tolerances.of(signal),
+                "phases": {
+                    name: dataclasses.asdict(found)
+                    for name, found in comparison.statistics_by_phase(signal).items()
+                },
+            }
+            for signal in comparison.differences
+        }
+        first = comparison.first
+        return plain_json(
+            {
+                "same": self.same,
+                "reason": self.reason,
+                "log": self.log,
+                "station": self.station,
+                "tracker": self.tracker,
+                "changed": self.changed,
+                "phases_agree": comparison.phases_agree,
+                "phases": [dataclasses.asdict(phase) for phase in comparison.phases],
+                "phase_start_tolerance": comparison.tolerances.phase_start,
+                "shift_tolerance": comparison.tolerances.shift,
+                "signals": signals,
+                "first_difference": None if first is None else dataclasses.asdict(first),
+                "unmatched_tracks": comparison.tracks.unmatched,
+                "points_seen_by_one_only": comparison.tracks.visibility,
+                "timing": {"replayed": self.replayed, "wall": self.wall},
+                "notes": list(self.notes),
+                "outputs": dict(self.outputs),
+                "versions": dict(self.versions),
+            }
+        )
+
+    def write_json(self, path: str | Path) -> Path:
+        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        write_json(self.to_dict(), Path(path))
+        return Path(path)
+
+
+def _parting(phase: PhaseComparison) -> str:
+    if math.isnan(phase.replayed):
+        return f"'{phase.name}' began in the run only"
+    if math.isnan(phase.recorded):
+        return f"'{phase.name}' began in the replay only"
+    return f"'{phase.name}' began at {phase.recorded:.2f} s and again at {phase.replayed:.2f} s"

@@ -1,0 +1,200 @@
+"""What a run came to: one line for people, one JSON file for programs."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poil_drake.recording.mcap.library_versions import library_versions
+from poil_drake.recording.mcap.plain_json import plain_json, write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseSpan:
+    """A phase of the skill, from its start to its end [s, simulated]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorStatistics:
+    """Size of an error over a run [m]; NaN where nothing was measured.
+
+    Attributes:
+        count: Number of samples that are finite.
+        median: Median.
+        percentile_95: What 95 percent of the samples do not exceed.
+        maximum: Largest.
+        final: Last.
+        missing: Share of all samples that are not finite, so not in the other figures.
+    """
+
+    count: int
+    median: float
+    percentile_95: float
+    maximum: float
+    final: float
+    missing: float = 0.0
+
+    @classmethod
+    def of(cls, errors: np.ndarray) -> "ErrorStatistics":
+        """Returns the statistics of errors [m] of any shape; those not finite are left out."""
+        samples = np.asarray(errors, dtype=float).ravel()
+        values = samples[np.isfinite(samples)]
+        missing = 1.0 - values.size / samples.size if samples.size else 0.0
+        if values.size == 0:
+            unknown = dict.fromkeys(("median", "percentile_95", "maximum", "final"), math.nan)
+            return cls(count=0, missing=missing, **unknown)
+        median, percentile_95 = np.percentile(values, [50.0, 95.0])
+        return cls(
+            count=values.size,
+            median=float(median),
+            percentile_95=float(percentile_95),
+            maximum=float(values.max()),
+            final=float(values[-1]),
+            missing=missing,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTiming:
+    """How long a run took.
+
+    Attributes:
+        simulated: Simulated time [s].
+        wall: Wall-clock time that the simulation took [s].
+        parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" is taking in
+            images, which holds their rendering unless the cameras delay them; "waiting" is for what
+            is done concurrently; "physics" is what no other part was measured to take; in a run
+            that is slowed down to a real-time rate it holds the sleep, too.
+        concurrent: Wall-clock time of what other processes do meanwhile [s]: "rendering" of cameras
+            that delay their images, "tracking".
+        stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
+            (building the loop and simulating it), report (finishing log, recording, picture).
+    """
+
+    simulated: float
+    wall: float
+    parts: Mapping[str, float] = field(default_factory=dict)
+    concurrent: Mapping[str, float] = field(default_factory=dict)
+    stages: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time per wall-clock time; 1 is real time. NaN where nothing was simulated."""
+        return self.simulated / self.wall if self.wall > 0.0 else math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSummary:
+    """What a run came to.
+
+    Attributes:
+        success: Whether the task succeeded.
+        reason: Why, in one clause, e.g. "the mug hung for 2.0 s".
+        scenario: The scenario's name.
+        scenario_file: The file it was read from.
+        seed: The seed of all randomness.
+        timing: How long it took.
+        phases: The skill's phases in order.
+        mean_error: Mean distance of the points from the reference's end when it was given up or
+            reached [m].
+        initial_potential: D of POIL eq. 4 where the field took over [m^2].
+        final_potential: D where it ended [m^2].
+        tracking_error: The tracker against the truth; None where the truth is not known.
+        carried_tracking_error: The same while the object is carried, which is harder: in the other
+            phases it rests most of the time.
+        outputs: What was written, kind -> path.
+        versions: Library -> version.
+        tracker: The tracker's name.
+        final_state_digest: SHA-256 of the simulated plant's final positions and velocities, to the
+            last bit: two runs of one scenario with one seed have the same.
+        figures: Anything else that was measured, name (with its unit) -> value.
+    """
+
+    success: bool
+    reason: str
+    scenario: str = ""
+    scenario_file: str = ""
+    seed: int = 0
+    timing: RunTiming
+    phases: Sequence[PhaseSpan] = ()
+    mean_error: float = math.nan
+    initial_potential: float = math.nan
+    final_potential: float = math.nan
+    tracking_error: ErrorStatistics | None = None
+    carried_tracking_error: ErrorStatistics | None = None
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=library_versions)
+    tracker: str = ""
+    final_state_digest: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+    def closing_line(self) -> str:
+        """Returns the one line that ends a run's output."""
+        timing = self.timing
+        clauses = [self.reason]
+        if math.isfinite(self.mean_error):
+            clauses.append(f"mean point error {self.mean_error * 1e3:.1f} mm")
+        if self.tracking_error is not None and self.tracking_error.count:
+            clauses.append(f"tracking error {self.tracking_error.median * 1e3:.1f} mm (median)")
+        if timing.wall > 0.0:
+            # A run in real time knows when it began.
+            lived = "passed" if "epoch_s" in self.figures else "simulated"
+            clauses.append(
+                f"{timing.simulated:.1f} s {lived} in {timing.wall:.1f} s "
+                f"({timing.real_time_factor:.2f}x real time)"
+            )
+        return f"{'SUCCESS' if self.success else 'FAILURE'}: {'; '.join(clauses)}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything as JSON can hold it; what is not finite becomes None."""
+        values = dataclasses.asdict(
+            dataclasses.replace(
+                self,
+                phases=list(self.phases),
+                outputs=dict(self.outputs),
+                versions=dict(self.versions),
+                figures=dict(self.figures),
+                timing=dataclasses.replace(
+                    self.timing,
+                    parts=dict(self.timing.parts),
+                    concurrent=dict(self.timing.concurrent),
+                    stages=dict(self.timing.stages),
+                ),
+            )
+        )
+        values["timing"]["real_time_factor"] = self.timing.real_time_factor
+        return plain_json(values)
+
+    def write_json(self, path: str | Path) -> Path:
+        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        write_json(self.to_dict(), Path(path))
+        return Path(path)
+
+
+def phase_spans(
+    times: np.ndarray, phases: np.ndarray, names: Sequence[str]
+) -> tuple[PhaseSpan, ...]:
+    """Returns the phases in a log of their indices.
+
+    Args:
+        times: (T,) sample times [s].
+        phases: (T,) indices of phases, as logged.
+        names: The phases' names, by index.
+    """
+    times, indices = np.asarray(times), np.asarray(phases).astype(int).ravel()
+    if times.size == 0:
+        return ()
+    first = np.flatnonzero(np.r_[True, np.diff(indices) != 0])
+    ends = np.r_[times[first[1:]], times[-1]]
+    return tuple(
+        PhaseSpan(name=names[indices[i]], start=float(times[i]), end=float(end))
+        for i, end in zip(first, ends, strict=True)
+    )

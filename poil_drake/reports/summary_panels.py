@@ -1,0 +1,204 @@
+"""The panels of a summary picture: figures over time, with the skill's phases behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from poil_drake.reports.run_summary import PhaseSpan
+
+if TYPE_CHECKING:
+    from poil_drake.reports.summary_picture import SummaryData
+
+COLORS = {
+    # The hues of the live view: points, target, reference.
+    "points": "#e8470c",
+    "target": "#00a352",
+    "reference": "#6d1fd1",
+    "truth": "#b07d00",
+    "success": "#1a7f37",
+    "failure": "#c62828",
+    "muted": "#5a5f66",
+    "grid": "#d9dce1",
+}
+
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": "#7a7f87",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": False,
+    "grid.color": COLORS["grid"],
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.0,
+    "legend.framealpha": 0.75,
+    "legend.edgecolor": "none",
+    "lines.linewidth": 1.4,
+    "lines.solid_joinstyle": "round",
+    "svg.fonttype": "none",
+}
+
+_BANDS = ("#f3f4f6", "#ffffff")
+_SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
+
+
+def draw_phase_bands(axes: Any, phases: Sequence[PhaseSpan]) -> None:
+    """Shades the phases behind a panel."""
+    for index, phase in enumerate(phases):
+        color = _SPECIAL_BANDS.get(phase.name.lower(), _BANDS[index % 2])
+        axes.axvspan(phase.start, phase.end, color=color, linewidth=0, zorder=0)
+        if index:
+            axes.axvline(phase.start, color="#c3c7cd", linewidth=0.7, zorder=0.5)
+
+
+def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
+    """Writes the phases' names above the uppermost panel, apart from each other."""
+    start, end = axes.get_xlim()
+    box = axes.get_position()
+    inches = box.width * axes.figure.get_figwidth()
+    centres = np.array([(phase.start + phase.end) / 2.0 for phase in phases])
+    places = spread_out(centres, gap=0.24 * (end - start) / inches, upper=end)
+    for phase, centre, place in zip(phases, centres, places, strict=True):
+        axes.plot(
+            [centre, place],
+            [1.0, 1.08],
+            color="#a5aab2",
+            linewidth=0.7,
+            transform=axes.get_xaxis_transform(),
+            clip_on=False,
+        )
+        axes.text(
+            place,
+            1.10,
+            phase.name.replace("_", " "),
+            transform=axes.get_xaxis_transform(),
+            rotation=35,
+            ha="left",
+            va="bottom",
+            rotation_mode="anchor",
+            fontsize=8.5,
+            color="#333840",
+        )
+
+
+def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
+    """Returns ascending places moved apart to a least distance, as little as a sweep needs.
+
+    Args:
+        places: (P,) ascending places.
+        gap: The least distance.
+        upper: No place is moved beyond this, as long as there is room.
+    """
+    moved = np.array(places, dtype=float)
+    for i in range(1, len(moved)):
+        moved[i] = max(moved[i], moved[i - 1] + gap)
+    if len(moved):
+        moved[-1] = max(min(moved[-1], upper), places[-1])
+    for i in range(len(moved) - 2, -1, -1):
+        moved[i] = min(moved[i], moved[i + 1] - gap)
+    return moved
+
+
+def draw_point_error(axes: Any, data: SummaryData) -> None:
+    """Draws the mean point error and the range over the points, in mm."""
+    _draw_errors(axes, data.times, data.point_errors, COLORS["points"])
+    axes.set_ylabel("point error\n[mm]")
+
+
+def draw_tracking_error(axes: Any, data: SummaryData) -> None:
+    """Draws the tracker's mean error against the truth, and the range over the points, in mm."""
+    _draw_errors(axes, data.tracking_times, data.tracking_errors, COLORS["truth"])
+    axes.set_ylabel("tracking error\n[mm]")
+
+
+def _draw_errors(axes: Any, times: np.ndarray, errors: np.ndarray, color: str) -> None:
+    known = np.isfinite(errors).any(axis=1)
+    errors_mm = np.where(known[:, None], errors, 0.0) * 1e3
+    low, high, mean = (
+        np.where(known, reduce(errors_mm, axis=1), np.nan)
+        for reduce in (np.nanmin, np.nanmax, np.nanmean)
+    )
+    axes.fill_between(
+        times, low, high, color=color, alpha=0.22, linewidth=0, label="range over the points"
+    )
+    axes.plot(times, mean, color=color, label="mean")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(loc="upper right", ncols=2)
+    finite = np.flatnonzero(np.isfinite(mean))
+    if finite.size:
+        _write_last(axes, mean[finite[-1]], f"last\n{mean[finite[-1]]:.1f} mm", color)
+
+
+def draw_potential(axes: Any, data: SummaryData) -> None:
+    """Draws the potential D on a logarithmic axis."""
+    positive = np.where(data.potential > 0.0, data.potential, np.nan)
+    axes.plot(data.times, positive, color=COLORS["reference"])
+    axes.set_yscale("log")
+    axes.set_ylabel("potential $D$\n[m²]")
+    finite = np.flatnonzero(np.isfinite(positive))
+    if finite.size:
+        value = positive[finite[-1]]
+        _write_last(axes, value, f"last\n{value:.1e} m²", COLORS["reference"])
+
+
+def draw_progress(axes: Any, data: SummaryData) -> None:
+    """Draws where the points are along the reference."""
+    axes.plot(data.times, data.tau, color=COLORS["target"])
+    axes.set_ylabel("progress τ*\n[s]")
+    axes.set_ylim(bottom=0.0)
+    if np.isfinite(data.reference_duration):
+        axes.axhline(data.reference_duration, color=COLORS["muted"], linewidth=0.9, linestyle="--")
+        axes.set_ylim(top=1.12 * data.reference_duration)
+        _write_last(axes, data.reference_duration, "goal", COLORS["muted"])
+
+
+def draw_joint_velocities(axes: Any, data: SummaryData) -> None:
+    """Draws each joint's speed as a share of its limit, with its sign."""
+    import matplotlib as mpl
+
+    share = 100.0 * data.joint_velocities / data.velocity_limits
+    count = share.shape[1]
+    colors = mpl.colormaps["turbo"](np.linspace(0.06, 0.94, count))
+    for joint in range(count):
+        axes.plot(
+            data.times, share[:, joint], color=colors[joint], linewidth=1.0, label=f"{joint + 1}"
+        )
+    largest = np.nanmax(np.abs(share), initial=0.0)
+    reach = min(max(1.25 * largest, 10.0), 110.0) if largest <= 100.0 else 1.1 * largest
+    axes.set_ylim(-reach, reach)
+    for limit in (-100.0, 100.0):
+        axes.axhline(limit, color=COLORS["failure"], linewidth=1.0, linestyle="--")
+    axes.set_ylabel("joint velocity\n[% of limit]")
+    axes.legend(
+        title="joint",
+        loc="center left",
+        bbox_to_anchor=(1.005, 0.5),
+        handlelength=1.2,
+        labelspacing=0.15,
+        borderaxespad=0.2,
+        title_fontsize=8.0,
+        fontsize=7.5,
+    )
+
+
+def _write_last(axes: Any, height: float, text: str, color: str) -> None:
+    """Writes a value beside the panel's right edge, at its height."""
+    axes.annotate(
+        text,
+        xy=(1.0, height),
+        xycoords=("axes fraction", "data"),
+        xytext=(5, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8.5,
+        color=color,
+        annotation_clip=False,
+    )

@@ -1,0 +1,233 @@
+"""Clearance of the robot and of the carried object to a scene known as a point cloud."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_spheres import RobotSpheres
+
+_SELF_COLLISION_BASE = (0, 1, 2)
+_SELF_COLLISION_DISTAL = (5, 6, 7, 8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionConfig:
+    """What counts as too close.
+
+    Attributes:
+        robot_margin: Clearance that the robot's spheres must keep from the scene [m]: depth noise
+            and the tracking error of the arm; the spheres themselves already bulge by 5-10 mm.
+        object_margin: Clearance that the carried object must keep from the scene [m].
+        ground_height: Height of the table in the world [m], which is checked as a plane because
+            the cameras see only part of it; None where there is no table.
+        ground_thickness: Scene points less than this above the table belong to the table [m].
+        max_distance: Distances beyond this are reported as this [m]; a smaller value is faster.
+        resting_links: Links that do not move, or only turn about their own axis, and which may
+            touch what the robot stands on.
+    """
+
+    robot_margin: float = 0.008
+    object_margin: float = 0.006
+    ground_height: float | None = 0.0
+    ground_thickness: float = 0.008
+    max_distance: float = 0.06
+    resting_links: tuple[int, ...] = (0, 1)
+
+
+class SceneCloud:
+    """Obstacle points and the table plane, ready for distance queries.
+
+    Attributes:
+        points: (P, 3) obstacle points [m, world] without those of the table.
+    """
+
+    def __init__(self, points: np.ndarray, *, config: CollisionConfig | None = None):
+        """Indexes the points.
+
+        Args:
+            points: (P, 3) points of everything that must not be touched [m, world].
+            config: Where the table is and how far to look.
+        """
+        self._config = config or CollisionConfig()
+        points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
+        ground = self._config.ground_height
+        if ground is not None:
+            points = points[points[:, 2] > ground + self._config.ground_thickness]
+        self.points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
+        self._tree = cKDTree(self.points) if len(self.points) else None
+
+    def distance(self, points: np.ndarray, reach: float | None = None) -> np.ndarray:
+        """Returns the distance (...) from each point (..., 3) to the scene, at most `reach` [m].
+
+        It is negative below the table.
+
+        Args:
+            points: (..., 3) query points [m, world].
+            reach: Farthest distance of interest [m]; by default the config's `max_distance`.
+        """
+        reach = self._config.max_distance if reach is None else reach
+        distance = np.full(points.shape[:-1], reach)
+        if self._tree is not None and points.size:
+            found, _ = self._tree.query(points, distance_upper_bound=reach)
+            np.minimum(distance, found, out=distance)
+        if self._config.ground_height is not None:
+            np.minimum(distance, points[..., 2] - self._config.ground_height, out=distance)
+        return distance
+
+    def without_robot(
+        self, bodies: RobotSpheres, link_poses: np.ndarray, padding: float
+    ) -> "SceneCloud":
+        """Returns the scene less the points that lie on the robot.
+
+        Args:
+            bodies: The robot's shape.
+            link_poses: (9, 4, 4) where its links were when the points were seen.
+            padding: Points this close to the spheres are removed as well [m].
+        """
+        keep = np.ones(len(self.points), dtype=bool)
+        if self._tree is not None:
+            centers = bodies.world_centers(link_poses)
+            on_robot = self._tree.query_ball_point(centers, bodies.radii + padding)
+            keep[np.concatenate([np.asarray(found, dtype=int) for found in on_robot])] = False
+        return SceneCloud(self.points[keep], config=self._config)
+
+    def without_object(self, object_points: np.ndarray, padding: float) -> "SceneCloud":
+        """Returns the scene less the points that lie on the object.
+
+        Args:
+            object_points: (P, 3) the object [m, world].
+            padding: Points this close to them are removed [m].
+        """
+        if not len(self.points) or not len(object_points):
+            return self
+        apart, _ = cKDTree(object_points).query(self.points, distance_upper_bound=padding)
+        return SceneCloud(self.points[np.isinf(apart)], config=self._config)
+
+    def with_points(self, points: np.ndarray) -> "SceneCloud":
+        """Returns the scene and further obstacle points (P, 3) [m, world]."""
+        return SceneCloud(np.concatenate([self.points, points]), config=self._config)
+
+
+class RobotCollisionChecker:
+    """Clearance of the robot's spheres to a scene and to the robot itself."""
+
+    def __init__(
+        self,
+        *,
+        model: PandaModel,
+        spheres: RobotSpheres,
+        scene: SceneCloud,
+        config: CollisionConfig | None = None,
+    ):
+        """Prepares the check.
+
+        Args:
+            model: The arm's kinematics.
+            spheres: The robot's shape.
+            scene: What must not be touched.
+            config: Margins and reach.
+        """
+        self._config = config or CollisionConfig()
+        self._model = model
+        self._scene = scene
+        self._groups = [_LinkGroup.of(spheres, link) for link in np.unique(spheres.links)]
+
+    def clearance(self, q: np.ndarray) -> np.ndarray:
+        """Returns the smallest clearance (B,) to the scene or the robot itself, capped [m].
+
+        Args:
+            q: (B, 7) joint positions [rad].
+        """
+        poses = self._model.link_poses(q)
+        return np.minimum(self.scene_clearance(poses), self.self_clearance(poses))
+
+    def is_free(self, q: np.ndarray) -> np.ndarray:
+        """Returns whether each configuration (B, 7) keeps the margins: (B,) bool."""
+        poses = self._model.link_poses(q)
+        free = self.self_clearance(poses) > 0.0
+        free[free] = self.scene_clearance(poses[free]) > self._config.robot_margin
+        return free
+
+    def scene_clearance(self, link_poses: np.ndarray) -> np.ndarray:
+        """Returns the clearance (B,) of the robot at link poses (B, 9, 4, 4) to the scene [m]."""
+        reach = self._config.max_distance
+        clearance = np.full(len(link_poses), reach)
+        for group in self._groups:
+            if group.link in self._config.resting_links:
+                continue
+            X = link_poses[:, group.link]
+            center = group.world(X, group.bound_center)
+            bound = self._scene.distance(center, reach + group.bound_radius) - group.bound_radius
+            near = np.flatnonzero(bound < clearance)
+            if near.size:
+                centers = group.world(X[near, None], group.centers)
+                largest = float(group.radii.max())
+                own = self._scene.distance(centers, reach + largest) - group.radii
+                clearance[near] = np.minimum(clearance[near], own.min(axis=1))
+        return clearance
+
+    def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
+        """Returns the clearance (B,) between the shoulder links and the wrist, at most capped [m].
+
+        These are the pairs of links of the Panda that can meet within its joint limits.
+        """
+        base = [g for g in self._groups if g.link in _SELF_COLLISION_BASE]
+        distal = [g for g in self._groups if g.link in _SELF_COLLISION_DISTAL]
+        centers = np.concatenate(
+            [g.world(link_poses[:, None, g.link], g.centers) for g in base], axis=1
+        )
+        radii = np.concatenate([g.radii for g in base])
+        clearance = np.full(len(link_poses), self._config.max_distance)
+        for group in distal:
+            X = link_poses[:, group.link]
+            bound_center = group.world(X, group.bound_center)[:, None]
+            bound = np.linalg.norm(centers - bound_center, axis=-1) - radii - group.bound_radius
+            near = np.flatnonzero(bound.min(axis=1) < clearance)
+            if near.size:
+                own = group.world(X[near, None], group.centers)[:, :, None]
+                gaps = np.linalg.norm(own - centers[near, None], axis=-1)
+                gaps -= group.radii[:, None] + radii
+                clearance[near] = np.minimum(clearance[near], gaps.min(axis=(1, 2)))
+        return clearance
+
+
+def cloud_clearance(points: np.ndarray, X_W: np.ndarray, scene: SceneCloud) -> np.ndarray:
+    """Returns the clearance (T, P) of each point of a carried cloud along a path, capped [m].
+
+    Args:
+        points: (P, 3) the object's points before it moves [m, world].
+        X_W: (T, 4, 4) rigid motion of the object from there.
+        scene: What must not be touched.
+    """
+    moved = points @ np.swapaxes(X_W[:, :3, :3], -1, -2) + X_W[:, None, :3, 3]
+    return scene.distance(moved)
+
+
+@dataclass(frozen=True)
+class _LinkGroup:
+    """The spheres of one link and a sphere around them all, in the link's frame."""
+
+    link: int
+    centers: np.ndarray
+    radii: np.ndarray
+    bound_center: np.ndarray
+    bound_radius: float
+
+    @classmethod
+    def of(cls, spheres: RobotSpheres, link: int) -> "_LinkGroup":
+        own = spheres.links == link
+        centers, radii = spheres.centers[own], spheres.radii[own]
+        lower, upper = (
+            (centers - radii[:, None]).min(axis=0),
+            (centers + radii[:, None]).max(axis=0),
+        )
+        center = 0.5 * (lower + upper)
+        bound = float((np.linalg.norm(centers - center, axis=1) + radii).max())
+        return cls(int(link), centers, radii, center, bound)
+
+    @staticmethod
+    def world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
+        return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]

@@ -1,0 +1,175 @@
+"""The robot's shape as spheres: the body that is checked against point clouds."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.robots.panda_hand import GripperGeometry
+from poil_drake.robots.panda_kinematics import PandaModel
+
+ARM_LINKS = tuple(f"panda_link{i}" for i in range(8))
+GRIPPER_LINK = 8
+"""Index of the gripper frame among the poses of `PandaModel.link_poses`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSpheresConfig:
+    """How finely the robot's shape is covered.
+
+    Attributes:
+        arm_spacing: Distance between spheres along an arm cylinder [m]; closer spheres bulge less.
+        hand_cell: Largest edge of the cells into which the hand's box is divided [m]; each cell
+            gets the sphere around it, so a smaller edge bulges less beyond the box.
+        finger_cell: The same for the fingers, which work closest to other things [m].
+        gripper: The shape of the hand.
+    """
+
+    arm_spacing: float = 0.05
+    hand_cell: float = 0.025
+    finger_cell: float = 0.012
+    gripper: GripperGeometry = field(default_factory=GripperGeometry)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSpheres:
+    """Spheres that enclose the Panda, each fixed to one link.
+
+    Attributes:
+        links: (S,) index of each sphere's frame among the poses of `PandaModel.link_poses`.
+        centers: (S, 3) centres in those frames [m].
+        radii: (S,) radii [m].
+    """
+
+    links: np.ndarray
+    centers: np.ndarray
+    radii: np.ndarray
+
+    def __post_init__(self) -> None:
+        shapes: dict[str, tuple[int | str, ...]] = {
+            "links": ("S",),
+            "centers": ("S", 3),
+            "radii": ("S",),
+        }
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            array = frozen_array(value, name=f"RobotSpheres.{name}", shape=shape, dtype=value.dtype)
+            object.__setattr__(self, name, array)
+
+    def world_centers(self, link_poses: np.ndarray) -> np.ndarray:
+        """Returns the centres (..., S, 3) in the world [m].
+
+        Args:
+            link_poses: (..., 9, 4, 4) poses from `PandaModel.link_poses`.
+        """
+        centers = np.empty((*link_poses.shape[:-3], len(self.links), 3))
+        for link in np.unique(self.links):
+            own = self.links == link
+            X = link_poses[..., link, :, :]
+            centers[..., own, :] = (
+                self.centers[own] @ np.swapaxes(X[..., :3, :3], -1, -2) + X[..., None, :3, 3]
+            )
+        return centers
+
+
+def make_robot_spheres(
+    model: PandaModel, *, finger_opening: float | None, config: RobotSpheresConfig | None = None
+) -> RobotSpheres:
+    """Covers the arm's collision primitives and the hand's boxes with spheres.
+
+    Args:
+        model: The arm; its description's cylinders and spheres are covered. The hand and fingers
+            of the description are far thicker than the real ones, so their measured boxes are
+            covered instead.
+        finger_opening: Distance between the pads [m]; None leaves the fingers out, for motions
+            in which they are checked otherwise or meant to come close.
+        config: How finely.
+
+    Raises:
+        InvalidValueError: The description holds collision shapes other than cylinders and spheres.
+    """
+    config = config or RobotSpheresConfig()
+    parts = [_arm_spheres(model, config.arm_spacing)]
+    boxes = [(*config.gripper.hand_box(), config.hand_cell)]
+    if finger_opening is not None:
+        lower, upper = config.gripper.finger_boxes(finger_opening)
+        boxes += [(low, high, config.finger_cell) for low, high in zip(lower, upper, strict=True)]
+    for low, high, cell in boxes:
+        centers, radius = cover_box(low, high, cell)
+        links = np.full(len(centers), GRIPPER_LINK)
+        parts.append((links, centers, np.full(len(centers), radius)))
+    links, centers, radii = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return RobotSpheres(links, centers, radii)
+
+
+def cover_box(lower: np.ndarray, upper: np.ndarray, cell: float) -> tuple[np.ndarray, float]:
+    """Returns centres (S, 3) and the radius of equal spheres that enclose a box's boundary.
+
+    Args:
+        lower: (3,) lower corner [m].
+        upper: (3,) upper corner [m].
+        cell: Largest edge of the cells that get one sphere each [m].
+    """
+    counts = np.maximum(np.ceil((upper - lower) / cell).astype(int), 1)
+    edges = (upper - lower) / counts
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), -1)
+    index = index.reshape(-1, 3)
+    boundary = np.any((index == 0) | (index == counts - 1), axis=1)
+    return lower + (index[boundary] + 0.5) * edges, 0.5 * float(np.linalg.norm(edges))
+
+
+def cover_cylinder(length: float, radius: float, spacing: float) -> tuple[np.ndarray, float]:
+    """Returns centres (S, 3) and the radius of spheres that enclose a cylinder along z.
+
+    Args:
+        length: The cylinder's length [m].
+        radius: Its radius [m].
+        spacing: Largest distance between centres [m].
+    """
+    count = max(int(np.ceil(length / spacing)), 1)
+    slice_length = length / count
+    z = (np.arange(count) + 0.5) * slice_length - 0.5 * length
+    centers = np.stack([np.zeros(count), np.zeros(count), z], axis=1)
+    return centers, float(np.hypot(radius, 0.5 * slice_length))
+
+
+def _arm_spheres(model: PandaModel, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    links, centers, radii = [], [], []
+    for element in ET.parse(model.urdf_path).getroot().findall("link"):
+        name = element.get("name")
+        if name not in ARM_LINKS:
+            continue
+        for collision in element.findall("collision"):
+            own_centers, radius = _cover_shape(collision, spacing, f"{model.urdf_path}, {name}")
+            links.append(np.full(len(own_centers), ARM_LINKS.index(name)))
+            centers.append(own_centers)
+            radii.append(np.full(len(own_centers), radius))
+    return np.concatenate(links), np.concatenate(centers), np.concatenate(radii)
+
+
+def _cover_shape(collision: ET.Element, spacing: float, where: str) -> tuple[np.ndarray, float]:
+    cylinder = collision.find("geometry/cylinder")
+    sphere = collision.find("geometry/sphere")
+    if cylinder is not None:
+        size = float(cylinder.attrib["length"]), float(cylinder.attrib["radius"])
+        centers, radius = cover_cylinder(*size, spacing)
+    elif sphere is not None:
+        centers, radius = np.zeros((1, 3)), float(sphere.attrib["radius"])
+    else:
+        raise InvalidValueError(
+            f"{where}: a collision shape is neither a cylinder nor a sphere.",
+            remedy="Use the panda_collision.urdf of the package example-robot-data.",
+        )
+    origin = collision.find("origin")
+    rpy, xyz = (
+        np.array([float(v) for v in text.split()])
+        for text in (
+            ("0 0 0", "0 0 0")
+            if origin is None
+            else (origin.get("rpy", "0 0 0"), origin.get("xyz", "0 0 0"))
+        )
+    )
+    return centers @ Rotation.from_euler("xyz", rpy).as_matrix().T + xyz, radius

@@ -1,0 +1,268 @@
+"""Where the arm may be: a box to work in, above the table, and clear of itself."""
+
+import math
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker, SceneCloud
+from poil_drake.robots.panda_hand import GripperGeometry
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_spheres import (
+    GRIPPER_LINK,
+    RobotSpheres,
+    RobotSpheresConfig,
+    cover_box,
+    make_robot_spheres,
+)
+
+_MOVING_LINKS = slice(2, GRIPPER_LINK + 1)
+"""Links 0 and 1 do not move, or only turn about their own axis, and may touch the table."""
+
+_SHOULDER, _WRIST = slice(0, 3), slice(5, GRIPPER_LINK)
+"""Links that can meet each other (see `RobotCollisionChecker`); the hand goes with the wrist."""
+
+_SELF_REACH = 0.02
+"""How far beyond its margin the robot's distance to itself is measured [m]: less is faster."""
+
+_HAND_CELL = 0.07
+"""Edge of the cells of the hand's box for a quick look whether it is near [m]."""
+
+_ROUNDING = 1e-9
+"""A clearance [m] is no worse than another one if it is smaller by no more than this."""
+
+Box = tuple[float, float, float]
+
+
+class PostureRule(IntEnum):
+    """What a posture must keep; the value is its column in `PostureGuard.clearances`."""
+
+    WORKSPACE = 0
+    TABLE = 1
+    SELF_COLLISION = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class PostureGuardConfig:
+    """Where the arm may be.
+
+    The boxes are along the world's axes, measured from the robot's base [m]. By default they hold
+    all that the arm can reach usefully: they are there to be narrowed to the cell.
+
+    Attributes:
+        gripper_lower: Lower corner of the box for the gripper point, between the finger tips.
+        gripper_upper: Its upper corner.
+        body_lower: Lower corner of the box for the whole arm from its second link on, the elbow
+            too: walls, and where people are.
+        body_upper: Its upper corner.
+        table_height: Height of the table in the world [m], a plane without end; None where there is
+            none.
+        table_margin: Distance that the arm, the hand and the closed fingers' tips keep from the
+            table [m]: less than the 6 mm that grasps are planned with, as the tips are exact.
+        self_margin: Distance of the wrist and the hand from the shoulder [m]; the spheres, of which
+            this is measured, bulge by 5-10 mm already.
+        spheres: How finely the robot's shape is covered.
+    """
+
+    gripper_lower: Box = (-0.85, -0.85, -1.0)
+    gripper_upper: Box = (0.85, 0.85, 1.2)
+    body_lower: Box = (-1.1, -1.1, -1.0)
+    body_upper: Box = (1.1, 1.1, 1.5)
+    table_height: float | None = 0.0
+    table_margin: float = 0.002
+    self_margin: float = 0.0
+    spheres: RobotSpheresConfig = field(default_factory=RobotSpheresConfig)
+
+    def __post_init__(self) -> None:
+        for name in ("gripper", "body"):
+            lower, upper = getattr(self, f"{name}_lower"), getattr(self, f"{name}_upper")
+            if not len(lower) == len(upper) == 3 or not all(
+                low < high for low, high in zip(lower, upper, strict=True)
+            ):
+                raise InvalidValueError(
+                    f"PostureGuardConfig.{name}_lower is {lower} and {name}_upper is {upper}.",
+                    remedy="Give three numbers each, the lower ones below the upper ones.",
+                )
+        for name in ("table_height", "table_margin", "self_margin"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise InvalidValueError(
+                    f"PostureGuardConfig.{name} is {value}.", remedy="Write a length in metres."
+                )
+
+
+class PostureGuard:
+    """Tells which of the rules of `PostureGuardConfig` the arm would break.
+
+    The arm is the spheres that planning knows it by. For the box and the table the hand is the
+    corners of its box and of its finger tips when closed: with open fingers a slanting hand reaches
+    up to 4 cm times the sine of its slant farther down. What the hand holds is not looked at.
+    """
+
+    def __init__(self, *, model: PandaModel, config: PostureGuardConfig | None = None):
+        """Prepares the check.
+
+        Args:
+            model: The arm's kinematics, with its base where it stands in the world.
+            config: The rules.
+        """
+        self._config = config = config or PostureGuardConfig()
+        self._model = model
+        spheres = make_robot_spheres(model, finger_opening=None, config=config.spheres)
+        self._self_reach = config.self_margin + _SELF_REACH
+        self._checker = RobotCollisionChecker(
+            model=model,
+            spheres=spheres,
+            scene=SceneCloud(np.zeros((0, 3))),
+            config=CollisionConfig(max_distance=self._self_reach),
+        )
+        self._centers, radii = _points_of_links(spheres, config.spheres)
+        self._radii = radii[_MOVING_LINKS]
+        self._hand, hand_radius = _hand_cover(config.spheres)
+        shoulder, wrist = radii[_SHOULDER].ravel(), radii[_WRIST].ravel()
+        wrist = np.r_[wrist, np.full(self._hand.shape[1], hand_radius)]
+        self._near = (shoulder[:, None] + wrist + self._self_reach) ** 2
+        base = model.X_WB[:3, 3]
+        # Rows: the gripper point, then the whole arm.
+        self._lower = base + np.array([config.gripper_lower, config.body_lower])
+        self._upper = base + np.array([config.gripper_upper, config.body_upper])
+        table = -np.inf if config.table_height is None else config.table_height
+        self._lowest_height = table + config.table_margin
+
+    def clearances(self, q: np.ndarray) -> np.ndarray:
+        """Returns how far postures are from breaking each rule (B, 3) [m]; negative: they do.
+
+        The columns are `PostureRule`s: how far inside the boxes, how far above the table and how
+        far the robot's parts are apart, each less its margin. The last is 2 cm at most.
+
+        Args:
+            q: (B, 7) joint positions [rad].
+        """
+        poses = self._model.link_poses(q)
+        points = poses[:, :, :3] @ self._centers
+        distances, height = self._outer(poses, points)
+        clearances = np.empty((len(q), len(PostureRule)))
+        clearances[:, PostureRule.WORKSPACE] = distances.min(axis=(1, 2, 3))
+        clearances[:, PostureRule.TABLE] = height - self._lowest_height
+        clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
+        return clearances
+
+    def face_distances(self, q: np.ndarray) -> np.ndarray:
+        """Returns how far inside each face of the boxes postures are (B, 12) [m]; negative: beyond.
+
+        The smallest is the first column of `clearances`.
+
+        Args:
+            q: (B, 7) joint positions [rad].
+        """
+        poses = self._model.link_poses(q)
+        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].reshape(len(q), 12)
+
+    def tightest_face(self, q: np.ndarray) -> str:
+        """Says which face of the boxes postures (B, 7) [rad] come nearest to, or pass by most.
+
+        Args:
+            q: (B, 7) joint positions [rad], one at least.
+        """
+        distances = self.face_distances(q)
+        nearest = int(np.argmin(distances.min(axis=0)))
+        side, body, axis = np.unravel_index(nearest, (2, 2, 3))
+        name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
+        limit = getattr(self._config, name)[axis]
+        distance = 1e3 * float(distances.min())
+        where = f"{distance:.1f} mm away" if distance >= 0.0 else f"passed by {-distance:.1f} mm"
+        return f"posture.{name}[{axis}] is {limit:g} m, which is {where}"
+
+    def tightest(self, q: np.ndarray) -> str:
+        """Says which rule a posture (7,) [rad] is nearest to breaking, or breaks by most."""
+        rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
+        if rule is PostureRule.WORKSPACE:
+            return self.tightest_face(q[None])
+        if rule is PostureRule.SELF_COLLISION:
+            return "wrist or hand are close to the shoulder"
+        poses = self._model.link_poses(q[None])
+        _, height = self._outer(poses, poses[:, :, :3] @ self._centers)
+        table = self._lowest_height - self._config.table_margin
+        return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
+
+    def _outer(self, poses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).
+
+        By side (lower, upper), body (the gripper point, the whole arm) and axis.
+        """
+        count = len(poses)
+        # Two extremes at a time, of the gripper point and of the whole arm.
+        lowest, highest = np.empty((2, count, 2, 3))
+        lowest[:, 0] = highest[:, 0] = poses[:, GRIPPER_LINK, :3, 3]
+        moving = points[:, _MOVING_LINKS]
+        lowest[:, 1] = (moving - self._radii).min(axis=(1, 3))
+        highest[:, 1] = (moving + self._radii).max(axis=(1, 3))
+        faces = np.stack([lowest - self._lower, self._upper - highest], axis=1)
+        return faces, lowest[:, 1, 2]
+
+    def _self_clearance(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray | float:
+        """Returns the clearance (B,) of the wrist and the hand to the shoulder, less its margin."""
+        count = len(poses)
+        shoulder = points[:, _SHOULDER].transpose(0, 1, 3, 2).reshape(count, -1, 3)
+        wrist = points[:, _WRIST].transpose(0, 2, 1, 3).reshape(count, 3, -1)
+        wrist = np.concatenate([wrist, poses[:, GRIPPER_LINK, :3] @ self._hand], axis=2)
+        # |s - w|^2 of all pairs: three times as quick as their distances.
+        squared = (shoulder * shoulder).sum(axis=2)[:, :, None] - 2.0 * (shoulder @ wrist)
+        squared += (wrist * wrist).sum(axis=1)[:, None]
+        if (squared >= self._near).all():
+            return self._self_reach - self._config.self_margin
+        return self._checker.self_clearance(poses) - self._config.self_margin
+
+    def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
+        """Returns the first rule that one of some postures breaks, or None.
+
+        An arm that breaks a rule already may move, unless it breaks it by more: it may come back.
+
+        Args:
+            q: (B, 7) postures to go to [rad].
+            present: (7,) where the arm is [rad], or (B, 7), for each posture another one.
+        """
+        clearances = self.clearances(q)
+        if clearances.min() >= 0.0:
+            return None
+        allowed = np.minimum(0.0, self.clearances(np.atleast_2d(present))) - _ROUNDING
+        broken = (clearances < allowed).any(axis=0)
+        return PostureRule(int(np.argmax(broken))) if broken.any() else None
+
+
+def _points_of_links(
+    spheres: RobotSpheres, config: RobotSpheresConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns homogeneous centres (9, 4, P) and radii (9, 1, P), each link filled up to P.
+
+    The hand's are its corners, without a radius.
+    """
+    corners = _hand_corners(config.gripper)
+    parts = [
+        (spheres.centers[own], spheres.radii[own])
+        for own in (spheres.links == link for link in range(GRIPPER_LINK))
+    ]
+    parts.append((corners, np.zeros(len(corners))))
+    size = max(len(radii) for _, radii in parts)
+    centers, all_radii = np.ones((len(parts), 4, size)), np.empty((len(parts), 1, size))
+    for link, (own, radii) in enumerate(parts):
+        filled = np.minimum(np.arange(size), len(radii) - 1)
+        centers[link, :3], all_radii[link, 0] = own[filled].T, radii[filled]
+    return centers, all_radii
+
+
+def _hand_cover(config: RobotSpheresConfig) -> tuple[np.ndarray, float]:
+    """Returns homogeneous centres (4, S) and the radius of few spheres around the hand's many."""
+    centers, radius = cover_box(*config.gripper.hand_box(), _HAND_CELL)
+    _, bulge = cover_box(*config.gripper.hand_box(), config.hand_cell)
+    return np.concatenate([centers.T, np.ones((1, len(centers)))]), radius + bulge
+
+
+def _hand_corners(gripper: GripperGeometry) -> np.ndarray:
+    """Returns the corners (12, 3) of the hand's box and of the closed fingers' ends [m, G]."""
+    x, y, z = (np.ravel(values) for values in np.meshgrid(*zip(*gripper.hand_box(), strict=True)))
+    half, thickness, end = 0.5 * gripper.finger_width, gripper.tip_thickness, gripper.tip_end
+    tips = [(i * half, j * thickness, end) for i in (-1, 1) for j in (-1, 1)]
+    return np.concatenate([np.stack([x, y, z], axis=1), tips])

@@ -1,0 +1,1 @@
+"""Processes, threads, clocks, signals, scheduling and files, independent of what runs on them."""

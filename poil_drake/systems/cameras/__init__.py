@@ -1,0 +1,1 @@
+"""Camera systems: delayed, captured, recorded and over LCM."""

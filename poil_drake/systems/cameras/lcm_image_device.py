@@ -1,0 +1,57 @@
+"""A camera whose images come over LCM: another process reads it, or simulates it."""
+
+from poil_drake.errors import CaptureError
+from poil_drake.perception.images import RgbdImage
+from poil_drake.systems.cameras.lcm_image_messages import decode_images
+from poil_drake.systems.lcm.network import LcmNetwork
+
+_WAITING = 4
+"""Images that wait to be looked at, which should be one at most."""
+
+_PATIENCE = 100
+"""How long to wait for an image [ms]; LCM lets other threads run meanwhile."""
+
+
+class LcmImageDevice:
+    """Takes the newest image of a channel; a `CaptureDevice`.
+
+    It opens a network of its own, so that images are read and decoded on the thread that asks for
+    them and not where the robot is commanded. Stamps are the sender's.
+    """
+
+    def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
+        """Remembers what to read; nothing is opened.
+
+        Args:
+            url: The LCM network.
+            channel: Where the images come from.
+            size: (height, width) of the images [px].
+        """
+        self._url, self._channel, self._size = url, channel, size
+        self._lcm: LcmNetwork | None = None
+        self._newest: bytes | None = None
+
+    def open(self) -> None:
+        """See `CaptureDevice.open`."""
+        self._newest = None
+        self._lcm = LcmNetwork(self._url, queue_capacity=_WAITING)
+        self._lcm.Subscribe(self._channel, self._receive)
+
+    def read(self) -> RgbdImage | None:
+        """See `CaptureDevice.read`."""
+        if self._lcm is None:
+            raise CaptureError(
+                f"The channel {self._channel} is not open.", remedy="Open the camera first."
+            )
+        self._lcm.HandleSubscriptions(_PATIENCE)
+        if self._newest is None:
+            return None
+        message, self._newest = self._newest, None
+        return decode_images(message, size=self._size)
+
+    def close(self) -> None:
+        """See `CaptureDevice.close`."""
+        self._lcm = None
+
+    def _receive(self, message: bytes) -> None:
+        self._newest = message

@@ -1,0 +1,168 @@
+"""RGB-D images as LCM messages, in the `lcmt_image_array` of Drake's own cameras."""
+
+import struct
+import zlib
+from typing import Any
+
+import cv2
+import numpy as np
+from drake import lcmt_image, lcmt_image_array
+
+from poil_drake.errors import NoImageError
+from poil_drake.perception.capture.depth_metres import depth_in_metres
+from poil_drake.perception.images import RgbdImage
+from poil_drake.systems.cameras.encoded_image_size import encoded_image_size
+
+_COLOUR = {
+    # Pixel format: channels, and how OpenCV turns them into RGB
+    lcmt_image.PIXEL_FORMAT_RGB: (3, None),
+    lcmt_image.PIXEL_FORMAT_BGR: (3, cv2.COLOR_BGR2RGB),
+    lcmt_image.PIXEL_FORMAT_RGBA: (4, cv2.COLOR_RGBA2RGB),
+    lcmt_image.PIXEL_FORMAT_BGRA: (4, cv2.COLOR_BGRA2RGB),
+}
+_DTYPES: dict[int, np.dtype] = {
+    lcmt_image.CHANNEL_TYPE_UINT8: np.dtype("u1"),
+    lcmt_image.CHANNEL_TYPE_INT16: np.dtype("i2"),
+    lcmt_image.CHANNEL_TYPE_UINT16: np.dtype("u2"),
+    lcmt_image.CHANNEL_TYPE_FLOAT32: np.dtype("f4"),
+}
+_MILLIMETRE = 1e-3
+_MOST_IMAGES = 8
+_REMEDY = "Send lcmt_image_array messages as Drake's cameras do, and keep others off the channel."
+
+
+def encode_images(image: RgbdImage, *, camera: str) -> bytes:
+    """Returns one camera's images as an encoded `lcmt_image_array`, not compressed.
+
+    Colour as RGB, depth as 32-bit floats [m], and the label image where there is one.
+
+    Args:
+        image: What to send; its stamp is by the clock of those who read it [s since the epoch].
+        camera: The camera's name.
+    """
+    message = lcmt_image_array()
+    message.header.utime = round(1e6 * image.stamp)
+    message.header.frame_name = camera
+    message.images = [
+        _image(image.rgb, lcmt_image.PIXEL_FORMAT_RGB, lcmt_image.CHANNEL_TYPE_UINT8),
+        _image(image.depth, lcmt_image.PIXEL_FORMAT_DEPTH, lcmt_image.CHANNEL_TYPE_FLOAT32),
+    ]
+    if image.label is not None:
+        message.images.append(
+            _image(image.label, lcmt_image.PIXEL_FORMAT_LABEL, lcmt_image.CHANNEL_TYPE_INT16)
+        )
+    message.num_images = len(message.images)
+    return message.encode()
+
+
+def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
+    """Returns the images of a message; the stamp is that of its header.
+
+    Colour may be RGB, BGR, RGBA or BGRA with 8 bits; depth 32-bit floats [m] or 16-bit integers
+    [mm], of which 65535 means "too far" and is invalid; labels 16-bit integers. All may be plain,
+    or compressed by zlib, PNG or (colour) JPEG.
+
+    Args:
+        message: An encoded `lcmt_image_array`.
+        size: (height, width) [px] of every image in it.
+
+    Raises:
+        NoImageError: if it is none, or holds no colour or no depth image of that size.
+    """
+    try:
+        said = lcmt_image_array.decode(message)
+    except (ValueError, struct.error, UnicodeDecodeError) as error:
+        raise _unusable(f"{len(message)} bytes are no lcmt_image_array ({error})") from error
+    if len(said.images) > _MOST_IMAGES:
+        raise _unusable(f"a message holds {len(said.images)} images")
+    rgb = depth = label = None
+    for image in said.images:
+        if image.pixel_format in _COLOUR:
+            channels, conversion = _COLOUR[image.pixel_format]
+            pixels = _pixels(image, size, channels)
+            rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+        elif image.pixel_format == lcmt_image.PIXEL_FORMAT_DEPTH:
+            depth = depth_in_metres(_pixels(image, size, 1)[:, :, 0], step=_MILLIMETRE)
+        elif image.pixel_format == lcmt_image.PIXEL_FORMAT_LABEL:
+            label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
+    if rgb is None or rgb.dtype != np.uint8 or depth is None:
+        raise _unusable("a message holds no 8-bit colour image, or no depth image")
+    return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * said.header.utime, label=label)
+
+
+def _image(pixels: np.ndarray, pixel_format: int, channel_type: int) -> lcmt_image:
+    image = lcmt_image()
+    data = np.ascontiguousarray(pixels, _DTYPES[channel_type].newbyteorder("<"))
+    image.height, image.width = pixels.shape[:2]
+    image.row_stride = data.strides[0]
+    image.size = data.nbytes
+    image.data = data.data.cast("B")
+    image.pixel_format, image.channel_type = pixel_format, channel_type
+    image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+    return image
+
+
+def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
+    """Returns the (H, W, channels) pixels of one image of a message."""
+    height, width = size
+    if (image.height, image.width) != size:
+        raise _unusable(
+            f"an image has {image.width} x {image.height} pixels, not {width} x {height}"
+        )
+    if image.channel_type not in _DTYPES:
+        raise _unusable(f"an image has the channel type {image.channel_type}")
+    dtype = _DTYPES[image.channel_type]
+    row = width * channels * dtype.itemsize
+    methods = {
+        lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED: lambda: image.data,
+        lcmt_image.COMPRESSION_METHOD_ZLIB: lambda: _inflated(image.data, height * row),
+    }
+    if image.compression_method in methods:
+        data = methods[image.compression_method]()
+        if len(data) != height * row:
+            raise _unusable(f"an image holds {len(data)} bytes instead of {height * row}")
+        pixels = np.frombuffer(data, dtype.newbyteorder(">" if image.bigendian else "<"))
+        return pixels.reshape(height, width, channels).astype(dtype, copy=False)
+    return _decompressed(image, (height, width, channels), dtype)
+
+
+def _inflated(data: bytes, size: int) -> bytes:
+    try:
+        # No more than is wanted, whatever somebody packed into it.
+        return zlib.decompressobj().decompress(data, size + 1)
+    except zlib.error as error:
+        raise _unusable(f"an image is no zlib data ({error})") from error
+
+
+def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> np.ndarray:
+    if image.compression_method not in (
+        lcmt_image.COMPRESSION_METHOD_JPEG,
+        lcmt_image.COMPRESSION_METHOD_PNG,
+    ):
+        raise _unusable(f"an image is compressed by method {image.compression_method}")
+    if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
+        raise _unusable("a compressed image is longer than one that is not")
+    # Before it is decoded: a few bytes of zlib data may stand for very many pixels.
+    said = encoded_image_size(image.data)
+    if said != shape[:2]:
+        found = "no size" if said is None else f"{said[1]} x {said[0]} pixels"
+        raise _unusable(f"a JPEG or PNG image has {found}, not {shape[1]} x {shape[0]} pixels")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    if pixels is None or pixels.dtype != dtype or pixels.size != np.prod(shape):
+        raise _unusable("a JPEG or PNG image cannot be decoded, or has other channels")
+    pixels = pixels.reshape(shape)
+    # OpenCV turns the colours of files into BGR, whatever they were called.
+    if shape[2] == 3 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGB:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    if shape[2] == 4 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGBA:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGBA)
+    return pixels
+
+
+def _unusable(what: str) -> NoImageError:
+    return NoImageError(
+        f"What came on the camera's channel cannot be used: {what}.", remedy=_REMEDY
+    )

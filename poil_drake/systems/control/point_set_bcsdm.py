@@ -1,0 +1,257 @@
+"""The controller: from where the points are to how the gripper should move."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.common.value import Value
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    LeafSystem,
+    State,
+    ValueProducer,
+)
+
+from poil_drake.control.field.point_set_bcsdm import (
+    BcsdmConfig,
+    BcsdmOutput,
+    BcsdmStatus,
+    point_set_bcsdm,
+)
+from poil_drake.control.field.twist_fit import scale_twist, shift_twist
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.geometry.all_finite import all_finite
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.statuses import ControllerStatus
+
+_OK, _LIMITED, _GOAL = ControllerStatus.OK, ControllerStatus.LIMITED, ControllerStatus.GOAL
+_LOST, _HOLDING = ControllerStatus.LOST, ControllerStatus.HOLDING
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointSetBcsdmConfig:
+    """The field and what the hand may do with it.
+
+    Attributes:
+        bcsdm: Parameters of the velocity field.
+        max_angular_speed: Fastest turn of the hand and the object [rad/s].
+        max_linear_speed: Fastest motion of the gripper and of the points' centroid [m/s]; an
+            object held by its rim slips when it is carried much faster.
+        workspace_lower: Points below this corner are taken for tracking errors [m, world]; the
+            table's top is at z = 0 and depth cameras are a few centimetres off.
+        workspace_upper: The opposite corner [m, world]; the Panda reaches 0.855 m.
+    """
+
+    bcsdm: BcsdmConfig = field(default_factory=BcsdmConfig)
+    max_angular_speed: float = 1.5
+    max_linear_speed: float = 0.3
+    workspace_lower: tuple[float, float, float] = (-0.2, -0.9, -0.05)
+    workspace_upper: tuple[float, float, float] = (1.0, 0.9, 1.3)
+
+
+class ControllerAnswer(NamedTuple):
+    """What the controller makes of its inputs.
+
+    Attributes:
+        V_WG: (6,) (ω [rad/s], v [m/s]) of the gripper frame, in the world.
+        status: What to think of it.
+        output: The field itself.
+        target: (N, 3) the closest configuration of the reference [m]; NaN when lost.
+    """
+
+    V_WG: np.ndarray
+    status: ControllerStatus
+    output: BcsdmOutput
+    target: np.ndarray
+
+
+def confidence_in_workspace(
+    points: np.ndarray, confidence: np.ndarray, config: PointSetBcsdmConfig
+) -> np.ndarray:
+    """Returns the confidence (N,) of points (N, 3) [m, world], zero outside of the workspace."""
+    inside = (points >= config.workspace_lower) & (points <= config.workspace_upper)
+    return confidence if inside.all() else np.where(inside.all(axis=1), confidence, 0.0)
+
+
+def gripper_velocity(
+    points: np.ndarray,
+    confidence: np.ndarray,
+    X_WG: np.ndarray,
+    reference: PointTrajectory,
+    config: PointSetBcsdmConfig,
+    previous_tau: float | None = None,
+) -> ControllerAnswer:
+    """Returns the gripper's spatial velocity that drives the points along the reference.
+
+    The twist of the points about their centroid is scaled by one factor to the speed limits,
+    shifted through the rigid grasp to the gripper frame's origin, and scaled there once more.
+
+    Args:
+        points: (N, 3) positions [m, world]; NaN where not observed.
+        confidence: (N,) weights in [0, 1].
+        X_WG: (4, 4) pose of the gripper frame.
+        reference: The reference of the same points.
+        config: The field and the limits.
+        previous_tau: The last tick's closest time [s], for the field's progress window.
+    """
+    confidence = confidence_in_workspace(points, confidence, config)
+    output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
+    if output.status is BcsdmStatus.LOST:
+        unknown = np.full_like(points, np.nan)
+        return ControllerAnswer(np.zeros(6), _LOST, output, unknown)
+    target = reference.positions_at(output.tau)
+    if not all_finite(X_WG):
+        return ControllerAnswer(np.zeros(6), ControllerStatus.INVALID_INPUT, output, target)
+    limits = (config.max_angular_speed, config.max_linear_speed)
+    wanted = output.twist
+    V_WP = scale_twist(wanted, *limits)
+    V_WG_shifted = shift_twist(V_WP, X_WG[:3, 3] - output.centroid)
+    V_WG = scale_twist(V_WG_shifted, *limits)
+    if output.status is BcsdmStatus.GOAL:
+        status = _GOAL
+    elif (wanted == V_WP).all() and (V_WG_shifted == V_WG).all():
+        status = _OK
+    else:
+        status = _LIMITED
+    return ControllerAnswer(V_WG, status, output, target)
+
+
+@dataclass(frozen=True, eq=False)
+class _Memory(SharedOnCopy):
+    """The last finite time of the closest configuration [s], and the reference that it is of."""
+
+    tau: float
+    reference: PointTrajectory | None
+
+
+class PointSetBcsdm(LeafSystem):
+    """Closed-loop velocity field of POIL (section III-B) on the tracked points.
+
+    .. pydrake_system::
+
+        name: PointSetBcsdm
+        input_ports:
+        - points
+        - confidence
+        - gripper_pose
+        - reference
+        output_ports:
+        - spatial_velocity
+        - tau
+        - potential
+        - mean_error
+        - goal_error
+        - status
+        - target_points
+
+    Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `gripper_pose` (16,) X_WG
+    row-major, and `reference`, which may stay unconnected: a `PointTrajectory` there takes the
+    place of the constructor's, and `ABSENT` there asks to stand still. The mathematics is in
+    `gripper_velocity`. Every output follows the inputs directly (declared feedthrough), all from
+    one computation:
+
+    - `spatial_velocity` (6,): (ω [rad/s], v [m/s]) of the gripper frame in the world.
+    - `tau` (1,): time of the reference's closest configuration [s].
+    - `potential` (1,): D of POIL eq. 4 [m^2].
+    - `mean_error` (1,): mean distance of the points to that configuration [m].
+    - `goal_error` (1,): mean distance of the points to the reference's end [m].
+    - `status` (1,): a `ControllerStatus`.
+    - `target_points` (3N,): that configuration [m, world].
+
+    With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
+    confidence (so before the first track, and when it has gone stale), the velocity is zero, the
+    status LOST and the rest NaN. Otherwise, with a gripper pose that is not finite the velocity is
+    zero and the status INVALID_INPUT, and while `reference` is `ABSENT` the velocity is zero, the
+    status HOLDING, and the rest of the constructor's reference. The only state is the last finite
+    `tau` and its reference, as each has its own time; and that only where the field has a progress
+    window. It outlasts times without a reference.
+    """
+
+    def __init__(
+        self,
+        *,
+        reference: PointTrajectory,
+        period: float,
+        config: PointSetBcsdmConfig | None = None,
+    ):
+        """Constructs the controller.
+
+        Args:
+            reference: Where the points should go.
+            period: The control period [s].
+            config: The field and the limits.
+        """
+        super().__init__()
+        self._reference = reference
+        self._config = config or PointSetBcsdmConfig()
+        n = reference.positions.shape[1]
+        self._points = self.DeclareVectorInputPort("points", 3 * n)
+        self._confidence = self.DeclareVectorInputPort("confidence", n)
+        self._gripper = self.DeclareVectorInputPort("gripper_pose", 16)
+        self._given = self.DeclareAbstractInputPort("reference", Value(ABSENT))
+        ports = (self._points, self._confidence, self._gripper, self._given)
+        prerequisites = {port.ticket() for port in ports}
+        self._windowed = self._config.bcsdm.progress_window is not None
+        if self._windowed:
+            self._memory = self.DeclareAbstractState(Value(_Memory(np.nan, None)))
+            prerequisites.add(self.abstract_state_ticket(self._memory))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._remember_tau)
+        self._answer = self.DeclareCacheEntry(
+            "answer",
+            ValueProducer(allocate=Value(object()).Clone, calc=self._calc_answer),
+            prerequisites,
+        )
+        outputs: dict[str, tuple[int, Callable[[ControllerAnswer], npt.ArrayLike]]] = {
+            "spatial_velocity": (6, lambda answer: answer.V_WG),
+            "tau": (1, lambda answer: [answer.output.tau]),
+            "potential": (1, lambda answer: [answer.output.potential]),
+            "mean_error": (1, lambda answer: [answer.output.mean_error]),
+            "goal_error": (1, lambda answer: [answer.output.goal_error]),
+            "status": (1, lambda answer: [float(answer.status)]),
+            "target_points": (3 * n, lambda answer: answer.target.ravel()),
+        }
+        for name, (size, select) in outputs.items():
+
+            def calc(
+                context: Context,
+                output: BasicVector,
+                select: Callable[[ControllerAnswer], npt.ArrayLike] = select,
+            ) -> None:
+                output.SetFromVector(select(self._answer.Eval(context)))
+
+            self.DeclareVectorOutputPort(name, size, calc, {self._answer.ticket()})
+
+    def _followed(self, context: Context) -> PointTrajectory | None:
+        """Returns the reference to follow, None to stand still."""
+        given = self._given.Eval(context) if self._given.HasValue(context) else self._reference
+        return None if given is ABSENT else given
+
+    def _calc_answer(self, context: Context, cache: Value) -> None:
+        followed = self._followed(context)
+        reference = self._reference if followed is None else followed
+        previous_tau = None
+        if self._windowed:
+            memory = context.get_abstract_state(self._memory).get_value()
+            previous_tau = memory.tau if memory.reference is reference else None
+        answer = gripper_velocity(
+            self._points.Eval(context).reshape(-1, 3),
+            self._confidence.Eval(context),
+            self._gripper.Eval(context).reshape(4, 4),
+            reference,
+            self._config,
+            previous_tau,
+        )
+        if followed is None and answer.status is not _LOST:
+            answer = answer._replace(V_WG=np.zeros(6), status=_HOLDING)
+        cache.set_value(answer)
+
+    def _remember_tau(self, context: Context, state: State) -> None:
+        followed = self._followed(context)
+        tau = self._answer.Eval(context).output.tau
+        if followed is not None and np.isfinite(tau):
+            memory = _Memory(tau, followed)
+            state.get_mutable_abstract_state(self._memory).set_value(memory)

@@ -1,0 +1,59 @@
+"""The posture of a whole model, of which only the arm and the hand are measured."""
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from poil_drake.geometry.all_finite import all_finite
+from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+
+
+class MeasuredPosture(LeafSystem):
+    """Puts the robot of a model where it is measured; all else stays at its default.
+
+    .. pydrake_system::
+
+        name: MeasuredPosture
+        input_ports:
+        - position_measured
+        - width_measured
+        output_ports:
+        - positions
+
+    `position_measured` (7,) [rad] is the arm's, `width_measured` (1,) [m] the hand's opening.
+    `positions` (nq,) are the plant's; where an input is NaN, as before the first message, its
+    default stands in.
+    """
+
+    def __init__(self, *, plant: MultibodyPlant, robot: ModelInstanceIndex):
+        """Constructs the system.
+
+        Args:
+            plant: The model.
+            robot: The Panda in it.
+        """
+        super().__init__()
+        self._plant, self._robot = plant, robot
+        context = plant.CreateDefaultContext()
+        self._default = plant.GetPositions(context)
+        self._robot_default = plant.GetPositions(context, robot)
+        self._arm = self.DeclareVectorInputPort("position_measured", NUM_JOINTS)
+        self._hand = self.DeclareVectorInputPort("width_measured", 1)
+        self.DeclareVectorOutputPort(
+            "positions",
+            plant.num_positions(),
+            self._calc,
+            {self._arm.ticket(), self._hand.ticket()},
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        robot = self._robot_default.copy()
+        arm, width = self._arm.Eval(context), self._hand.Eval(context)
+        if all_finite(arm):
+            robot[:NUM_JOINTS] = arm
+        if all_finite(width):
+            robot[NUM_JOINTS:] = width[0] / (robot.size - NUM_JOINTS)
+        positions = self._default.copy()
+        self._plant.SetPositionsInArray(self._robot, robot, positions)
+        output.SetFromVector(positions if np.isfinite(positions).all() else self._default)

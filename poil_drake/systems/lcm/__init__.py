@@ -1,0 +1,1 @@
+"""LCM networks and mailboxes."""

@@ -1,0 +1,1 @@
+"""Writes what happens in the loop to a run log."""

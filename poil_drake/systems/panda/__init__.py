@@ -1,0 +1,1 @@
+"""The Panda's interface: simulated, recorded and over LCM."""

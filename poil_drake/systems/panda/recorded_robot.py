@@ -1,0 +1,115 @@
+"""A robot that does what a recording says, whatever it is told."""
+
+from collections.abc import Collection
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+
+from poil_drake.recording.run_log.series import Series
+from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+
+JOINTS, HAND, STATUS = "joints", "hand", "status"
+"""The three kinds of signals, which need not be known at the same time."""
+
+
+class RecordedClock:
+    """The clock of a run that is replayed, as it stood in the present control period.
+
+    Attributes:
+        now: The time by the clock [s].
+    """
+
+    now: float = np.nan
+
+    def __call__(self) -> float:
+        """Returns the time by the clock [s]."""
+        return self.now
+
+
+class RecordedRobot(LeafSystem):
+    """Shows the recorded signals of an arm and its hand.
+
+    .. pydrake_system::
+
+        name: RecordedRobot
+        input_ports:
+        - velocity
+        - velocity_time
+        - hand.width
+        output_ports:
+        - position_measured
+        - velocity_measured
+        - torque_external
+        - status
+        - hand.width_measured
+        - replayed_position
+
+    The inputs are there to be connected, and ignored. `position_measured` [rad],
+    `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `hand.width_measured` (1,) [m]
+    and `status` (3,) is mode, age [s] and share of commands in time: those of the newest sample at
+    or before now, NaN before the first. `replayed_position` (7,) [rad] is the posture that was
+    commanded: the robot does not go where it is told now, so that nobody can tell from the commands
+    of a replay where they lead.
+
+    A sample shows what was there before the updates of its time. The signals of a plant, and those
+    that were received from a real robot, change in unrestricted updates, so that the discrete
+    updates of the same time see what only the next sample shows. Such `leading` signals are state
+    here, too, which is set at the beginning of each period: to the newest sample by its end.
+    """
+
+    def __init__(
+        self,
+        *,
+        joints: Series,
+        hand: Series,
+        status: Series,
+        postures: Series,
+        period: float,
+        clock: RecordedClock | None = None,
+        leading: Collection[str] = (JOINTS, HAND, STATUS),
+    ):
+        """Constructs the robot.
+
+        Args:
+            joints: (T, 21) positions, velocities and external torques.
+            hand: (T, 1) its opening.
+            status: (T, 4) mode, age, share of commands in time, and the time by the clock [s].
+            postures: (T, 7) positions commanded.
+            period: The control period [s].
+            clock: Is set at the beginning of each period.
+            leading: Which of `JOINTS`, `HAND` and `STATUS` change in unrestricted updates.
+        """
+        super().__init__()
+        self._period, self._clock, self._status = period, clock, status
+        self.DeclareVectorInputPort("velocity", NUM_JOINTS)
+        self.DeclareVectorInputPort("velocity_time", 1)
+        self.DeclareVectorInputPort("hand.width", 1)
+        self._shown = self.DeclareDiscreteState(1)
+        if leading or clock is not None:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._step)
+        n = NUM_JOINTS
+        for name, kind, series, part in (
+            ("position_measured", JOINTS, joints, slice(0, n)),
+            ("velocity_measured", JOINTS, joints, slice(n, 2 * n)),
+            ("torque_external", JOINTS, joints, slice(2 * n, 3 * n)),
+            ("status", STATUS, status, slice(0, 3)),
+            ("hand.width_measured", HAND, hand, slice(0, 1)),
+            ("replayed_position", "", postures, slice(0, n)),
+        ):
+            self._declare_output(name, series, part, kind in leading)
+
+    def _declare_output(self, name: str, series: Series, part: slice, leads: bool) -> None:
+        def calc(context: Context, output: BasicVector) -> None:
+            now = context.get_time()
+            if leads:
+                now = context.get_discrete_state(self._shown)[0]
+            output.SetFromVector(series.at(now)[part])
+
+        known = self.discrete_state_ticket(self._shown) if leads else self.time_ticket()
+        self.DeclareVectorOutputPort(name, part.stop - part.start, calc, {known})
+
+    def _step(self, context: Context, state: State) -> None:
+        time = context.get_time() + self._period
+        state.get_mutable_discrete_state(self._shown).SetFromVector(np.array([time]))
+        if self._clock is not None:
+            self._clock.now = float(self._status.at(time)[3])

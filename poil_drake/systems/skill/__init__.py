@@ -1,0 +1,1 @@
+"""The phases of the skill, and requests to stop."""

@@ -1,0 +1,1 @@
+"""Draws the skill in Meshcat."""

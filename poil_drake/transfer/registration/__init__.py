@@ -1,0 +1,1 @@
+"""Non-rigid registration of aligned parts (POIL, section III-A)."""

@@ -1,0 +1,92 @@
+"""What is timed and how it is summed up; how long it takes is not for a test to say."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poil_drake.benchmarks.latency.control_path import ControlPath
+from poil_drake.benchmarks.latency.latency import BASELINE, PATH, run_latency_benchmark, summarize
+from poil_drake.benchmarks.latency.states import States, moving_body
+
+
+def test_everything_is_timed_and_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new" / "latency.json"
+
+    rows = run_latency_benchmark(ticks=3, json_path=path)
+
+    read = json.loads(path.read_text())
+    assert read["ticks"] == 3
+    assert [row["name"] for row in read["rows"]] == [row.name for row in rows]
+    names = {row.name for row in rows}
+    assert len(names) == 12
+    fields = {
+        f"field, {test} test, {where}, {outliers}"
+        for test in ("rigidity", "velocity")
+        for where in ("near", "far")
+        for outliers in ("clean", "2 outliers")
+    }
+    assert fields | {BASELINE, PATH, "SE(3) BCSDM, NumPy"} < names
+    for row in rows:
+        assert 0.0 < row.p50 <= row.p99 <= row.p99_9 <= row.largest < math.inf
+        assert 0.0 < row.ratio < math.inf
+    table = capsys.readouterr().out
+    assert all(row.name in table for row in rows)
+
+
+def test_figures_are_percentiles_in_microseconds_and_medians_over_the_baselines() -> None:
+    # 0 to 1000 us: the percentiles are their own names. The baseline takes 2000 us, always.
+    field = np.arange(1001) * 1e-6
+    durations = np.column_stack([field, np.full(1001, 2e-3)])
+
+    dut, baseline = summarize(["field", BASELINE], durations)
+
+    figures = (dut.p50, dut.p99, dut.p99_9, dut.largest)
+    assert figures == pytest.approx((500.0, 990.0, 999.0, 1000.0))
+    assert dut.ratio == pytest.approx(0.25)
+    assert baseline.ratio == pytest.approx(1.0)
+
+
+def test_states_are_as_far_off_as_they_say() -> None:
+    _, X_WO, reference, points = moving_body(num_points=10, num_samples=500)
+    near, far = States.near(X_WO, points), States.far(X_WO, points)
+
+    assert reference.positions.shape == (500, 10, 3)
+    for states, distance, lowest, highest in ((near, 0.005, 3.0, 3.0), (far, 0.3, 60.0, 150.0)):
+        for X in states.poses[:10]:
+            distances = np.linalg.norm(X_WO[:, :3, 3] - X[:3, 3], axis=1)
+            turns = Rotation.from_matrix(X[:3, :3] @ X_WO[:, :3, :3].swapaxes(1, 2)).magnitude()
+            # One of the samples is the one it was moved off.
+            offset = np.abs(distances - distance) < 1e-9
+            turned = (np.degrees(turns) > lowest - 1e-6) & (np.degrees(turns) < highest + 1e-6)
+            assert (offset & turned).any()
+
+
+def test_two_points_of_a_spoilt_state_are_off() -> None:
+    _, X_WO, _, points = moving_body(num_points=10, num_samples=500)
+    states = States.near(X_WO, points)
+
+    off = np.linalg.norm(states.spoilt - states.clean, axis=2)
+
+    assert (np.count_nonzero(off, axis=1) == 2).all()
+    assert off[off > 0.0].min() >= 0.05 - 1e-12
+    assert off.max() <= 0.1 + 1e-12
+
+
+def test_the_control_path_carries_the_points_along_the_reference() -> None:
+    dut = ControlPath(num_points=10, num_samples=500)
+
+    speeds = []
+    for _ in range(2000):
+        dut.prepare()
+        speeds.append(np.linalg.norm(dut.step()))
+
+    # It moves, and after the 4 s of the reference and 3 / eta for catching up it is there: what is
+    # left is the tracker's noise: 3 mm/s and, over 5 cm, 0.06 rad/s at a single point.
+    assert max(speeds[100:800]) > 0.1
+    assert max(speeds[-100:]) < 0.08

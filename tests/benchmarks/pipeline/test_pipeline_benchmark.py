@@ -1,0 +1,184 @@
+"""The figures over many trials; the trials themselves are whole runs, tested elsewhere."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from poil_drake.benchmarks.pipeline import pipeline
+from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark, summarize
+from poil_drake.benchmarks.pipeline.trial import Trial, lost_trial, run_trial
+from poil_drake.benchmarks.trials.pool import LostTrial
+from poil_drake.errors import InvalidValueError
+
+
+def hung(seed: int, **changed: object) -> Trial:
+    """A trial in which the mug hung."""
+    fields: dict = {
+        "task": "hang_mug",
+        "seed": seed,
+        "object_model": "mug_a",
+        "success": True,
+        "cause": "",
+        "final_error": 0.001,
+        "tracking_errors": (0.002, 0.004),
+        "worst_tracking_error": 0.005,
+        "real_time_factor": 1.0,
+        "split": {"physics": 0.5, "rendering": 0.5},
+        "simulated": 15.0,
+    }
+    return Trial(**fields | changed)
+
+
+def unplanned(seed: int, cause: str = "NoFeasibleGraspError: none") -> Trial:
+    """A trial that ended before anything was simulated: everything measured is NaN."""
+    return Trial(
+        task="hang_mug", seed=seed, object_model="mug_b", success=False, cause=cause, split=None
+    )
+
+
+def test_successes_and_causes_are_counted_over_all_trials() -> None:
+    trials = [hung(0), unplanned(1), unplanned(2), hung(3, success=False, cause="it fell")]
+
+    dut = summarize(trials)
+
+    assert (dut["trials"], dut["successes"]) == (4, 1)
+    assert dut["causes"] == {"NoFeasibleGraspError: none": 2, "it fell": 1}
+
+
+def test_errors_are_of_the_trials_that_were_simulated() -> None:
+    trials = [
+        hung(0, final_error=0.001, tracking_errors=(0.001, 0.010)),
+        unplanned(1),
+        hung(2, final_error=0.002, tracking_errors=(0.002, 0.020)),
+        # A failure counts, too: only what was never measured is left out.
+        hung(3, final_error=0.009, tracking_errors=(0.006, 0.060), success=False, cause="x"),
+    ]
+
+    dut = summarize(trials)
+
+    assert dut["final_error_median"] == pytest.approx(0.002)
+    assert dut["tracking_error_median"] == pytest.approx(0.002)
+    assert dut["tracking_error_median_worst_trial"] == pytest.approx(0.006)
+    assert dut["tracking_error_p95_median_trial"] == pytest.approx(0.020)
+    assert dut["tracking_error_p95_worst_trial"] == pytest.approx(0.060)
+
+
+def test_errors_while_carried_and_what_was_not_seen_stand_beside() -> None:
+    trials = [
+        hung(0, carried_tracking_errors=(0.001, 0.003), unobserved=0.0),
+        unplanned(1),
+        hung(2, carried_tracking_errors=(0.003, 0.009), unobserved=0.3, carried_unobserved=0.02),
+        hung(3, carried_tracking_errors=(0.002, 0.004), unobserved=0.0),
+    ]
+
+    dut = summarize(trials)
+
+    assert dut["carried_tracking_error_median"] == pytest.approx(0.002)
+    assert dut["carried_tracking_error_p95_median_trial"] == pytest.approx(0.004)
+    assert dut["carried_tracking_error_p95_worst_trial"] == pytest.approx(0.009)
+    assert dut["unobserved_mean"] == pytest.approx(0.1)
+    assert dut["unobserved_worst_trial"] == pytest.approx(0.3)
+    assert dut["carried_unobserved_worst_trial"] == pytest.approx(0.02)
+
+
+def test_single_errors_that_are_nan_do_not_hide_the_others() -> None:
+    # A run that ended in a fault before the field took over has no final error, and so on.
+    trials = [
+        hung(0, final_error=math.nan, tracking_errors=(math.nan, math.nan)),
+        hung(1, final_error=0.003, tracking_errors=(0.004, 0.005)),
+    ]
+
+    dut = summarize(trials)
+
+    assert dut["final_error_median"] == pytest.approx(0.003)
+    assert dut["tracking_error_median"] == pytest.approx(0.004)
+
+
+def test_speeds_are_given_with_the_slow_ones() -> None:
+    # 1.00, 1.01, ..., 1.20: the median is the 11th, and 5 percent are below the second.
+    dut = summarize([hung(k, real_time_factor=1.0 + k / 100) for k in range(21)])
+
+    assert dut["real_time_factor_median"] == pytest.approx(1.10)
+    assert dut["real_time_factor_p5"] == pytest.approx(1.01)
+
+
+def test_shares_of_time_are_means_in_which_a_missing_part_is_none() -> None:
+    trials = [
+        hung(0, split={"physics": 0.75, "rendering": 0.25}),
+        hung(1, split={"physics": 0.25, "detection": 0.75}),
+        unplanned(2),
+    ]
+
+    dut = summarize(trials)["split"]
+
+    assert dut == {"detection": 0.375, "physics": 0.5, "rendering": 0.125}
+
+
+@pytest.mark.parametrize("trials", [[], [unplanned(0)]], ids=["no trial", "no simulation"])
+def test_what_was_never_measured_is_not_a_number(trials: list[Trial]) -> None:
+    dut = summarize(trials)
+
+    assert dut["successes"] == 0
+    assert dut["split"] == {}
+    assert math.isnan(dut["final_error_median"])
+    assert math.isnan(dut["real_time_factor_p5"])
+
+
+def test_the_file_has_null_where_nothing_was_measured(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "bench.json"
+
+    pipeline._write([hung(0), unplanned(1)], path)
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    read = json.loads(path.read_text(), parse_constant=refuse)
+    assert read["summary"]["trials"] == 2
+    assert [trial["final_error"] for trial in read["trials"]] == [0.001, None]
+    assert read["trials"][1]["tracking_errors"] == [None, None]
+
+
+def test_the_table_shows_errors_in_millimetres_and_every_cause() -> None:
+    text = pipeline._table(summarize([hung(0), unplanned(1, cause="it fell")]))
+
+    lines = {line[:36].strip(): line[37:] for line in text.splitlines()}
+    assert lines["successes"] == "1"
+    assert lines["causes"] == "1 x it fell"
+    assert lines["final error median"] == "1.00 mm"
+    assert lines["real time factor median"] == "1.00"
+    assert lines["split"] == "physics 50%, rendering 50%"
+
+
+def test_a_trial_that_fails_before_the_simulation_is_told_with_its_cause(
+    tmp_path: Path,
+) -> None:
+    trial = run_trial("hang_mug", 3, "ground_truth", str(tmp_path / "missing.mcap"))
+
+    assert not trial.success
+    assert trial.cause.startswith("DemonstrationError: ")
+    assert "missing.mcap" in trial.cause
+    assert math.isnan(trial.simulated)
+
+
+def test_a_trial_that_lost_its_workers_is_a_failure_with_its_cause() -> None:
+    lost = LostTrial(3, ("hang_mug", 3, "ground_truth"), 3, "was killed by SIGSEGV")
+
+    trial = lost_trial(lost)
+
+    assert (trial.task, trial.seed, trial.success) == ("hang_mug", 3, False)
+    assert "SIGSEGV" in trial.cause
+    assert trial.object_model.startswith("mug_")
+
+
+def test_an_unknown_task_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match=r"'juggle'.*hang_mug"):
+        run_pipeline_benchmark(
+            tasks=["hang_mug", "juggle"],
+            trials=1,
+            jobs=1,
+            tracker=None,
+            json_path=tmp_path / "bench.json",
+        )
+    assert list(tmp_path.iterdir()) == []

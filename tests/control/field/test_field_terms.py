@@ -1,0 +1,157 @@
+"""Each term of the field by itself, on states where it alone decides."""
+
+import numpy as np
+import pytest
+
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
+from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
+from poil_drake.control.field.twist_fit import RansacConfig
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
+
+BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
+
+
+def resting_reference(body):
+    return PointTrajectory(np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape)))
+
+
+def straight_reference():
+    times = 0.25 * np.arange(9)
+    positions = BODY + 0.1 * times[:, None, None] * np.array([1.0, 0, 0])
+    velocities = np.zeros_like(positions)
+    velocities[:-1, :, 0] = 0.1
+    return PointTrajectory(times, positions, velocities)
+
+
+def test_confidence_decides_how_far_along_the_points_are():
+    # Half of the points are 1 cm ahead of the others.
+    points = BODY + np.array([0.05, 0.0, 0.0])
+    points[:3, 0] += 0.01
+    confidence = np.array([1.0, 1.0, 1.0, 0.25, 0.25, 0.25])
+
+    output = dut(points, straight_reference(), BcsdmConfig(outlier_test="none"), confidence)
+
+    # (3 * 6 cm + 0.75 * 5 cm) / 3.75 at 0.1 m/s.
+    assert output.tau == pytest.approx(0.58)
+
+
+@pytest.mark.parametrize("outlier_test", ["rigidity", "velocity"])
+def test_confidence_decides_which_half_of_the_points_left_the_body(outlier_test):
+    points = BODY.copy()
+    points[[1, 3, 5]] += np.array([0.0, 0.0, 0.04])
+    reference = resting_reference(BODY)
+    stays = np.array([1.0, 0.5] * 3)
+    config = BcsdmConfig(outlier_test=outlier_test)
+
+    first = dut(points, reference, config, stays)
+    other = dut(points, reference, config, stays[::-1])
+
+    assert first.inliers.tolist() == [True, False] * 3
+    assert other.inliers.tolist() == [False, True] * 3
+
+
+def test_confidence_weighs_the_points_that_are_left_after_an_outlier():
+    # Two points up, two down, one far off.
+    body = 0.03 * np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1]])
+    points = body + np.array([[0, 0, 0.001]] * 2 + [[0, 0, -0.001]] * 2 + [[0.1, 0, 0]])
+    reference = resting_reference(body)
+
+    output = dut(points, reference, BcsdmConfig(), np.array([1.0, 1.0, 0.25, 0.25, 1.0]))
+
+    assert output.inliers.tolist() == [True] * 4 + [False]
+    assert output.v[2] == pytest.approx(-3.0 * 0.001 * (2.0 - 0.5) / 2.5)
+
+
+@pytest.mark.parametrize("off", [0.015, 0.03])
+@pytest.mark.parametrize("eta", [0.1, 1.0, 10.0])
+def test_outliers_are_found_by_distance_whatever_the_gain(eta, off):
+    reference = straight_reference()
+    points = reference.positions[4].copy()
+    points[2] += [0.0, 0.0, off]
+    points[4] += [0.0, 0.0, 0.002]
+
+    output = dut(points, reference, BcsdmConfig(eta=eta))
+
+    assert output.inliers.tolist() == [True, True, False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=0.02)),
+        BcsdmConfig(eta=3.0, outlier_test="velocity", ransac=RansacConfig(inlier_threshold=0.06)),
+    ],
+)
+def test_how_far_off_an_outlier_is_can_be_set(config):
+    points = BODY.copy()
+    points[2] += [0.0, 0.0, 0.05]
+    points[4] += [0.0, 0.0, 0.01]
+
+    output = dut(points, resting_reference(BODY), config)
+
+    assert output.inliers.tolist() == [True, True, False, True, True, True]
+
+
+def test_outliers_are_sought_among_the_places_now_and_not_at_the_end():
+    # Five points are where the first sample has them, and not as the last has them.
+    positions = np.stack([BODY, BODY, BODY])
+    positions[2, 4:] += [[0.05, 0.0, 0.0], [0.0, 0.04, 0.0]]
+    reference = PointTrajectory(np.arange(3.0), positions, np.zeros_like(positions))
+    points = BODY.copy()
+    points[2] += [0.0, 0.0, 0.02]
+
+    output = dut(points, reference, BcsdmConfig())
+
+    assert output.inliers.tolist() == [True, True, False, True, True, True]
+
+
+def test_last_closest_configuration_counts_for_the_points_that_an_outlier_leaves_too():
+    # Out along x and back over the same places.
+    out = np.linspace(0.0, 0.1, 11)
+    path = np.concatenate([out, out[-2::-1]])
+    positions = BODY + path[:, None, None] * np.array([1.0, 0, 0])
+    reference = PointTrajectory(0.25 * np.arange(21), positions, np.zeros_like(positions))
+    config = BcsdmConfig(progress_window=(0.5, 0.5))
+    points = BODY + np.array([0.05, 0.0, 0.0])
+    points[2] += [0.0, 0.0, 0.05]
+
+    there, back = (dut(points, reference, config, previous_tau=tau) for tau in (1.2, 3.8))
+
+    assert there.tau == pytest.approx(1.25)
+    assert back.tau == pytest.approx(3.75)
+
+
+def test_closest_configuration_stays_within_the_sample_beside_the_window():
+    reference = straight_reference()
+    config = BcsdmConfig(progress_window=(0.25, 0.25), window_escape_ratio=0.0)
+
+    # The window ends at 1.25 s; the points are at 0.5 s, long before the sample next to it.
+    output = dut(reference.positions[2], reference, config, previous_tau=1.5)
+
+    assert output.tau == pytest.approx(1.0)
+    assert output.mean_error == pytest.approx(0.05)
+
+
+def test_points_that_the_best_triple_misses_are_won_back_by_the_motion_of_its_inliers():
+    # Drawn so that the noise in the best three points throws one true point out at first.
+    rng = np.random.default_rng(34)
+    body = rng.normal(scale=0.03, size=(10, 3))
+    points = body + rng.normal(scale=0.002, size=(10, 3))
+    points[[1, 4]] += [[0.05, 0.0, 0.0], [0.0, -0.06, 0.0]]
+
+    output = dut(points, resting_reference(body), BcsdmConfig())
+
+    assert output.inliers.tolist() == [i not in (1, 4) for i in range(10)]
+
+
+def test_a_mirror_image_is_no_rigid_motion():
+    # Eight points in a plane and one off it, which a mirror would bring to its place.
+    angles = np.arange(8) * 0.7
+    plane = 0.03 * np.stack([np.cos(angles), np.sin(angles) * (1.0 + 0.1 * angles), 0.0 * angles])
+    body = np.vstack([plane.T, [[0.0, 0.0, 0.02]]])
+    points = body * [1.0, 1.0, -1.0]
+
+    output = dut(points, resting_reference(body), BcsdmConfig())
+
+    assert output.inliers.tolist() == [True] * 8 + [False]

@@ -1,0 +1,287 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poil_drake.control.field import twist_fit as dut
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry import triples
+from poil_drake.geometry.rigid_transform import rotation_exp, skew
+from poil_drake.geometry.triples import TripleConfig
+
+property_test = settings(derandomize=True, max_examples=100)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def rigid_velocities(points, omega, v, origin):
+    return v + np.cross(omega, points - origin)
+
+
+@given(seeds, st.integers(3, 30))
+@property_test
+def test_rigid_motion_is_recovered(seed, count):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(count, 3))
+    omega, v = rng.normal(size=(2, 3))
+    velocities = rigid_velocities(points, omega, v, points.mean(axis=0))
+
+    fitted_omega, fitted_v = dut.fit_twist(points, velocities)
+
+    np.testing.assert_allclose(fitted_omega, omega, atol=1e-7)
+    np.testing.assert_allclose(fitted_v, v, atol=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_fit_solves_the_stacked_least_squares_problem(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 7, 3))
+    weights = rng.uniform(0.1, 1.0, size=7)
+    arms = points - weights @ points / weights.sum()
+    rows = [np.hstack([-skew(arm), np.eye(3)]) for arm in arms]
+    root = np.repeat(np.sqrt(weights), 3)
+    expected, *_ = np.linalg.lstsq(root[:, None] * np.vstack(rows), root * velocities.ravel())
+
+    omega, v = dut.fit_twist(points, velocities, weights)
+
+    np.testing.assert_allclose(np.concatenate([omega, v]), expected, atol=1e-10)
+
+
+@given(seeds)
+@property_test
+def test_fit_turns_with_the_world(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 6, 3))
+    R, p = rotation_exp(rng.normal(size=3)), rng.normal(size=3)
+    omega, v = dut.fit_twist(points, velocities)
+
+    moved_omega, moved_v = dut.fit_twist(points @ R.T + p, velocities @ R.T)
+
+    np.testing.assert_allclose(moved_omega, R @ omega, atol=1e-10)
+    np.testing.assert_allclose(moved_v, R @ v, atol=1e-10)
+
+
+@given(seeds)
+@property_test
+def test_squared_residuals_are_those_of_the_twist_at_every_point(seed):
+    rng = np.random.default_rng(seed)
+    points, velocities = rng.normal(size=(2, 7, 3))
+    inliers = np.array([True] * 5 + [False] * 2)
+
+    fit, squares = dut.fit_twist_to_inliers(points, velocities, np.ones(7), inliers)
+
+    left = rigid_velocities(points, fit.omega, fit.v, points[:5].mean(axis=0)) - velocities
+    np.testing.assert_allclose(squares, np.sum(left**2, axis=1), rtol=1e-9, atol=1e-12)
+
+
+def test_points_on_a_line_get_no_rotation_about_it():
+    points = np.array([[-1.0, 0, 0], [0, 0, 0], [1, 0, 0]])
+    velocities = rigid_velocities(points, np.array([5.0, 0.0, 2.0]), np.ones(3), np.zeros(3))
+
+    omega, v = dut.fit_twist(points, velocities)
+
+    np.testing.assert_allclose(omega, [0.0, 0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(v, [1.0, 1.0, 1.0])
+
+
+def test_single_point_moves_without_turning():
+    omega, v = dut.fit_twist(np.array([[1.0, 2, 3]]), np.array([[4.0, 5, 6]]))
+
+    np.testing.assert_array_equal(omega, np.zeros(3))
+    np.testing.assert_array_equal(v, [4, 5, 6])
+
+
+@pytest.mark.parametrize("count", [10, 24])
+def test_outliers_are_left_out_whether_all_or_some_triples_are_tried(count):
+    rng = np.random.default_rng(1)
+    points = rng.normal(scale=0.03, size=(count, 3))
+    omega, v = np.array([0.3, -0.2, 0.5]), np.array([0.1, 0.0, -0.05])
+    velocities = rigid_velocities(points, omega, v, np.zeros(3))
+    velocities[[1, 4, 7]] += [[0.2, 0, 0], [0, -0.3, 0], [0, 0.1, 0.1]]
+    expected_inliers = ~np.isin(np.arange(count), [1, 4, 7])
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    np.testing.assert_array_equal(fit.inliers, expected_inliers)
+    np.testing.assert_allclose(fit.centroid, points[expected_inliers].mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(fit.omega, omega, atol=1e-10)
+    np.testing.assert_allclose(fit.v, v + np.cross(omega, fit.centroid), atol=1e-12)
+
+
+def test_no_point_is_dropped_where_plain_least_squares_leaves_none_off():
+    # Drawn so that the largest residual is 12 mm/s, but the best triple leaves some point above 15.
+    rng = np.random.default_rng(25)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.0075, size=(10, 3))
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.all()
+
+
+def test_drawn_triples_depend_on_the_seed_alone():
+    rng = np.random.default_rng(2)
+    points, velocities = rng.normal(size=(2, 15, 3))
+    config = dut.RansacConfig(triples=TripleConfig(trials=5))
+
+    first = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+    triples._triples.cache_clear()
+    again = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
+    others = [dut.fit_twist_ransac(points, velocities, config=config, seed=s) for s in range(3)]
+
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert any(not np.array_equal(first.omega, other.omega) for other in others)
+
+
+def test_points_that_agree_are_fitted_by_plain_least_squares():
+    rng = np.random.default_rng(3)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.003, size=(10, 3))
+    weights = rng.uniform(0.1, 1.0, size=10)
+
+    fit = dut.fit_twist_ransac(points, velocities, weights, config=dut.RansacConfig())
+
+    omega, v = dut.fit_twist(points, velocities, weights)
+    assert fit.inliers.all()
+    np.testing.assert_array_equal(fit.omega, omega)
+    np.testing.assert_array_equal(fit.v, v)
+
+
+def test_points_on_a_line_have_no_triple_to_try():
+    points = np.linspace(0.0, 1.0, 6)[:, None] * [1.0, 0.0, 0.0]
+    velocities = np.random.default_rng(4).normal(size=(6, 3))
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.all()
+    assert fit.spread == pytest.approx(0.0, abs=1e-7)
+
+
+def test_spread_is_the_distance_from_the_best_line():
+    points = np.array([[-1.0, 0.1, 0], [-1, -0.1, 0], [1, 0.1, 0], [1, -0.1, 0]])
+
+    fit = dut.fit_twist_ransac(points, np.zeros((4, 3)), config=dut.RansacConfig())
+
+    assert fit.spread == pytest.approx(0.1)
+
+
+def test_spread_of_a_body_counts_both_directions_off_the_line():
+    points = np.concatenate([np.diag([1.0, 2.0, 3.0]), -np.diag([1.0, 2.0, 3.0])])
+
+    fit = dut.fit_twist_ransac(points, np.zeros((6, 3)), config=dut.RansacConfig())
+
+    # 2 (1^2 + 2^2) over six points.
+    assert fit.spread == pytest.approx(np.sqrt(10.0 / 6.0))
+
+
+def test_points_that_the_best_triple_misses_are_won_back_by_the_fit_to_its_inliers():
+    # Drawn so that the noise in the best three points throws one true point out at first.
+    rng = np.random.default_rng(50)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    motion = rigid_velocities(points, np.array([0.3, -0.2, 0.5]), np.array([0.1, 0, -0.05]), 0.0)
+    velocities = motion + rng.normal(scale=0.006, size=(10, 3))
+    velocities[[1, 4]] += [[0.2, 0.0, 0.0], [0.0, -0.3, 0.0]]
+    true = ~np.isin(np.arange(10), [1, 4])
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    np.testing.assert_array_equal(fit.inliers, true)
+    omega, v = dut.fit_twist(points[true], velocities[true])
+    np.testing.assert_allclose(np.concatenate([fit.omega, fit.v]), [*omega, *v], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_final_solve_is_by_weight_and_slows_turns_about_axes_that_points_are_near(seed):
+    # With the first seed the fit to the best triple's inliers wins one more; with the second none.
+    rng = np.random.default_rng(seed)
+    points = rng.normal(scale=0.03, size=(10, 3))
+    velocities = rng.normal(scale=0.006, size=(10, 3))
+    velocities[[1, 4]] += [[0.2, 0.0, 0.0], [0.0, -0.3, 0.0]]
+    weights = np.linspace(0.5, 1.0, 10)
+    true = ~np.isin(np.arange(10), [1, 4])
+
+    fit = dut.fit_twist_ransac(
+        points, velocities, weights, config=dut.RansacConfig(), min_rotation_spread=0.1
+    )
+
+    expected, _ = dut.fit_twist_to_inliers(
+        points[true], velocities[true], weights[true], min_rotation_spread=0.1
+    )
+    np.testing.assert_array_equal(fit.inliers, true)
+    np.testing.assert_allclose(fit.omega, expected.omega, atol=1e-12)
+    np.testing.assert_allclose(fit.v, expected.v, atol=1e-12)
+
+
+def test_one_of_four_points_can_be_an_outlier():
+    points = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
+    velocities = rigid_velocities(points, np.array([0.0, 0.0, 1.0]), np.ones(3), np.zeros(3))
+    velocities[2] += [0.0, -0.1, 0.0]
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [True, True, False, True]
+
+
+def test_inliers_are_those_within_the_threshold():
+    # One is far off, so that not all can be fitted; two are just within 15 mm/s and just outside.
+    points = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
+    velocities = np.zeros((10, 3))
+    velocities[[1, 4, 7], 2] = [0.3, 0.014, 0.02]
+
+    fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [i not in (1, 7) for i in range(10)]
+
+
+def test_of_two_halves_the_one_that_agrees_more_closely_wins():
+    corners = 0.03 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    velocities = np.zeros((8, 3))
+    velocities[:4] = [[0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 0.01]]
+    both = np.concatenate([corners, corners + 0.1])
+
+    fit = dut.fit_twist_ransac(both, velocities, config=dut.RansacConfig())
+
+    assert fit.inliers.tolist() == [False] * 4 + [True] * 4
+
+
+def test_shifted_twist_has_the_velocity_of_the_other_point():
+    V = np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
+
+    shifted = dut.shift_twist(V, np.array([3.0, 0.0, 0.0]))
+
+    assert shifted.tolist() == [0.0, 0.0, 2.0, 1.0, 6.0, 0.0]
+
+
+def test_twist_within_its_limits_is_kept():
+    V = np.array([0.3, 0.0, 0.0, 0.0, 0.1, 0.0])
+
+    np.testing.assert_array_equal(dut.scale_twist(V, 0.5, 0.2), V)
+
+
+@pytest.mark.parametrize(
+    ("V", "factor"),
+    [([1.0, 0, 0, 0, 0.1, 0], 0.5), ([0.1, 0, 0, 0, 0.8, 0], 0.25), ([1.0, 0, 0, 0, 0.8, 0], 0.25)],
+)
+def test_one_factor_scales_the_whole_twist(V, factor):
+    np.testing.assert_allclose(dut.scale_twist(np.array(V), 0.5, 0.2), factor * np.array(V))
+
+
+def test_twist_that_is_not_finite_gives_zero():
+    assert not dut.scale_twist(np.array([0, 0, np.nan, 0, 0, 0]), 1.0, 1.0).any()
+    assert not dut.scale_twist(np.array([0, 0, 0, np.inf, 0, 0]), 1.0, 1.0).any()
+
+
+def test_many_twists_are_scaled_each_by_its_own_factor():
+    V = np.random.default_rng(0).normal(size=(4, 5, 6))
+    V[1, 2, 4] = np.inf
+
+    scaled = dut.scale_twist(V, 0.5, 0.2)
+
+    for one, other in zip(V.reshape(-1, 6), scaled.reshape(-1, 6), strict=True):
+        np.testing.assert_allclose(other, dut.scale_twist(one, 0.5, 0.2), atol=1e-15)
+
+
+def test_limits_must_be_positive():
+    with pytest.raises(InvalidValueError, match="limits"):
+        dut.scale_twist(np.zeros(6), 0.0, 1.0)

@@ -1,0 +1,206 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poil_drake.control.field.twist_fit import fit_twist
+from poil_drake.control.theory import stability as dut
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
+
+property_test = settings(derandomize=True, max_examples=100)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def centred_points(rng):
+    # Different widths keep the eigenvalues of W apart.
+    points = rng.normal(size=(10, 3)) * [1.0, 2.0, 3.0]
+    return points - points.mean(axis=0)
+
+
+def least_squares_velocity(points, R):
+    """The fit of POIL eq. 3 with eta = 1 and the target at R = I, in the body frame."""
+    omega, _ = fit_twist(points @ R.T, points - points @ R.T)
+    return R.T @ omega
+
+
+@given(seeds)
+@property_test
+def test_closed_form_is_the_least_squares_twist(seed):
+    rng = np.random.default_rng(seed)
+    points = centred_points(rng)
+    R = rotation_exp(rng.normal(size=3) * 2.0)
+
+    omega = dut.rotation_velocity(dut.moment_matrix(points), R)
+
+    np.testing.assert_allclose(omega, least_squares_velocity(points, R), atol=1e-11)
+
+
+@given(seeds)
+@property_test
+def test_potential_is_half_the_sum_of_squared_errors(seed):
+    rng = np.random.default_rng(seed)
+    points = centred_points(rng)
+    R = rotation_exp(rng.normal(size=3))
+
+    potential = dut.rotation_potential(dut.moment_matrix(points), R)
+
+    assert potential == pytest.approx(0.5 * np.sum((points @ R.T - points) ** 2), rel=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_potential_falls_at_the_stated_rate(seed):
+    rng = np.random.default_rng(seed)
+    W = dut.moment_matrix(centred_points(rng))
+    R = rotation_exp(rng.normal(size=3) * 2.0)
+    omega = dut.rotation_velocity(W, R)
+    step = 1e-5
+    ahead = dut.rotation_potential(W, R @ rotation_exp(step * omega))
+    behind = dut.rotation_potential(W, R @ rotation_exp(-step * omega))
+
+    rate = dut.potential_rate(W, R)
+
+    assert rate <= 0.0
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(rate, rel=1e-5, abs=1e-6)
+
+
+@given(seeds)
+@property_test
+def test_least_squares_twist_vanishes_at_the_critical_rotations(seed):
+    points = centred_points(np.random.default_rng(seed))
+    criticals = dut.critical_rotations(dut.moment_matrix(points))
+
+    np.testing.assert_allclose(rotation_angle(criticals), np.pi, atol=1e-7)
+    for R in (np.eye(3), *criticals):
+        np.testing.assert_allclose(least_squares_velocity(points, R), np.zeros(3), atol=1e-12)
+
+
+@given(seeds)
+@property_test
+def test_critical_rotations_are_not_minima(seed):
+    W = dut.moment_matrix(centred_points(np.random.default_rng(seed)))
+
+    negative = [
+        np.count_nonzero(np.linalg.eigvalsh(dut.potential_hessian(W, R)) < 0.0)
+        for R in dut.critical_rotations(W)
+    ]
+
+    # In the principal frame of R*_k: -(l_i + l_j), l_k - l_i, l_k - l_j, with rising l.
+    assert negative == [3, 2, 1]
+    assert np.all(np.linalg.eigvalsh(dut.potential_hessian(W, np.eye(3))) > 0.0)
+
+
+@given(seeds)
+@property_test
+def test_hessian_is_the_second_difference_of_the_potential(seed):
+    rng = np.random.default_rng(seed)
+    W = dut.moment_matrix(centred_points(rng))
+    xi = rng.normal(size=3)
+    step = 1e-4
+
+    for R in (np.eye(3), *dut.critical_rotations(W)):
+        potentials = [
+            dut.rotation_potential(W, R @ rotation_exp(s * step * xi)) for s in (-1, 0, 1)
+        ]
+        curvature = (potentials[0] - 2.0 * potentials[1] + potentials[2]) / step**2
+        expected = xi @ dut.potential_hessian(W, R) @ xi
+        assert curvature == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.trace(W))
+
+
+def test_flow_converges_from_random_rotations_away_from_the_critical_ones():
+    rng = np.random.default_rng(0)
+    points = centred_points(rng)
+    W = dut.moment_matrix(points)
+    R = rotation_exp(rng.normal(size=(200, 3)) * 3.0)
+    critical = dut.critical_rotations(W)
+    distance = rotation_angle(np.swapaxes(critical, -1, -2)[:, None] @ R).min(axis=0)
+    R = R[distance > np.radians(5.0)]
+    assert len(R) > 150
+    potential = dut.rotation_potential(W, R)
+
+    for _ in range(1500):
+        R = R @ rotation_exp(0.02 * dut.rotation_velocity(W, R))
+        fallen = dut.rotation_potential(W, R)
+        assert np.all(fallen <= potential + 1e-12)
+        potential = fallen
+
+    assert np.max(rotation_angle(R)) < np.radians(0.1)
+
+
+def critical_rotations_found(W, R):
+    """Where Newton's method leads from rotations R (K, 3, 3): zeros of (R^T W - W R)^vee.
+
+    A small rotation xi in the body's frame changes it by -(tr(W R) I - (W R)^T) xi.
+    """
+    for _ in range(60):
+        M = W @ R
+        residual = np.stack(
+            [M[:, 1, 2] - M[:, 2, 1], M[:, 2, 0] - M[:, 0, 2], M[:, 0, 1] - M[:, 1, 0]]
+        )
+        J = np.trace(M, axis1=1, axis2=2)[:, None, None] * np.eye(3) - np.swapaxes(M, 1, 2)
+        step = np.einsum("kij,jk->ki", np.linalg.pinv(J), residual)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        R = R @ rotation_exp(step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-12)))
+    left = np.linalg.norm(np.swapaxes(R, 1, 2) @ W - W @ R, axis=(1, 2)) / np.trace(W)
+    return R[left < 1e-10]
+
+
+@given(seeds, st.booleans())
+@settings(derandomize=True, max_examples=20)
+def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, flat):
+    rng = np.random.default_rng(seed)
+    # Points in a plane have a singular W, but no other critical rotations.
+    points = centred_points(rng) * ([0.0, 1.0, 1.0] if flat else [1.0, 1.0, 1.0])
+    W = dut.moment_matrix(points @ rotation_exp(rng.normal(size=3)).T)
+    known = np.stack([np.eye(3), *dut.critical_rotations(W)])
+
+    found = critical_rotations_found(W, rotation_exp(rng.normal(size=(150, 3)) * 3.0))
+
+    distances = rotation_angle(np.swapaxes(known, -1, -2)[:, None] @ found)
+    assert len(found) > 75
+    assert np.max(distances.min(axis=0)) < 1e-5
+    assert set(np.argmin(distances, axis=0)) == {0, 1, 2, 3}
+
+
+@given(seeds)
+@settings(derandomize=True, max_examples=10)
+def test_flow_of_any_points_converges_from_any_rotation(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(rng.integers(3, 12), 3)) * rng.uniform(0.3, 1.0, size=3)
+    W = dut.moment_matrix(points)
+    R = rotation_exp(rng.normal(size=(50, 3)) * 3.0)
+    potential = dut.rotation_potential(W, R)
+
+    for _ in range(400):
+        R = R @ rotation_exp(0.1 * dut.rotation_velocity(W, R))
+        fallen = dut.rotation_potential(W, R)
+        assert np.all(fallen <= potential + 1e-12 * np.trace(W))
+        potential = fallen
+
+    assert np.max(rotation_angle(R)) < np.radians(0.1)
+
+
+def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_full_rate():
+    W = np.diag([1.0, 2.0, 2.0])
+    angles = np.linspace(0.0, np.pi, 7)
+    circle = rotation_exp(np.pi * np.stack([0.0 * angles, np.cos(angles), np.sin(angles)], axis=1))
+
+    np.testing.assert_allclose(dut.rotation_velocity(W, circle), 0.0, atol=1e-12)
+    for R in circle:
+        # -(l_1 + l) about the own axis, 0 along the circle, l - l_1 about the first axis.
+        np.testing.assert_allclose(
+            np.sort(np.linalg.eigvalsh(dut.potential_hessian(W, R))), [-3.0, 0.0, 1.0], atol=1e-9
+        )
+
+
+def test_moment_matrix_is_taken_about_the_weighted_centroid():
+    points = np.array([[0.0, 0, 0], [3.0, 0, 0]])
+
+    # Centroid at x = 1: 2 * 1^2 + 1 * 2^2.
+    assert dut.moment_matrix(points, np.array([2.0, 1.0]))[0, 0] == pytest.approx(6.0)
+
+
+def test_symmetric_points_have_no_isolated_critical_rotations():
+    with pytest.raises(InvalidValueError, match="isolated"):
+        dut.critical_rotations(np.diag([1.0, 2.0, 2.0]))

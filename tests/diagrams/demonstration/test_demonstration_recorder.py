@@ -1,0 +1,134 @@
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.errors import ScenarioError
+from poil_drake.recording.demonstration.demonstration import load_demonstration
+
+SMALL = """
+cameras:
+  left: { width: 160, height: 120 }
+  right: { width: 160, height: 120 }
+poil:
+  rates: { tracker: 1 }
+"""
+
+
+def load(data=SMALL):
+    return LoadScenario(filename=default_scenario_file(), data=data)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorder") / "demo.mcap"
+    said = []
+    count = RecordDemonstration(
+        load(),
+        path,
+        metadata={"occasion": "a test"},
+        progress=lambda what, share: said.append((what, share)),
+    )
+    return path, count, said
+
+
+@pytest.mark.render
+def test_frames_come_at_the_trackers_rate(recording):
+    path, count, _ = recording
+
+    dut = load_demonstration(path)
+
+    # 7.25 s at 1 Hz.
+    assert count == 8
+    np.testing.assert_array_equal(dut.stamps, np.arange(8.0))
+    assert [camera.name for camera in dut.cameras] == ["left", "right"]
+    assert dut.metadata["scenario"] == "HangMug"
+    assert dut.metadata["object"] == "mug_demo"
+    assert dut.metadata["seed"] == "0"
+    assert dut.metadata["occasion"] == "a test"
+
+
+@pytest.mark.render
+def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
+    dut = load_demonstration(recording[0])
+
+    (tmp_path / "scenario.yaml").write_text(dut.scenario_text)
+    again = LoadScenario(filename=tmp_path / "scenario.yaml")
+    assert again.poil == load().poil
+    assert again.cameras["right"].width == 160
+    assert again.source.name == dut.metadata["scenario"] == "HangMug"
+    assert dut.metadata["scenario_file"] == str(default_scenario_file())
+    for package in ("poil-drake", "drake", "numpy"):
+        assert dut.metadata[f"{package.replace('-', '_')}_version"] == version(package)
+
+
+@pytest.mark.render
+def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(recording):
+    dut = load_demonstration(recording[0]).frames
+
+    assert set(dut[0].label_ids) == {"table", "rack", "mug", "mug/handle"}
+    for image in dut[0].images:
+        assert np.isin(image.label, dut[0].label_ids["mug/handle"]).any()
+    assert dut[1].images[0].label is None
+
+
+@pytest.mark.render
+def test_the_mug_rests_then_moves_in_all_views(recording):
+    dut = load_demonstration(recording[0]).frames
+
+    for view in range(2):
+        mug = np.isin(dut[0].images[view].label, dut[0].label_ids["mug"])
+        first = dut[0].images[view].rgb[mug].astype(float)
+        last = dut[7].images[view].rgb[mug].astype(float)
+        assert np.abs(last - first).mean() > 10
+
+
+@pytest.mark.render
+def test_depth_has_the_sensors_noise(recording):
+    depths = [frame.images[0].depth for frame in load_demonstration(recording[0]).frames]
+    still = np.all([depth > 0 for depth in depths], axis=0)
+    spread = np.std(depths, axis=0)[still]
+
+    # The table's noise is about a millimetre; without noise it would be 0.
+    assert 0.0002 < np.median(spread) < 0.005
+
+
+@pytest.mark.render
+def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
+    RecordDemonstration(
+        load(),
+        tmp_path / "again.mcap",
+        metadata={"occasion": "a test"},
+    )
+
+    assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()
+
+
+@pytest.mark.render
+def test_progress_is_told(recording):
+    said = recording[2]
+
+    assert [share for _, share in said] == pytest.approx([(i + 1) / 8 for i in range(8)])
+    assert {what for what, _ in said} == {"recording the demonstration"}
+
+
+@pytest.mark.render
+def test_keyframes_may_be_given(tmp_path):
+    keyframes = """
+  demonstration_motion:
+    keyframes:
+    - { time: 0, translation: [0.45, -0.1, 0.0] }
+    - { time: 2, translation: [0.45, 0.0, 0.1], rpy: [0, 0, 90] }
+"""
+    count = RecordDemonstration(load(SMALL + keyframes), tmp_path / "demo.mcap")
+
+    assert count == 3
+
+
+def test_cameras_are_needed(tmp_path):
+    scenario = LoadScenario()
+
+    with pytest.raises(ScenarioError, match="no cameras"):
+        RecordDemonstration(scenario, tmp_path / "demo.mcap")

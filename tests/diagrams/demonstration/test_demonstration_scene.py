@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene, demonstrated_parts
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.errors import ScenarioError
+
+
+def load(data="{}"):
+    return LoadScenario(filename=default_scenario_file(), data=data)
+
+
+@pytest.fixture(scope="module")
+def dut():
+    return DemonstrationScene(load(), cameras=False)
+
+
+def at(x, y, z):
+    X = np.eye(4)
+    X[:3, 3] = [x, y, z]
+    return X
+
+
+def test_how_deep_the_object_is_in_the_table(dut):
+    assert dut.penetration(at(0.4, 0.0, 0.01)) == 0.0
+    assert dut.penetration(at(0.4, 0.0, -0.004)) == pytest.approx(0.004, abs=1e-4)
+
+
+def test_parts_of_the_object_do_not_count_as_obstacles(dut):
+    assert dut.penetration(at(0.4, 0.0, 0.5)) == 0.0
+
+
+def test_the_distance_between_links(dut):
+    # The mug's bottom is 0.12 m straight above the post's top, but for the feet that it stands on.
+    distance = dut.distance(at(0.55, 0.30, 0.40), "body", "rack", "stand")
+
+    assert distance == pytest.approx(0.12, abs=3e-3)
+
+
+def test_the_box_around_the_rod(dut):
+    [(X_WB, half)] = dut.boxes("rack", "rod")
+
+    # A capsule of 0.14 m and radius 5.5 mm, which leaves (0.55, 0.30, 0.26) 15 degrees upwards.
+    np.testing.assert_allclose(sorted(half), [0.0055, 0.0055, 0.0755], atol=1e-6)
+    u = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
+    np.testing.assert_allclose(X_WB[:3, 3], [0.55, 0.30, 0.26] + 0.07 * u, atol=1e-5)
+    assert dut.boxes("rack", "hook") == []
+
+
+def test_the_fixture_must_exist():
+    with pytest.raises(ScenarioError, match=r"poil\.fixture is 'hook'.*rack"):
+        DemonstrationScene(load("{poil: {fixture: hook}}"), cameras=False)
+
+
+def test_the_object_must_be_free():
+    scenario = load()
+    weld = LoadScenario(
+        data="directives: [{add_weld: {parent: world, child: 'mug::body'}}]"
+    ).directives
+    scenario.directives.extend(weld)
+
+    with pytest.raises(ScenarioError, match="'mug' is welded"):
+        DemonstrationScene(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("{}", {"handle": "handle"}),
+        # The patterns are those of the user's own mug; the package's has a link named "handle".
+        ("{parts: {handle: 'grip_.*', lid: lid}}", {"handle": "handle"}),
+        ("{part: grip, parts: {grip: 'grip_.*'}}", {"grip": "handle"}),
+        (
+            "{demonstration_object: mug.xml, parts: {handle: 'grip_.*', lid: lid}}",
+            {"handle": "grip_.*", "lid": "lid"},
+        ),
+    ],
+)
+def test_the_packages_own_mugs_have_their_own_part(text, parts):
+    assert demonstrated_parts(load(f"{{poil: {text}}}").poil) == parts
+
+
+def test_a_users_pattern_leaves_the_packages_own_mug_alone():
+    dut = DemonstrationScene(load("{poil: {parts: {handle: 'grip_.*'}}}"), cameras=False)
+
+    assert len(dut.object_boxes(dut.part_link)) > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{initial_position: {rack: {elbow: [0]}}}", "initial_position cannot be set: .*elbow"),
+        ("{initial_position: {rak: {elbow: [0]}}}", "initial_position cannot be set: .*'rak'"),
+    ],
+)
+def test_wrong_initial_positions_are_named(text, says):
+    with pytest.raises(ScenarioError, match=says):
+        DemonstrationScene(load(text), cameras=False)
+
+
+def test_initial_positions_of_robot_and_own_object_do_not_matter():
+    DemonstrationScene(load("{initial_position: {mug: {lid_hinge: [0]}}}"), cameras=False)
+
+
+def test_a_rod_that_is_no_pattern_is_no_part(dut):
+    assert dut.boxes("rack", "(") == []
+
+
+@pytest.mark.render
+def test_a_camera_on_the_robot_is_refused_as_there_is_none():
+    mounted = "{cameras: {left: {X_PB: {base_frame: 'panda::panda_link0'}}}}"
+
+    with pytest.raises(ScenarioError, match=r"left\.X_PB .*base_frame that is not the robot's"):
+        DemonstrationScene(load(mounted))

@@ -1,0 +1,166 @@
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.demonstration_config import (
+    DemonstrationMotionConfig,
+    HangingMotionConfig,
+)
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
+from poil_drake.errors import ScenarioError
+from poil_drake.geometry.rigid_transform import rotation_angle
+from poil_drake.models.mug_family import NAMED_MUGS
+from poil_drake.models.mug_shape import handle_center_line
+
+MUGS = {mug.name: mug for mug in NAMED_MUGS}
+
+
+@lru_cache
+def scene_of(mug):
+    data = f"{{poil: {{demonstration_object: 'package://poil_drake/mugs/{mug}/{mug}.sdf'}}}}"
+    return DemonstrationScene(
+        LoadScenario(filename=default_scenario_file(), data=data), cameras=False
+    )
+
+
+def motion_in(scene, **kwargs):
+    config = DemonstrationMotionConfig(hanging=HangingMotionConfig(**kwargs))
+    return MakeDemonstrationMotion(scene, config)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scene_of("mug_demo")
+
+
+@pytest.fixture(scope="module")
+def dut(scene):
+    return motion_in(scene)
+
+
+@pytest.mark.parametrize("mug", sorted(MUGS))
+def test_no_mug_ever_intersects_table_or_rack(mug):
+    scene = scene_of(mug)
+    dut = motion_in(scene)
+
+    depths = [scene.penetration(dut.pose(t)) for t in np.arange(0.0, dut.duration, 1 / 16)]
+
+    assert max(depths) <= 0.5e-3
+
+
+@pytest.mark.parametrize("mug", sorted(MUGS))
+def test_the_rod_passes_through_every_handle(mug):
+    """Looks along the rod at the curve that the handle's middle and the wall enclose."""
+    X_MW = np.linalg.inv(motion_in(scene_of(mug)).pose(100.0))
+    u = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
+    base = X_MW[:3, :3] @ [0.55, 0.30, 0.26] + X_MW[:3, 3]
+    along = X_MW[:3, :3] @ u
+
+    # Where the rod's axis meets the handle's plane, y = 0 of the mug.
+    share = -base[1] / along[1]
+    hit = base + share * along
+    outline = handle_center_line(MUGS[mug], 60)[:, [0, 2]]
+
+    assert 0.03 < share < 0.11
+    inside = cv2.pointPolygonTest(outline.astype(np.float32), hit[[0, 2]].tolist(), True)
+    # The rod's radius, the handle's, and 3 mm between them.
+    assert inside >= 0.0055 + MUGS[mug].handle_radius + 0.003 - 0.001
+
+
+def test_it_ends_just_above_the_rod(scene, dut):
+    gap = scene.distance(dut.pose(dut.duration), "handle", "rack", "rod")
+
+    assert gap == pytest.approx(0.003, abs=1e-6)
+
+
+def test_it_ends_tilted_with_the_handle_up_and_away_from_the_robot(dut):
+    R = dut.pose(dut.duration)[:3, :3]
+
+    # The opening faces along the rod, which rises by 15 degrees.
+    rod = [0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))]
+    assert abs(R[:, 1] @ rod) == pytest.approx(1.0)
+    assert R[0, 0] == pytest.approx(np.cos(np.radians(45)))
+    assert R[2, 0] > 0.6
+    assert R[2, 2] > 0.6
+
+
+def test_it_starts_upright_on_the_table(dut):
+    np.testing.assert_allclose(
+        dut.pose(0.0), [[1, 0, 0, 0.45], [0, 1, 0, -0.13], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-9
+    )
+
+
+def test_it_goes_at_a_human_pace_and_rests_at_both_ends(dut):
+    step = 1 / 64
+    X = np.array([dut.pose(t) for t in np.arange(0.0, dut.duration + step, step)])
+    speed = np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1) / step
+    turning = rotation_angle(np.swapaxes(X[:-1, :3, :3], -1, -2) @ X[1:, :3, :3]) / step
+
+    assert 6.0 <= dut.duration <= 8.0
+    assert speed.max() < 0.25
+    assert turning.max() < 1.0
+    resting = int(0.25 / step)
+    assert speed[:resting].max() == 0.0
+    assert speed[-resting:].max() < 1e-9
+
+
+def test_the_handle_may_stand_anywhere_at_first(scene):
+    dut = motion_in(scene, start_yaw=150.0)
+
+    np.testing.assert_allclose(
+        dut.pose(0.0)[:3, 0], [np.cos(np.radians(150)), np.sin(np.radians(150)), 0], atol=1e-9
+    )
+    np.testing.assert_allclose(dut.pose(99.0), motion_in(scene).pose(99.0), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_mug_that_is_let_go_in_the_end_stays_on_the_rod():
+    scenario = LoadScenario(
+        filename=default_scenario_file(),
+        data="{poil: {demonstration_object: 'package://poil_drake/mugs/mug_a/mug_a.sdf'}}",
+    )
+    goal = motion_in(DemonstrationScene(scenario, cameras=False)).pose(99.0)
+    station = MakeStation(scenario, cameras=False)
+    simulator = Simulator(station)
+    SetObjectPose(station, simulator.get_mutable_context(), RigidTransform(goal))
+
+    simulator.AdvanceTo(2.0)
+
+    # It may slide towards the post and swing, but a fall would take it down by 0.2 m.
+    height = GetObjectPose(station, simulator.get_context()).translation()[2]
+    assert height == pytest.approx(goal[2, 3], abs=0.03)
+
+
+def test_a_fixture_without_that_rod_is_refused(scene):
+    with pytest.raises(ScenarioError, match="no link, and no geometries, named 'hook'"):
+        motion_in(scene, rod="hook")
+
+
+def test_a_rod_that_does_not_fit_is_refused(scene):
+    with pytest.raises(ScenarioError, match="mm to spare"):
+        motion_in(scene, clearance=0.05)
+
+
+def test_an_upright_rod_is_refused(scene):
+    with pytest.raises(ScenarioError, match="'stand' of 'rack' stands upright"):
+        motion_in(scene, rod="stand")
+
+
+def test_an_object_without_a_handle_is_refused():
+    # By its path, it is a user's own mug.
+    mug = default_scenario_file().parents[1] / "mugs" / "mug_demo" / "mug_demo.sdf"
+    scenario = LoadScenario(
+        filename=default_scenario_file(),
+        data=f"{{poil: {{part: rim, parts: {{rim: 'body'}}, demonstration_object: '{mug}'}}}}",
+    )
+
+    with pytest.raises(ScenarioError, match="no handle"):
+        motion_in(DemonstrationScene(scenario, cameras=False))

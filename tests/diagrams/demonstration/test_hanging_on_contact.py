@@ -1,0 +1,105 @@
+"""What the judge says of a simulated mug that really hangs, stands or lies."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.run.task_success import HangingJudge, HolderGeometries, TouchedGeometries
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import MakeStation, Station
+from poil_drake.diagrams.station.station_state import SetObjectPose
+
+DURATION = 1.0
+BASE_TOP = 0.015
+"""Height of the rack's base plate [m], see rack.sdf; the rack stands at (0.55, 0.30)."""
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    """The package's, with the same mug in the demonstration as on the table."""
+    same = "{poil: {demonstration_object: 'package://poil_drake/mugs/mug_a/mug_a.sdf'}}"
+    return LoadScenario(filename=default_scenario_file(), data=same)
+
+
+@pytest.fixture(scope="module")
+def station(scenario: Scenario) -> Station:
+    return MakeStation(scenario, cameras=False)
+
+
+def watch(
+    station: Station, X_WO: RigidTransform, *, rod: str = "rod"
+) -> tuple[HangingJudge, frozenset[str]]:
+    """Lets the mug go at a pose; returns the judge after that, and all links that it touched."""
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    SetObjectPose(station, context, X_WO)
+    inspector = station.scene_graph().model_inspector()
+    holder = HolderGeometries(station.plant(), inspector, "rack", rod)
+    judge, touched = HangingJudge(fixture="rack", holder=holder), frozenset[str]()
+    for time in np.arange(1, 1 + round(32 * DURATION)) / 32:
+        simulator.AdvanceTo(time)
+        now = TouchedGeometries(
+            station.plant(),
+            inspector,
+            station.GetOutputPort("contact_results").Eval(context),
+            "mug",
+        )
+        judge.observe(time, now)
+        touched |= judge.touched_links
+    return judge, touched
+
+
+def test_a_mug_on_the_rod_hangs(station: Station, scenario: Scenario) -> None:
+    scene = DemonstrationScene(scenario, cameras=False)
+    motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
+
+    dut, touched = watch(station, RigidTransform(motion.pose(motion.duration)))
+
+    assert "rack::rod" in touched
+    # It is let go 3 mm above the rod and may bounce; from then on it hangs.
+    assert dut.hanging_time(DURATION) > 0.5 * DURATION
+
+
+def test_a_mug_on_the_table_does_not_hang(station: Station) -> None:
+    dut, touched = watch(station, RigidTransform([0.45, -0.1, 0.0005]))
+
+    assert touched == {"table::table"}
+    assert dut.hanging_time(DURATION) == 0.0
+
+
+def test_a_mug_that_stands_on_the_racks_base_does_not_hang(station: Station) -> None:
+    # Beside the post, its handle away from it, with the whole bottom on the plate.
+    place = RigidTransform(RollPitchYaw(0, 0, np.pi), [0.49, 0.30, BASE_TOP + 0.0005])
+
+    dut, touched = watch(station, place)
+
+    assert "rack::stand" in touched
+    assert "table::table" not in touched
+    assert dut.hanging_time(DURATION) == 0.0
+
+
+def test_other_geometries_of_the_link_that_holds_do_not_count(station: Station) -> None:
+    # As above; the post is a geometry of the same link as the plate.
+    place = RigidTransform(RollPitchYaw(0, 0, np.pi), [0.49, 0.30, BASE_TOP + 0.0005])
+
+    dut, touched = watch(station, place, rod="po[a-z]t")
+
+    assert dut.holder == {"rack::stand::post"}
+    assert "rack::stand" in touched
+    assert dut.hanging_time(DURATION) == 0.0
+
+
+def test_a_mug_that_lies_across_the_edge_of_the_racks_base_does_not_hang(
+    station: Station,
+) -> None:
+    # Less than half of the bottom is above the plate, which ends at x = 0.47: it tips over.
+    place = RigidTransform(RollPitchYaw(0, 0, np.pi), [0.45, 0.30, BASE_TOP + 0.0005])
+
+    dut, touched = watch(station, place)
+
+    assert {"table::table", "rack::stand"} <= touched
+    assert dut.hanging_time(DURATION) == 0.0

@@ -1,0 +1,111 @@
+"""Who sees what at one instant between the cameras and the propagator, on rendered images.
+
+Images appear at their delay; the propagator then says how the object has moved until their capture;
+one control period later the tracker takes them, with that motion; its points come at the latency.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, LeafSystem
+from short_skill import short_plan
+
+from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
+from poil_drake.systems.detection.part_detector import PartDetector
+from poil_drake.systems.propagation.fk_propagator import FkPropagator
+from poil_drake.systems.tracking.point_tracker import PointTracker
+
+pytestmark = pytest.mark.render
+
+CONTROL, TRACKER, DELAY, LATENCY = 1 / 256, 1 / 8, 3 / 32, 3 / 16
+LOOK = DELAY + CONTROL
+
+
+class Event(NamedTuple):
+    """An event handler was called; the image time, or the stamp, that it saw at a port."""
+
+    time: float
+    who: str
+    seen: float
+
+
+WATCHED: dict[str, tuple[type[LeafSystem], str, str]] = {
+    "expose": (DelayedCameras, "_capture", ""),
+    "show": (DelayedCameras, "_release", ""),
+    "detect": (PartDetector, "_update", "left.image_time"),
+    "look": (PointTracker, "_capture", "left.image_time"),
+    "release": (PointTracker, "_release", ""),
+    "propagate": (FkPropagator, "_update", "tracked_points"),
+    "move": (FkPropagator, "_update", "image_time"),
+}
+
+
+@pytest.fixture(scope="module")
+def events() -> list[Event]:
+    """What happened in the first half second of a loop."""
+    noted: list[Event] = []
+    with pytest.MonkeyPatch.context() as patch:
+        for who, (system, method, port) in WATCHED.items():
+            patch.setattr(system, method, _noting(noted, who, getattr(system, method), port))
+        loop = MakeClosedLoop(ChooseScenario(), short_plan())
+        Simulator(loop.diagram).AdvanceTo(0.5)
+        loop.Close()
+    return noted
+
+
+def _noting(
+    noted: list[Event], who: str, handler: Callable[..., None], port: str
+) -> Callable[..., None]:
+    def note(self: LeafSystem, context: Context, *state: Any) -> None:
+        value = self.GetInputPort(port).Eval(context) if port else np.array([np.nan])
+        seen = value[0] if isinstance(value, np.ndarray) else value.stamp
+        noted.append(Event(context.get_time(), who, float(seen)))
+        handler(self, context, *state)
+
+    return note
+
+
+def times(events: list[Event], who: str) -> list[float]:
+    return [event.time for event in events if event.who == who]
+
+
+def seen_by(events: list[Event], who: str) -> dict[float, float]:
+    return {event.time: event.seen for event in events if event.who == who}
+
+
+def test_everything_comes_at_its_time(events: list[Event]) -> None:
+    assert times(events, "expose") == [k * TRACKER for k in range(4)]
+    assert times(events, "show") == [k * TRACKER + DELAY for k in range(4)]
+    assert times(events, "detect") == [k * TRACKER + LOOK for k in range(4)]
+    assert times(events, "look") == [k * TRACKER + LOOK for k in range(4)]
+    assert times(events, "release") == [k * TRACKER + LATENCY for k in range(3)]
+
+
+def test_tracker_and_detector_look_at_images_as_soon_as_they_are_there(
+    events: list[Event],
+) -> None:
+    for who in ("look", "detect"):
+        assert seen_by(events, who) == {k * TRACKER + LOOK: k * TRACKER for k in range(4)}
+
+
+def test_the_propagator_knows_of_the_images_before_the_tracker_looks(events: list[Event]) -> None:
+    image_times = seen_by(events, "move")
+
+    np.testing.assert_equal(image_times[DELAY - CONTROL], np.nan)
+    assert image_times[DELAY] == 0.0
+    assert image_times[TRACKER + DELAY - CONTROL] == 0.0
+    assert image_times[TRACKER + DELAY] == TRACKER
+
+
+def test_the_propagator_sees_a_track_at_the_instant_of_its_release(events: list[Event]) -> None:
+    stamps = seen_by(events, "propagate")
+
+    assert stamps[LATENCY - CONTROL] == -np.inf
+    assert stamps[LATENCY] == 0.0
+    assert stamps[TRACKER + LATENCY - CONTROL] == 0.0
+    assert stamps[TRACKER + LATENCY] == TRACKER

@@ -1,0 +1,316 @@
+"""What a log must hold to be replayed, and what a user may ask for."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from mcap.records import Message
+from recorded_runs import moving_plan, record, rewritten, write_samples
+from short_skill import short_plan, short_scenario
+
+from poil_drake.diagrams.replay.contents import NotesOn
+from poil_drake.diagrams.replay.setup import RECORDED, SetUpReplay
+from poil_drake.diagrams.run.open_run_log import OpenRunLog
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.errors import PoilError, RunLogError, ScenarioError
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.comparison.tolerances import (
+    CONTROL_TOLERANCES,
+    PERCEPTION_TOLERANCES,
+    ReplayTolerances,
+)
+from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.recording.run_log.writer import RunLogWriter
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    return record(path, short_scenario(), short_plan(), 0.125)
+
+
+def test_a_log_says_what_was_run(log: Path) -> None:
+    dut = SetUpReplay(log)
+
+    assert dut.scenario.poil == short_scenario().poil
+    assert dut.scenario.source.name == "HangMug"
+    assert dut.plan.object_label == "mug"
+    assert (dut.station, dut.tracker, dut.changed, dut.notes) == ("simulated", RECORDED, False, ())
+
+
+def test_settings_are_laid_over_those_of_the_run(log: Path) -> None:
+    dut = SetUpReplay(log, scenario_text="{poil: {eta: 1.5}}")
+
+    assert dut.scenario.poil.eta == 1.5
+    assert dut.scenario.poil.object == short_scenario().poil.object
+    assert dut.changed
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("scenario.yaml", "holds no scenario"), ("plan.npz", "holds no plan")],
+)
+def test_an_attachment_that_is_missing_is_named(
+    log: Path, tmp_path: Path, name: str, said: str
+) -> None:
+    older = rewritten(log, tmp_path / "older.mcap", attachment=lambda a: a.name != name)
+
+    with pytest.raises(RunLogError, match=f"{said}.*An older version wrote it"):
+        SetUpReplay(older)
+
+
+def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
+    with OpenRunLog(tmp_path / "run.mcap", plan=short_plan(), scenario=short_scenario()):
+        pass
+
+    with pytest.raises(RunLogError, match="holds no joint states"):
+        SetUpReplay(tmp_path / "run.mcap")
+
+
+def test_a_log_that_was_cut_off_too_early_says_so(log: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[:5000])
+
+    with pytest.raises(RunLogError, match=r"holds no .*is cut off"):
+        SetUpReplay(cut)
+
+
+@pytest.mark.parametrize(
+    ("scenario_text", "plan", "said"),
+    [
+        ("A: {poil: {etta: 2}}", None, "The scenario in the log.*etta"),
+        ("A: [", None, "The scenario in the log.*not valid YAML"),
+        (None, b"PK no plan", "plan.npz' cannot be read"),
+    ],
+)
+def test_damaged_attachments_are_named(
+    tmp_path: Path, scenario_text: str | None, plan: bytes | None, said: str
+) -> None:
+    path = tmp_path / "run.mcap"
+    with RunLogWriter(path, scenario_text=scenario_text or "A: {}", plan=plan or b"") as log:
+        log.write_joint_states([f"panda_joint{i}" for i in range(1, 8)], time=0.0)
+
+    with pytest.raises(RunLogError, match=said) as caught:
+        SetUpReplay(path)
+
+    assert str(tmp_path / "scenario.yaml") not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tracker", "text", "said"),
+    [
+        ("magic", None, "no point tracker 'magic'"),
+        ("rigid_flow", None, "no images of the camera 'left'"),
+        (None, "{poil: {etta: 2}}", "etta"),
+        ("rigid_flow", "{poil: {detector: magic}}", "no part detector 'magic'"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused(
+    log: Path, tmp_path: Path, tracker: str | None, text: str | None, said: str
+) -> None:
+    seen = dataclasses.replace(short_scenario(), cameras=ChooseScenario().cameras)
+    path = tmp_path / "run.mcap"
+    with OpenRunLog(path, plan=short_plan(), scenario=seen) as writer:
+        write_samples(writer)
+
+    with pytest.raises(PoilError, match=said):
+        SetUpReplay(path, tracker=tracker, scenario_text=text)
+
+
+def test_the_truth_is_not_in_a_log_of_images(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario()) as writer:
+        write_samples(writer)
+
+    with pytest.raises(RunLogError, match="does not hold the truth"):
+        SetUpReplay(path, tracker="ground_truth")
+    assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a run whose points were found, and whose arm moved."""
+    path = tmp_path_factory.mktemp("run") / "moving.mcap"
+    return record(path, short_scenario(), moving_plan(), 1.0)
+
+
+def without(source: Path, target: Path, topic: str, joints: str | None = None) -> Path:
+    """Copies a log without a topic, or without a field of its joint states."""
+
+    def change(found: str, message: Message) -> bytes | None:
+        if found != topic:
+            return message.data
+        if joints is None:
+            return None
+        states = JointStates.FromString(message.data)
+        for joint in states.joints:
+            joint.ClearField(joints)
+        return states.SerializeToString()
+
+    return rewritten(source, target, message=change)
+
+
+@pytest.mark.parametrize(
+    ("topic", "joints", "said"),
+    [
+        ("/robot/joint_states", None, "no joint states"),
+        ("/robot/joint_commands", None, "no joint velocities"),
+        ("/robot/joint_commands", "position", "no joint positions"),
+        ("/robot/status", None, "no modes"),
+        ("/hand/status", None, "no openings"),
+        ("/points/tracked", None, "no tracks"),
+        ("/tracker/times", None, "no times of frames"),
+    ],
+)
+def test_a_topic_without_which_nothing_moves_is_named(
+    moving: Path, tmp_path: Path, topic: str, joints: str | None, said: str
+) -> None:
+    lacking = without(moving, tmp_path / "lacking.mcap", topic, joints)
+
+    with pytest.raises(RunLogError, match=f"holds {said}.* in the topic {topic}") as caught:
+        SetUpReplay(lacking)
+
+    assert "Replay a log that poil run or poil execute writes" in caught.value.remedy
+
+
+def test_topics_are_not_missed_where_nothing_came_of_them(log: Path, tmp_path: Path) -> None:
+    # The arm stood still.
+    lacking = without(log, tmp_path / "lacking.mcap", "/robot/joint_commands", "position")
+
+    assert SetUpReplay(lacking).notes == ()
+
+
+def looked_at(path: Path, *, station: str, camera: CameraModel) -> Path:
+    """Writes a log with an image of each camera, and a track of what it showed."""
+    with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario(), station=station) as log:
+        write_samples(log)
+        for name in ("left", "right"):
+            log.write_image(name, np.zeros((480, 640, 3), np.uint8), time=0.0)
+            log.write_depth(name, np.ones((480, 640), np.float32), time=0.0)
+            log.write_label(name, np.ones((480, 640), np.int16), time=0.0)
+        log.write_calibration(camera, time=0.0)
+        log.write_points("tracked", np.eye(3), time=0.0, confidence=np.ones(3), exact=True)
+        log.write_status("/tracker/times", {"begun": 0.0}, time=0.0)
+    return path
+
+
+CAMERA = CameraModel("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(4))
+
+
+def test_searches_are_missed_only_where_images_are_searched_again(tmp_path: Path) -> None:
+    path = looked_at(tmp_path / "run.mcap", station="hardware", camera=CAMERA)
+
+    with pytest.raises(RunLogError, match="in the topic /detector/times") as caught:
+        SetUpReplay(path)
+
+    assert "--tracker recorded" in caught.value.remedy
+    assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
+
+
+def test_times_that_are_not_known_are_noted(tmp_path: Path) -> None:
+    path = looked_at(tmp_path / "run.mcap", station="hardware", camera=CAMERA)
+    run = load_recorded_run(path, joint_names=ARM_JOINTS)
+
+    notes = NotesOn(run, ChooseScenario(), repeat_tracks=False)
+
+    assert ["the time by the clock" in notes[0], "/cameras/status" in notes[1]] == [True, True]
+    assert len(NotesOn(run, ChooseScenario(), repeat_tracks=True)) == 1
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ((1.7e9, 1.7e9 + 0.5), "from 1.7e+09 s to 1.7e+09 s, without any between 0 s and 1.7e+09"),
+        ((0.0, 0.5, 3600.0), "from 0 s to 3600 s, without any between 0.5 s and 3600 s"),
+    ],
+)
+def test_a_log_of_other_times_is_refused(
+    tmp_path: Path, times: tuple[float, ...], said: str
+) -> None:
+    path = tmp_path / "run.mcap"
+    with OpenRunLog(path, plan=short_plan(), scenario=short_scenario()) as writer:
+        write_samples(writer, times)
+
+    with pytest.raises(RunLogError, match=re.escape(said)) as caught:
+        SetUpReplay(path)
+
+    assert "begins at the time 0" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("{poil: {rates: {plant: 1/1024}}}", "poil.rates.plant"),
+        ("{poil: {rates: {control: 1/512, plant: 1/512}}}", "poil.rates.plant"),
+        ("{poil: {rates: {tracker: 1/4}}}", "poil.rates.tracker"),
+        ("{poil: {latency: 1/4}}", "poil.latency"),
+        ("{cameras: {left: {output_delay: 0}, right: {output_delay: 0}}}", "output_delay"),
+    ],
+)
+def test_times_are_the_runs(tmp_path: Path, text: str, key: str) -> None:
+    path = looked_at(tmp_path / "run.mcap", station="simulated", camera=CAMERA)
+
+    with pytest.raises(ScenarioError, match=f"{key} is .* a replay keeps the run's times"):
+        SetUpReplay(path, scenario_text=text, tracker=RECORDED)
+
+
+@pytest.mark.parametrize(
+    ("text", "moved"),
+    [
+        (None, False),
+        ("{poil: {eta: 2}}", False),
+        ("{cameras: {left: {X_PB: {translation: [1, 0, 1]}}}}", True),
+    ],
+)
+def test_it_is_known_if_a_user_moved_cameras(tmp_path: Path, text: str | None, moved: bool) -> None:
+    path = looked_at(tmp_path / "run.mcap", station="simulated", camera=CAMERA)
+
+    assert SetUpReplay(path, scenario_text=text, tracker=RECORDED).cameras_moved is moved
+
+
+def test_points_that_moved_the_arm_slowly_must_agree_better(moving: Path, tmp_path: Path) -> None:
+    def usual(station: str) -> ReplayTolerances:
+        path = tmp_path / f"{station}.mcap"
+        scenario = ChooseScenario()
+        with OpenRunLog(path, plan=short_plan(), scenario=scenario, station=station) as writer:
+            write_samples(writer)
+            for name in ("left", "right"):
+                writer.write_image(name, np.zeros((480, 640, 3), np.uint8), time=0.0)
+                writer.write_depth(name, np.ones((480, 640), np.float32), time=0.0)
+                writer.write_label(name, np.ones((480, 640), np.int16), time=0.0)
+        return SetUpReplay(path).tolerances
+
+    assert usual("simulated") == PERCEPTION_TOLERANCES
+    assert usual("hardware") == PERCEPTION_TOLERANCES.at_speed(0.2)
+    assert SetUpReplay(moving).tolerances == CONTROL_TOLERANCES
+
+
+def test_what_a_log_lacks_is_noted(log: Path, tmp_path: Path) -> None:
+    def seldom(topic: str, message: Message) -> bytes | None:
+        sparse = topic == "/robot/joint_states" and message.log_time % 31_250_000
+        return None if sparse else message.data
+
+    def spoil(values: dict[str, str]) -> dict[str, str]:
+        return values | {"dropped_messages": "12", "drake_version": "0.1"}
+
+    spoilt = rewritten(log, tmp_path / "spoilt.mcap", message=seldom, metadata=spoil)
+    notes = "; ".join(SetUpReplay(spoilt).notes)
+
+    assert "logged every 0.03125 s only" in notes
+    assert "lacks 12 messages" in notes
+    assert "written with drake 0.1" in notes
+
+
+def test_the_log_of_a_replay_is_told_from_one_of_a_run(log: Path, tmp_path: Path) -> None:
+    def of_a_replay(values: dict[str, str]) -> dict[str, str]:
+        return values | {"replay_of": "first.mcap"}
+
+    spoilt = rewritten(log, tmp_path / "again.mcap", metadata=of_a_replay)
+
+    assert SetUpReplay(spoilt).notes == (
+        "this is the log of a replay, of first.mcap, and of no run",
+    )

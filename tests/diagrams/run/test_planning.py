@@ -1,0 +1,22 @@
+from pathlib import Path
+
+import pytest
+
+from poil_drake.diagrams.run.planning import PlanScenario
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.errors import PlanningError
+
+
+@pytest.mark.render
+def test_a_plan_keeps_to_the_box_that_the_supervisor_keeps(demonstration: Path) -> None:
+    # The gripper is 0.45 m above the robot's base at the start.
+    scenario = ChooseScenario(
+        data="{poil: {safety: {posture: {gripper_upper: [0.85, 0.85, 0.4]}}}}"
+    )
+
+    with pytest.raises(
+        PlanningError, match=r"stands outside .*gripper_upper\[2\] is 0.4 m"
+    ) as info:
+        PlanScenario(scenario, demonstration)
+
+    assert "poil.safety.posture" in info.value.remedy

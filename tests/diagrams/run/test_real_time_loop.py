@@ -1,0 +1,228 @@
+import gc
+import sys
+import time
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, LeafSystem, State
+
+from poil_drake.diagrams.run import real_time_loop
+from poil_drake.diagrams.run.real_time_loop import (
+    LoopTiming,
+    QuietInterpreter,
+    RealTimeLoop,
+    RealTimeLoopConfig,
+)
+from poil_drake.runtime.interpreter_turns import TURNS
+
+PERIOD = 1 / 256
+
+
+class FakeTime:
+    """Stands for the module: time passes only where somebody sleeps or works."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def perf_counter(self) -> float:
+        return self.now
+
+    def sleep(self, duration: float) -> None:
+        self.now += duration
+
+
+class Worker(LeafSystem):
+    """Works for a while in each period, and in one of them for longer."""
+
+    def __init__(self, time: FakeTime, *, slow_tick: int | None = None, pause: float = 0.0):
+        super().__init__()
+        self._time, self._slow_tick, self._pause = time, slow_tick, pause
+        self.ticks = 0
+        self.DeclarePeriodicPublishEvent(PERIOD, PERIOD, self._work)
+
+    def _work(self, context: Context) -> None:
+        self.ticks += 1
+        self._time.sleep(self._pause if self.ticks == self._slow_tick else 0.001)
+
+
+class TwoPhases(LeafSystem):
+    """Computes at the beginning of each period, and sends something three quarters later."""
+
+    def __init__(self, time: FakeTime, *, computing: float):
+        super().__init__()
+        self._time, self._computing = time, computing
+        self.began: list[float] = []
+        self.sent: list[float] = []
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self._compute)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.75 * PERIOD, self._send)
+
+    def _compute(self, context: Context, state: State) -> None:
+        self.began.append(self._time.now)
+        self._time.sleep(self._computing)
+
+    def _send(self, context: Context) -> None:
+        self.sent.append(self._time.now)
+
+
+@pytest.fixture
+def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    time = FakeTime()
+    monkeypatch.setattr(real_time_loop, "time", time)
+    return time
+
+
+def loop_of(worker: Worker, **config: float) -> RealTimeLoop:
+    return RealTimeLoop(Simulator(worker), period=PERIOD, config=RealTimeLoopConfig(**config))
+
+
+def test_each_tick_begins_when_it_is_due(fake_time: FakeTime) -> None:
+    dut = loop_of(Worker(fake_time))
+
+    dut.AdvanceTo(0.25)
+    dut.AdvanceTo(0.5)
+
+    starts = 100.0 + PERIOD * np.arange(128)
+    np.testing.assert_allclose(dut.timing.starts, starts, atol=1e-9)
+    np.testing.assert_allclose(dut.timing.durations, 0.001, atol=1e-9)
+    assert dut.timing.missed == 0
+
+
+def test_a_time_scale_slows_it_down(fake_time: FakeTime) -> None:
+    dut = loop_of(Worker(fake_time), time_scale=0.5)
+
+    dut.AdvanceTo(0.25)
+
+    np.testing.assert_allclose(np.diff(dut.timing.starts), PERIOD / 0.5, atol=1e-9)
+
+
+def test_after_a_short_delay_it_catches_up(fake_time: FakeTime) -> None:
+    # The tenth tick takes 10 ms, two and a half periods.
+    dut = loop_of(Worker(fake_time, slow_tick=10, pause=0.010))
+
+    dut.AdvanceTo(0.25)
+
+    starts = 100.0 + PERIOD * np.arange(64)
+    np.testing.assert_allclose(dut.timing.starts[:10], starts[:10], atol=1e-9)
+    # The next are late, and each takes 1 ms.
+    np.testing.assert_allclose(
+        dut.timing.starts[10:12], starts[9] + np.array([0.010, 0.011]), atol=1e-9
+    )
+    np.testing.assert_allclose(dut.timing.starts[13:], starts[13:], atol=1e-9)
+    # Of those only the first began more than a period after it was due.
+    assert dut.timing.missed == 1
+
+
+def test_after_a_long_delay_it_goes_on_from_there(fake_time: FakeTime) -> None:
+    dut = loop_of(Worker(fake_time, slow_tick=10, pause=0.030))
+
+    dut.AdvanceTo(0.25)
+
+    resumed = 100.0 + 9 * PERIOD + 0.030
+    np.testing.assert_allclose(dut.timing.starts[10:], resumed + PERIOD * np.arange(54), atol=1e-9)
+    # 30 ms less a period are six periods and a bit.
+    assert dut.timing.missed == 6
+
+
+@pytest.mark.parametrize("computing", [0.0005, 0.002])
+def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computing: float) -> None:
+    system = TwoPhases(fake_time, computing=computing)
+    dut = RealTimeLoop(
+        Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75, time_scale=0.5)
+    )
+
+    dut.AdvanceTo(0.125)
+
+    due = 100.0 + 2.0 * PERIOD * np.arange(32)
+    np.testing.assert_allclose(system.began, due, atol=1e-9)
+    np.testing.assert_allclose(system.sent, due + 2.0 * 0.75 * PERIOD, atol=1e-9)
+    np.testing.assert_allclose(dut.timing.durations, computing, atol=1e-9)
+
+
+def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime) -> None:
+    system = TwoPhases(fake_time, computing=0.9 * PERIOD)
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75))
+
+    dut.AdvanceTo(0.125)
+
+    due = 100.0 + PERIOD * np.arange(32)
+    np.testing.assert_allclose(system.sent, due + 0.9 * PERIOD, atol=1e-9)
+    assert dut.timing.missed == 0
+
+
+def test_other_threads_have_their_turn_while_it_waits(fake_time: FakeTime) -> None:
+    turns: list[bool] = []
+
+    class Asks(TwoPhases):
+        def _compute(self, context: Context, state: State) -> None:
+            turns.append(TURNS._free.is_set())
+
+    sleep, waits = fake_time.sleep, []
+
+    def observed(duration: float) -> None:
+        waits.append(TURNS._free.is_set())
+        sleep(duration)
+
+    fake_time.sleep = observed  # type: ignore[method-assign]
+    dut = RealTimeLoop(Simulator(Asks(fake_time, computing=0.0)), period=PERIOD)
+
+    dut.AdvanceTo(0.125)
+
+    # The first tick is due at once, and the loop never waited before it.
+    assert turns[1:] == [False] * 31
+    assert waits == [True] * 31
+    assert TURNS._free.is_set()
+
+
+def test_real_time_passes_in_between() -> None:
+    dut = RealTimeLoop(Simulator(Worker(FakeTime())), period=PERIOD)
+
+    start = time.perf_counter()
+    dut.AdvanceTo(0.125)
+
+    # The last of 32 ticks begins 31 periods after the first.
+    assert time.perf_counter() - start >= 31 * PERIOD
+
+
+def test_figures_are_percentiles() -> None:
+    timing = LoopTiming(
+        starts=[0.0, 0.004, 0.008, 0.016], lateness=[0.0, 0.0, 0.0, 0.004], durations=[0.001] * 4
+    )
+
+    figures = timing.figures()
+
+    assert figures["ticks"] == 4.0
+    assert figures["tick_period_p50_ms"] == pytest.approx(4.0)
+    assert figures["tick_period_max_ms"] == pytest.approx(8.0)
+    assert figures["tick_duration_p999_ms"] == pytest.approx(1.0)
+
+
+def test_the_worst_of_the_last_ticks_goes_to_the_log() -> None:
+    timing = LoopTiming(
+        starts=[0.0] * 3, lateness=[9.0, 0.2, 0.1], durations=[9.0, 0.1, 0.3], missed=4
+    )
+
+    assert timing.latest(ticks=2) == {"lateness": 0.2, "duration": 0.3, "missed": 4.0}
+
+
+def test_a_loop_that_never_ticked_has_no_percentiles() -> None:
+    assert LoopTiming().figures() == {"ticks": 0.0, "missed_ticks": 0.0}
+
+
+def test_the_interpreter_is_quiet_in_the_block_only() -> None:
+    before = sys.getswitchinterval()
+
+    with QuietInterpreter():
+        assert not gc.isenabled()
+        assert sys.getswitchinterval() < before
+    assert gc.isenabled()
+    assert sys.getswitchinterval() == before
+    assert gc.get_freeze_count() == 0
+
+
+def test_a_loop_for_which_nobody_waits_collects_as_ever() -> None:
+    before = sys.getswitchinterval()
+
+    with QuietInterpreter(collecting=True):
+        assert gc.isenabled()
+        assert sys.getswitchinterval() == before

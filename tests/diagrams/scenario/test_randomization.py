@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from pydrake.common.schema import Transform
+
+from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.randomization import ApplyRandomization, ObjectDirective
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import ScenarioError
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    return LoadScenario(filename=default_scenario_file())
+
+
+def draw(scenario: Scenario, seed: int) -> tuple[str, Transform]:
+    model = ObjectDirective(list(ApplyRandomization(scenario, seed).directives), "mug")
+    return model.file, model.default_free_body_pose["body"]
+
+
+def test_draws_lie_in_their_ranges_and_fill_them(scenario: Scenario) -> None:
+    draws = [draw(scenario, seed) for seed in range(200)]
+
+    files = {file for file, _ in draws}
+    positions = np.array([pose.translation for _, pose in draws])
+    assert files == set(scenario.poil.randomization.models)
+    np.testing.assert_allclose(positions.min(axis=0), [0.38, -0.25, 0], atol=0.01)
+    np.testing.assert_allclose(positions.max(axis=0), [0.55, 0.0, 0], atol=0.01)
+
+
+def test_the_turn_is_about_the_vertical(scenario: Scenario) -> None:
+    for seed in range(5):
+        R = draw(scenario, seed)[1].GetDeterministicValue().rotation().matrix()
+        np.testing.assert_allclose(R[2], [0, 0, 1], atol=1e-9)
+
+
+def test_a_seed_draws_the_same_again(scenario: Scenario) -> None:
+    first, again = ApplyRandomization(scenario, 3), ApplyRandomization(scenario, 3)
+
+    np.testing.assert_array_equal(
+        draw(scenario, 3)[1].translation, draw(scenario, 3)[1].translation
+    )
+    assert first.random_seed == again.random_seed
+    assert first.random_seed != ApplyRandomization(scenario, 4).random_seed
+
+
+def test_the_given_scenario_stays_as_it_is(scenario: Scenario) -> None:
+    before = ObjectDirective(list(scenario.directives), "mug").file
+
+    drawn = {draw(scenario, seed)[0] for seed in range(20)}
+
+    assert len(drawn) > 1
+    assert ObjectDirective(list(scenario.directives), "mug").file == before
+
+
+def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
+    fixed = LoadScenario(
+        data="{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}", defaults=scenario
+    )
+
+    file, pose = draw(fixed, 1)
+
+    model = ObjectDirective(list(fixed.directives), "mug")
+    given = model.default_free_body_pose["body"]
+    assert file == model.file
+    np.testing.assert_allclose(
+        pose.GetDeterministicValue().GetAsMatrix4(), given.GetDeterministicValue().GetAsMatrix4()
+    )
+
+
+def test_an_object_that_no_directive_adds_is_named(scenario: Scenario) -> None:
+    other = LoadScenario(data="{poil: {object: teapot}}", defaults=scenario)
+
+    with pytest.raises(ScenarioError, match=r"'teapot'.*table, rack, panda, mug"):
+        ApplyRandomization(other, 0)
+
+
+NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
+
+
+@pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
+def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str) -> None:
+    fixed = LoadScenario(
+        data=f"{{directives: {directives}}}",
+        defaults=LoadScenario(data=NO_RANGES, defaults=scenario),
+    )
+
+    dut = ApplyRandomization(fixed, 1)
+
+    assert len(dut.directives) == len(fixed.directives)
+    assert dut.random_seed == ApplyRandomization(scenario, 1).random_seed
+
+
+def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
+    text = (
+        "{poil: {randomization: {models: ['package://a/b.sdf'], x: [], y: [], yaw: []}},"
+        "directives: [{add_model: {name: mug, file: 'package://a/a.sdf'}}]}"
+    )
+
+    dut = ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)
+
+    assert dut.directives[0].add_model.file == "package://a/b.sdf"
+
+
+@pytest.mark.parametrize(
+    ("pose", "says"),
+    [
+        ("{}", "'mug' names 0 default poses.*leave out the ranges"),
+        (
+            "{body: {translation: [0, 0, 0]}, lid: {translation: [0, 0, 0]}}",
+            "names 2 default poses",
+        ),
+        (
+            "{body: {translation: !UniformVector {min: [0, 0, 0], max: [1, 1, 0]}}}",
+            "'mug' is random already",
+        ),
+    ],
+)
+def test_ranges_need_one_certain_pose(scenario: Scenario, pose: str, says: str) -> None:
+    text = (
+        "directives: [{add_model: {name: mug, file: 'package://a/a.sdf',"
+        f" default_free_body_pose: {pose}}}}}]"
+    )
+
+    with pytest.raises(ScenarioError, match=says):
+        ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)

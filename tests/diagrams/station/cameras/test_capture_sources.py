@@ -1,0 +1,118 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.hardware_config import IMAGE_BUS_URL, CameraSource, LcmImages
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.cameras.capture_sources import (
+    BusUrl,
+    CheckHardwareCameras,
+    ImageChannel,
+    MakeCaptureDevice,
+    SendsLabels,
+)
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
+from poil_drake.perception.images import CameraModel
+
+CAMERA = CameraModel(name="left", width=64, height=48, K=np.eye(3), X_WC=np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        (LcmImages(), "LcmImageDevice"),
+        (McapPlayback(file="lab.mcap"), "CameraPlayback"),
+        (OpenCvStreams(rgb="0", depth="1"), "OpenCvStreamsDevice"),
+    ],
+)
+def test_the_source_chooses_the_device(source: CameraSource, name: str) -> None:
+    device = MakeCaptureDevice(source, ChooseScenario(), CAMERA, clock=lambda: 0.0)
+
+    assert type(device).__name__ == name
+
+
+def test_a_network_that_the_scenario_does_not_define_is_the_usual_one() -> None:
+    scenario = ChooseScenario(data="{lcm_buses: {lab: {lcm_url: 'memq://lab'}}}")
+
+    assert BusUrl(scenario, "images", IMAGE_BUS_URL) == IMAGE_BUS_URL
+    assert BusUrl(scenario, "lab", IMAGE_BUS_URL) == "memq://lab"
+
+
+@pytest.mark.parametrize(
+    ("bus", "says"),
+    [
+        ("franka", "'franka', which lcm_buses does not define.*one of: default, lab, right, open"),
+        ("right", "lcm_buses.right.channel_suffix is '_RIGHT'"),
+    ],
+)
+def test_a_network_that_would_be_another_one_is_refused(bus: str, says: str) -> None:
+    scenario = ChooseScenario(
+        data="{lcm_buses: {lab: {lcm_url: 'memq://l'}, right: {channel_suffix: _RIGHT}, open: {}}}"
+    )
+
+    with pytest.raises(ScenarioError, match=says):
+        BusUrl(scenario, bus, IMAGE_BUS_URL)
+    # LCM would look into the environment.
+    assert BusUrl(scenario, "open", IMAGE_BUS_URL) == IMAGE_BUS_URL
+
+
+def test_images_come_on_drakes_own_channel_unless_another_is_named() -> None:
+    assert ImageChannel(LcmImages(), "left") == "DRAKE_RGBD_CAMERA_IMAGES_left"
+    named = dataclasses.replace(LcmImages(), channel="LAB_LEFT")
+    assert ImageChannel(named, "left") == "LAB_LEFT"
+
+
+@pytest.mark.parametrize(
+    ("source", "labelled"),
+    [
+        (LcmImages(), True),
+        (LcmImages(labels=False), False),
+        (McapPlayback(), True),
+        (McapPlayback(labels=False), False),
+        (RealSense(), False),
+        (Zed(), False),
+        (OpenCvStreams(), False),
+    ],
+)
+def test_only_messages_and_recordings_bring_labels(source: CameraSource, labelled: bool) -> None:
+    assert SendsLabels(source) is labelled
+
+
+def with_cameras(text: str) -> Scenario:
+    return ChooseScenario(data=f"{{poil: {{hardware: {{cameras: {{{text}}}}}}}}}")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "left: !RealSense {}, right: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {serial: '1'}",
+        "left: !Zed {}, right: !Zed {serial: 7}",
+        "left: !Zed {serial: 7}, right: !Zed {serial: 7}",
+    ],
+)
+def test_two_cameras_that_may_be_one_device_are_refused(text: str) -> None:
+    with pytest.raises(ScenarioError, match=r"'left' .*'right' .*cannot be told"):
+        CheckHardwareCameras(with_cameras(text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "left: !RealSense {}",
+        "left: !RealSense {serial: '1'}, right: !RealSense {serial: '2'}",
+        "left: !RealSense {}, right: !Zed {}",
+        "left: !LcmImages {}, right: !LcmImages {}",
+    ],
+)
+def test_cameras_that_can_be_told_from_each_other_are_taken(text: str) -> None:
+    CheckHardwareCameras(with_cameras(text))
+
+
+def test_a_camera_that_the_scenario_does_not_have_is_named() -> None:
+    with pytest.raises(ScenarioError, match="names 'top'"):
+        CheckHardwareCameras(with_cameras("top: !LcmImages {}"))

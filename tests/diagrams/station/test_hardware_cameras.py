@@ -1,0 +1,113 @@
+"""The cameras of the hardware station, without a robot and without their threads."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.station import hardware_station
+from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
+from poil_drake.errors import ScenarioError
+from poil_drake.perception.images import RgbdImage
+
+_NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://'}}"
+
+
+class Thread:
+    """In place of a capture thread: what it has seen is set by hand."""
+
+    def __init__(self, device: object, *, name: str, **options: object) -> None:
+        self.newest: RgbdImage | None = None
+        self.problem = ""
+        self.count = 0
+        self.name = name
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, Thread]:
+    made: dict[str, Thread] = {}
+
+    def make(device: object, **options: object) -> Thread:
+        thread = Thread(device, **options)  # type: ignore[arg-type]
+        made[thread.name] = thread
+        return thread
+
+    monkeypatch.setattr(hardware_station, "CaptureThread", make)
+    return made
+
+
+@pytest.fixture
+def make_station(threads: dict[str, Thread]) -> Callable[[str], Station]:
+    def make(cameras: str) -> Station:
+        text = f"{{{_NETWORKS}, poil: {{hardware: {{cameras: {{{cameras}}}}}}}}}"
+        return MakeStation(ChooseScenario(data=text), hardware=True)
+
+    return make
+
+
+def image(age: float) -> RgbdImage:
+    rgb, depth = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6), np.float32)
+    return RgbdImage(rgb, depth, time.time() - age)
+
+
+def test_a_camera_that_stopped_is_named_with_how_long_ago_and_why(
+    make_station: Callable[[str], Station], threads: dict[str, Thread]
+) -> None:
+    dut = make_station("")
+    limit = dut.scenario.poil.safety.image_age_limit
+    threads["left"].newest, threads["left"].problem = image(limit + 100.0), "It is unplugged"
+    threads["right"].newest = image(0.0)
+
+    assert dut.Problems() == (
+        "camera 'left': It is unplugged",
+        f"camera 'left': no new image for {limit + 100.0:.1f} s",
+    )
+
+
+def test_a_camera_without_any_image_yet_is_no_problem(
+    make_station: Callable[[str], Station], threads: dict[str, Thread]
+) -> None:
+    assert make_station("").Problems() == ()
+
+
+def test_a_camera_whose_clock_is_ahead_is_named(
+    make_station: Callable[[str], Station], threads: dict[str, Thread]
+) -> None:
+    dut = make_station("")
+    threads["right"].newest = image(-100.0)
+
+    (problem,) = dut.Problems()
+
+    assert problem.startswith("camera 'right': its images are stamped")
+    assert problem.endswith("s in the future: are the clocks in step?")
+
+
+def test_a_recording_with_labels_suits_a_detector_that_reads_them(
+    make_station: Callable[[str], Station],
+) -> None:
+    dut = make_station("left: !McapPlayback {file: a.mcap}, right: !LcmImages {}")
+
+    RequireLabels(dut)
+
+    assert dut.HasOutputPort("left.label_image")
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["!McapPlayback {file: a.mcap, labels: false}", "!OpenCvStreams {rgb: '0', depth: '1'}"],
+)
+def test_images_without_labels_do_not_suit_it_and_the_remedy_names_what_exists(
+    make_station: Callable[[str], Station], source: str
+) -> None:
+    dut = make_station(f"right: {source}")
+
+    with pytest.raises(ScenarioError, match=r"camera 'right' does not give.*!LcmImages.*!McapPl"):
+        RequireLabels(dut)

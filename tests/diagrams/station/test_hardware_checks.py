@@ -1,0 +1,23 @@
+import pytest
+
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.station.hardware_checks import CheckHardwareRun
+from poil_drake.errors import ScenarioError
+
+
+def test_the_packages_own_scenario_can_run() -> None:
+    CheckHardwareRun(ChooseScenario())
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("tracker: ground_truth", "hardware has none.*rigid_flow"),
+        ("hardware: {cameras: {left: !RealSense {serial: '1'}}}", "camera 'left' does not give"),
+        ("hardware: {cameras: {right: !OpenCvStreams {rgb: '0', depth: '1'}}}", "camera 'right'"),
+        ("hardware: {cameras: {left: !McapPlayback {file: no.mcap}}}", "left plays '.*no.mcap'"),
+    ],
+)
+def test_what_cannot_do_its_work_is_named(text: str, says: str) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        CheckHardwareRun(ChooseScenario(data=f"{{poil: {{{text}}}}}"))

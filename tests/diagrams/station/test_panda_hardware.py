@@ -1,0 +1,126 @@
+"""The hardware's end of the network against the simulated robot's, in one process and one time."""
+
+import numpy as np
+import pytest
+from network_bench import NetworkBench
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from system_bench import SystemBench
+
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.driver_station import MakeDriverStation
+from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
+from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.robots.velocity_limiter import VelocityLimiter
+from poil_drake.systems.ik.arm_plant import MakePandaKinematics
+from poil_drake.systems.safety.faults import SafetyConfig
+from poil_drake.systems.statuses import RobotMode
+
+PERIOD = 1 / 256
+WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])
+
+
+class HardwareBench(SystemBench):
+    """The dut and a simulated robot, advanced in turn."""
+
+    def __init__(self, scenario: Scenario, *, dry_run: bool = False) -> None:
+        self.robot = NetworkBench(lambda **network: MakeDriverStation(scenario, **network).diagram)
+        builder = DiagramBuilder()
+        self.hardware = AddPandaHardware(
+            builder=builder,
+            lcm=self.robot.lcm,
+            name="panda",
+            period=PERIOD,
+            limiter=VelocityLimiter(
+                limits=MakePandaKinematics().joint_limits,
+                period=PERIOD,
+                config=SafetyConfig().limiter,
+            ),
+            dry_run=dry_run,
+            clock=self.robot.now,
+        )
+        super().__init__(builder.Build())
+
+    def advance(self, duration: float) -> None:
+        for _ in range(round(duration / PERIOD)):
+            self.robot.advance(PERIOD)
+            super().advance(PERIOD)
+
+
+@pytest.fixture
+def bench(scenario: Scenario) -> HardwareBench:
+    return HardwareBench(scenario)
+
+
+def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
+    inputs = [system.get_input_port(k) for k in range(system.num_input_ports())]
+    outputs = [system.get_output_port(k) for k in range(system.num_output_ports())]
+    return {p.get_name(): p.size() for p in inputs}, {p.get_name(): p.size() for p in outputs}
+
+
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_ports_are_those_of_the_simulated_robot(scenario: Scenario, dry_run: bool) -> None:
+    bench = HardwareBench(scenario, dry_run=dry_run)
+    station_inputs, station_outputs = ports(MakeStation(scenario, cameras=False))
+
+    inputs, outputs = ports(bench.dut)
+
+    assert inputs.items() <= station_inputs.items()
+    assert outputs.items() <= station_outputs.items()
+    cheats = {"body_poses", "contact_results", "query_object", "plant_state"}
+    assert set(station_inputs) - set(inputs) == {"applied_spatial_force"}
+    assert set(station_outputs) - set(outputs) == cheats
+
+
+def test_arm_moves_as_commanded_and_is_seen_to(bench: HardwareBench) -> None:
+    bench.advance(0.1)
+    before = bench.read("panda.position_measured")
+
+    bench.fix("panda.velocity", WANTED)
+    bench.advance(0.5)
+
+    moved = bench.read("panda.position_measured") - before
+    np.testing.assert_allclose(moved, 0.5 * WANTED, atol=0.025)
+    mode, age, success = bench.read("panda.status")
+    assert mode == RobotMode.MOVE
+    assert abs(age) < 0.02
+    assert success == 1.0
+
+
+def test_hand_opens_and_closes(bench: HardwareBench) -> None:
+    bench.advance(0.2)
+
+    bench.fix("hand.width", 0.03)
+    bench.advance(1.3)
+
+    assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=2e-3)
+
+
+def test_before_the_first_status_nothing_moves(bench: HardwareBench) -> None:
+    bench.fix("panda.velocity", WANTED)
+
+    bench.simulator.AdvanceTo(0.1)  # without the robot
+
+    assert np.isnan(bench.read("panda.position_measured")).all()
+    assert bench.read("panda.status")[1] == np.inf
+    assert bench.robot.time == 0.0
+
+
+def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario) -> None:
+    bench = HardwareBench(scenario, dry_run=True)
+    sent = [bench.robot.hear(name) for name in ("PANDA_COMMAND", "PANDA_HAND_COMMAND")]
+    bench.advance(0.1)
+    before = bench.read("panda.position_measured")
+    real = bench.hardware.arm.newest
+    assert real is not None
+
+    bench.fix("panda.velocity", WANTED)
+    bench.fix("hand.width", 0.03)
+    bench.advance(0.5)
+
+    np.testing.assert_allclose(before, real.position, atol=1e-6)
+    moved = bench.read("panda.position_measured") - before
+    np.testing.assert_allclose(moved, 0.5 * WANTED, atol=2 * PERIOD)
+    assert bench.read("hand.width_measured")[0] == pytest.approx(0.03, abs=1e-6)
+    assert sent == [[], []]
+    assert bench.hardware.sender is None
+    np.testing.assert_allclose(bench.hardware.arm.newest.position, before, atol=1e-5)

@@ -1,0 +1,181 @@
+"""A replayed station has the ports of the others, and shows what the log says."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem
+from recorded_runs import record
+from short_skill import short_plan, short_scenario
+
+from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.station.replay_station import ReplayStation
+from poil_drake.models.panda_model import ARM_JOINTS
+from poil_drake.perception.images import RgbdImage
+from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.recording.run_log.recorded_run import RecordedRun
+from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
+
+PERIOD = 1 / 256
+ROBOT_PORTS = {
+    *("panda.velocity", "panda.velocity_time", "hand.width"),
+    *("panda.position_measured", "panda.velocity_measured", "panda.torque_external"),
+    *("panda.status", "hand.width_measured"),
+}
+
+
+def ports(station: object) -> set[str]:
+    inputs = [station.get_input_port(k) for k in range(station.num_input_ports())]
+    outputs = [station.get_output_port(k) for k in range(station.num_output_ports())]
+    return {port.get_name() for port in (*inputs, *outputs)}
+
+
+def wires(loop: ClosedLoop) -> set[tuple[str, str]]:
+    return {
+        (
+            f"{giver.get_name()}.{giver.get_output_port(output).get_name()}",
+            f"{taker.get_name()}.{taker.get_input_port(input_).get_name()}",
+        )
+        for (taker, input_), (giver, output) in loop.diagram.connection_map().items()
+    }
+
+
+class Controller(LeafSystem):
+    """Notes what its updates see of the first joint."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[float] = []
+        self.DeclareVectorInputPort("position", 7)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        self.seen.append(self.GetInputPort("position").Eval(context)[0])
+
+
+def empty_run(path: Path, **metadata: str) -> RecordedRun:
+    with RunLogWriter(path, metadata=metadata):
+        pass
+    return load_recorded_run(path, joint_names=ARM_JOINTS)
+
+
+def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
+    scenario, plan = short_scenario(), short_plan()
+    run = load_recorded_run(
+        record(tmp_path / "run.mcap", scenario, plan, 0.125), joint_names=ARM_JOINTS
+    )
+    with RunLogWriter(tmp_path / "simulated.mcap") as log:
+        simulated = MakeClosedLoop(scenario, plan, log=log)
+    station = ReplayStation(scenario, run, repeat_tracks=True)
+    with RunLogWriter(tmp_path / "replayed.mcap") as log:
+        replayed = MakeClosedLoop(scenario, plan, log=log, station=station)
+
+    assert replayed.station is station
+    assert isinstance(replayed.tracker, RecordedTracker)
+    # The truth came from the simulator; nobody else's wires differ.
+    only_there, only_here = wires(simulated) - wires(replayed), wires(replayed) - wires(simulated)
+    assert only_there == {("station.body_poses", "tracker.body_poses")}
+    assert only_here == {("station.replayed_position", "supervisor.replayed_position")}
+
+
+def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
+    run = empty_run(tmp_path / "run.mcap")
+
+    dut = ReplayStation(ChooseScenario(), run)
+
+    images = {
+        f"{camera}.{kind}"
+        for camera in ("left", "right")
+        for kind in ("rgb_image", "depth_image", "image_time")
+    }
+    assert ports(dut) == ROBOT_PORTS | images | {"replayed_position"}
+    assert dut.camera_names == ("left", "right")
+
+
+def test_before_the_first_message_nothing_is_known(tmp_path: Path) -> None:
+    dut = ReplayStation(ChooseScenario(), empty_run(tmp_path / "run.mcap"))
+    context = dut.CreateDefaultContext()
+
+    for name in ("panda.position_measured", "panda.status", "left.image_time"):
+        assert np.isnan(dut.GetOutputPort(name).Eval(context)).all()
+    assert dut.GetOutputPort("left.rgb_image").Eval(context).size() == 0
+    assert np.isnan(dut.ArmPosition(context)).all()
+    assert dut.clock is None
+
+
+def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RunLogWriter(path, metadata={"station": "simulated"}) as log:
+        image = RgbdImage(np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), 0.125)
+        log.write_image("left", image.rgb, time=0.25, stamp=0.125)
+        log.write_depth("left", image.depth, time=0.25, stamp=0.125)
+        log.write_label("left", np.full((480, 640), 3, np.int16), time=0.25, stamp=0.125)
+        log.write_label_ids({"cup": (3,)})
+    dut = ReplayStation(ChooseScenario(), load_recorded_run(path, joint_names=ARM_JOINTS))
+    context = dut.CreateDefaultContext()
+    shown = {}
+    # The package's cameras deliver after 3/32 s.
+    for time in (0.125 + 3 / 32 - PERIOD, 0.125 + 3 / 32):
+        context.SetTime(time)
+        shown[time] = dut.GetOutputPort("left.depth_image").Eval(context).size()
+
+    assert list(shown.values()) == [0, 480 * 640]
+    assert dut.GetOutputPort("left.label_image").Eval(context).data[0, 0, 0] == 3
+    assert not dut.HasOutputPort("right.label_image")
+    # What the log says, not what the models would have been given.
+    assert dut.label_ids == {"cup": (3,)}
+
+
+def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with RunLogWriter(path, metadata={"station": "hardware"}) as log:
+        log.write_image("left", np.zeros((480, 640, 3), np.uint8), time=0.5, stamp=0.4)
+        log.write_depth("left", np.ones((480, 640), np.float32), time=0.5, stamp=0.4)
+        looked = 127.5 * PERIOD
+        times = {"begun": looked, "released": np.nan, "released_of": np.nan}
+        log.write_status("/tracker/times", times, time=0.5)
+    dut = ReplayStation(ChooseScenario(), load_recorded_run(path, joint_names=ARM_JOINTS))
+    context = dut.CreateDefaultContext()
+    shown = []
+    for tick in (126, 127, 128):
+        context.SetTime(tick * PERIOD)
+        shown.append(dut.GetOutputPort("left.image_time").Eval(context)[0])
+
+    np.testing.assert_array_equal(shown, [np.nan, 0.4, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("station", "offset", "unknown", "seen"),
+    [
+        # What is received is seen before it is logged; what moves by itself when it is logged.
+        ("hardware", 0.0, 1, [1.0, 2.0, 3.0]),
+        ("simulated", 0.0, 1, [1.0, 2.0, 3.0]),
+        # Known from the moment that the real arm was measured, and then its own.
+        ("dry_run", 0.0, 1, [1.0, 1.0, 2.0]),
+        # Logged within the periods: what the updates at their beginning left.
+        ("dry_run", PERIOD / 2, 0, [0.0, 0.0, 1.0]),
+        ("dry_run", PERIOD / 2, 1, [np.nan, 1.0, 1.0]),
+    ],
+)
+def test_measurements_are_seen_when_they_were(
+    tmp_path: Path, station: str, offset: float, unknown: int, seen: list[float]
+) -> None:
+    run = empty_run(tmp_path / "run.mcap", station=station)
+    samples = [
+        (k * PERIOD + offset, np.full(21, np.nan if k < unknown else float(k))) for k in range(4)
+    ]
+    run = dataclasses.replace(run, joints=Series.of(samples, 21))
+    builder = DiagramBuilder()
+    dut = builder.AddSystem(ReplayStation(ChooseScenario(), run))
+    controller = builder.AddSystem(Controller())
+    builder.Connect(
+        dut.GetOutputPort("panda.position_measured"), controller.GetInputPort("position")
+    )
+    Simulator(builder.Build()).AdvanceTo(3 * PERIOD)
+
+    np.testing.assert_array_equal(controller.seen, seen)

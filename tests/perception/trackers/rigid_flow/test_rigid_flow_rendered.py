@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
+from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.geometry.sampling import farthest_point_sampling
+from poil_drake.geometry.unprojection import unproject
+from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
+
+
+@pytest.mark.render
+def test_follows_the_handle_through_the_package_s_own_demonstration():
+    scenario = ChooseScenario()
+    scene = DemonstrationScene(scenario)
+    motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
+    # To the end, where a rod of the mug's colour goes through the handle.
+    times = np.arange(0.0, motion.duration, 1 / 8)
+    scene.put_object(motion.pose(0.0))
+    first = scene.capture(0.0, labels=True)
+    seen = LabelImageDetector().detect(first, object_label="mug", part_label="handle")
+    points = handle_points(first, seen.part_masks)
+    dut = RigidFlowTracker()
+    output = dut.start(first, points, seen.object_masks)
+
+    errors, confidences = [], []
+    for time in times[1:].tolist():
+        scene.put_object(motion.pose(time))
+        output = dut.step(output.state, scene.capture(time, labels=False))
+        truth = transform_points(motion.pose(time) @ inverse(motion.pose(0.0)), points)
+        assert not output.lost
+        errors.append(np.linalg.norm(output.points.positions - truth, axis=1))
+        confidences.append(output.points.confidence.mean())
+
+    # The goals that the tracker was built for.
+    assert np.median(errors) < 3e-3
+    assert np.percentile(errors, 95) < 10e-3
+    assert np.max(errors) < 15e-3
+    assert np.median(confidences[-8:]) > 0.5
+
+
+def handle_points(frame, part_masks):
+    """Ten points on the part, spread over what the cameras see of it."""
+    clouds = []
+    for camera, image, mask in zip(frame.cameras, frame.images, part_masks, strict=True):
+        trusted = clean_mask(mask, image.depth, DepthMaskConfig())
+        points_C, _ = unproject(image.depth, camera.K, trusted)
+        clouds.append(transform_points(camera.X_WC, points_C))
+    cloud = np.concatenate(clouds)
+    return cloud[farthest_point_sampling(cloud, 10)]

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.planning.joint_timing import JointTimingConfig, time_joint_path
+
+SPEEDS = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
+
+
+def bent_path(seed: int, count: int = 30) -> np.ndarray:
+    """A smooth random path (count, 7)."""
+    rng = np.random.default_rng(seed)
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    turn, bend = rng.uniform(-1.0, 1.0, (2, 7))
+    return share * turn + 0.3 * bend * np.sin(np.pi * share)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 1000))
+def test_limits_are_kept_from_rest_to_rest(seed: int):
+    config = JointTimingConfig()
+    path = bent_path(seed)
+
+    dut = time_joint_path(path, SPEEDS, config=config)
+
+    assert_allclose(dut.positions[[0, -1]], path[[0, -1]], atol=1e-9)
+    assert_allclose(dut.velocities[[0, -1]], 0.0)
+    # 5 % for the path's speed being bounded at samples only.
+    assert np.all(np.abs(dut.velocities) <= 1.05 * config.velocity_scale * SPEEDS)
+    acceleration = np.diff(dut.velocities, axis=0) / np.diff(dut.times)[:, None]
+    limits = config.acceleration_scale * np.array(config.acceleration)
+    assert np.all(np.abs(acceleration) <= 1.05 * limits)
+
+
+def test_velocities_are_those_of_the_positions():
+    dut = time_joint_path(bent_path(2), SPEEDS)
+
+    differences = np.gradient(dut.positions, dut.times, axis=0)
+    assert_allclose(differences[2:-2], dut.velocities[2:-2], atol=0.01)
+
+
+def test_motion_stays_on_the_path():
+    path = bent_path(3, count=200)
+
+    dut = time_joint_path(path, SPEEDS)
+
+    gaps = np.linalg.norm(dut.positions[:, None] - path, axis=-1).min(axis=1)
+    assert gaps.max() < 0.01
+
+
+def test_motion_takes_at_least_the_least_duration():
+    assert time_joint_path(bent_path(4), SPEEDS, min_duration=9.0).duration >= 9.0
+
+
+def test_long_straight_motion_reaches_the_allowed_speed():
+    config = JointTimingConfig()
+    path = np.linspace(0.0, 2.0, 50)[:, None] * np.eye(7)[0]
+
+    dut = time_joint_path(path, SPEEDS, config=config)
+
+    assert_allclose(np.abs(dut.velocities).max(), config.velocity_scale * SPEEDS[0], rtol=0.02)
+
+
+def test_path_that_stands_still_is_refused():
+    with pytest.raises(InvalidValueError, match="does not move"):
+        time_joint_path(np.zeros((3, 7)), SPEEDS)

@@ -1,0 +1,95 @@
+"""Whatever happened to a file, loading it either works or raises a DemonstrationError."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from poil_drake.errors import DemonstrationError
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
+
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A small, whole recording, and a place for its damaged copies."""
+    directory = tmp_path_factory.mktemp("damaged")
+    K = np.array([[8.0, 0, 4], [0, 8, 3], [0, 0, 1]])
+    rng = np.random.default_rng(0)
+    with DemonstrationWriter(directory / "whole.mcap", ["top"], {"seed": "1"}) as writer:
+        for i in range(COUNT):
+            rgb = rng.integers(0, 255, (6, 8, 3), dtype=np.uint8)
+            image = RgbdImage(rgb, rng.random((6, 8), dtype=np.float32), i / 8)
+            writer.write(MultiViewFrame((CameraModel("top", 8, 6, K, np.eye(4)),), (image,)))
+    return (directory / "whole.mcap").read_bytes(), directory / "damaged.mcap"
+
+
+def load_all(path):
+    return [frame.images[0] for frame in load_demonstration(path).frames]
+
+
+@settings(max_examples=150)
+@given(fraction=st.floats(0.0, 1.0, exclude_max=True))
+def test_a_cut_off_file_is_refused(recording, fraction):
+    whole, path = recording
+    path.write_bytes(whole[: int(fraction * len(whole))])
+
+    with pytest.raises(DemonstrationError, match=r"damaged\.mcap"):
+        load_all(path)
+
+
+def test_a_cut_off_file_can_be_recovered(recording):
+    whole, path = recording
+    path.write_bytes(whole[:-200])
+
+    with pytest.raises(DemonstrationError, match=r"cut off.*mcap recover"):
+        load_all(path)
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_a_damaged_byte_is_noticed_or_does_not_matter(recording, data):
+    whole, path = recording
+    at = data.draw(st.integers(0, len(whole) - 1))
+    change = data.draw(st.integers(1, 255))
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ change]) + whole[at + 1 :])
+
+    try:
+        images = load_all(path)
+    except DemonstrationError:
+        return
+    path.write_bytes(whole)
+    for damaged, wanted in zip(images, load_all(path), strict=True):
+        np.testing.assert_array_equal(damaged.rgb, wanted.rgb)
+        np.testing.assert_array_equal(damaged.depth, wanted.depth)
+
+
+@settings(max_examples=100)
+@given(content=st.binary(max_size=300), with_magic=st.booleans())
+def test_any_other_bytes_are_refused(recording, content, with_magic):
+    whole, path = recording
+    path.write_bytes(whole[:8] * with_magic + content)
+
+    with pytest.raises(DemonstrationError, match=r"damaged\.mcap"):
+        load_all(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "is empty"), (b"\x89MCA", "is cut off"), (b"ply\nformat ascii", "is not an MCAP file")],
+)
+def test_what_is_no_mcap_file_is_named(recording, content, words):
+    _, path = recording
+    path.write_bytes(content)
+
+    with pytest.raises(DemonstrationError, match=words):
+        load_demonstration(path)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path):
+    with pytest.raises(DemonstrationError, match=r"none\.mcap cannot be read: No such file"):
+        load_demonstration(tmp_path / "none.mcap")
+    with pytest.raises(DemonstrationError, match="cannot be read"):
+        load_demonstration(tmp_path)

@@ -1,0 +1,150 @@
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from poil_drake.errors import DemonstrationError
+from poil_drake.recording.demonstration.demonstration import (
+    Demonstration,
+    DemonstrationWriter,
+    load_demonstration,
+)
+from poil_drake.recording.demonstration.recorded_frames import RecordedFrames
+from poil_drake.recording.mcap.image_messages import ColorEncoding
+
+
+@pytest.fixture
+def record(tmp_path, make_frame):
+    def record_(count=5, labelled=lambda i: False, height=lambda i: 0.6, **kwargs):
+        path = tmp_path / "demo.mcap"
+        frames = [make_frame(i, labelled=labelled(i), height=height(i)) for i in range(count)]
+        with DemonstrationWriter(path, ["left", "right"], {"seed": "7"}, **kwargs) as dut:
+            for frame in frames:
+                dut.write(frame)
+        return path, frames
+
+    return record_
+
+
+def test_depth_comes_back_to_half_a_millimetre(record):
+    path, frames = record()
+
+    for loaded, written in zip(load_demonstration(path).frames, frames, strict=True):
+        for a, b in zip(loaded.images, written.images, strict=True):
+            assert np.abs(a.depth - b.depth).max() <= 0.5e-3 + 1e-6
+            np.testing.assert_array_equal(a.depth == 0.0, b.depth == 0.0)
+
+
+@pytest.mark.parametrize("format_", ["raw", "png"])
+def test_lossless_colour_comes_back_exactly(record, format_):
+    path, frames = record(color=ColorEncoding(format=format_))
+
+    for loaded, written in zip(load_demonstration(path).frames, frames, strict=True):
+        np.testing.assert_array_equal(loaded.images[1].rgb, written.images[1].rgb)
+
+
+def test_jpeg_colour_comes_back_nearly(record):
+    path, frames = record()
+
+    loaded = load_demonstration(path).frames[2].images[0].rgb
+    # JPEG at quality 95 quantizes a smooth picture by about one grey level.
+    assert np.abs(loaded.astype(float) - frames[2].images[0].rgb).mean() < 2.0
+
+
+def test_stamps_and_cameras_come_back_exactly(record):
+    path, frames = record()
+
+    dut = load_demonstration(path)
+
+    np.testing.assert_array_equal(dut.stamps, [0.0, 0.125, 0.25, 0.375, 0.5])
+    assert dut.duration == 0.5
+    for loaded, written in zip(dut.cameras, frames[0].cameras, strict=True):
+        assert (loaded.name, loaded.width, loaded.height) == (
+            written.name,
+            written.width,
+            written.height,
+        )
+        np.testing.assert_array_equal(loaded.K, written.K)
+        np.testing.assert_allclose(loaded.X_WC, written.X_WC, atol=1e-15)
+
+
+def test_labels_come_back_exactly_where_they_were_written(record):
+    path, frames = record(labelled=lambda i: i == 0)
+
+    dut = load_demonstration(path).frames
+
+    np.testing.assert_array_equal(dut[0].images[0].label, frames[0].images[0].label)
+    assert dut[0].label_ids == {"mug": (3, 4), "mug/handle": (4,)}
+    assert all(image.label is None for frame in dut[1:] for image in frame.images)
+    assert dut[1].label_ids == {}
+
+
+def test_a_moving_camera_keeps_its_poses(record):
+    path, _ = record(height=lambda i: 0.6 if i < 3 else 0.7)
+
+    heights = [frame.cameras[0].X_WC[2, 3] for frame in load_demonstration(path).frames]
+
+    np.testing.assert_allclose(heights, [0.6, 0.6, 0.6, 0.7, 0.7])
+
+
+def test_metadata_and_scenario_come_back(record):
+    path, _ = record(scenario_text="HangMug:\n  directives: []\n")
+
+    dut = load_demonstration(path)
+
+    assert dut.scenario_text == "HangMug:\n  directives: []\n"
+    assert dut.metadata["seed"] == "7"
+    assert json.loads(dut.metadata["cameras"]) == ["left", "right"]
+    assert dut.name == str(path)
+
+
+def test_frames_are_decoded_when_asked_for(record):
+    path, _ = record()
+    dut = load_demonstration(path)
+
+    path.unlink()
+
+    # The first was decoded by loading; the others are still in the file that is gone.
+    assert dut.frames[0] is dut.frames[0]
+    with pytest.raises(DemonstrationError, match=r"demo\.mcap cannot be read"):
+        dut.frames[3]
+
+
+def test_frames_are_a_sequence(record):
+    path, _ = record()
+    dut = load_demonstration(path).frames
+
+    assert isinstance(dut, Sequence)
+    assert len(dut) == 5
+    assert dut[-1].stamp == 0.5
+    assert [frame.stamp for frame in dut[1:4:2]] == [0.125, 0.375]
+    assert [frame.stamp for frame in reversed(dut)] == [0.5, 0.375, 0.25, 0.125, 0.0]
+    with pytest.raises(IndexError):
+        dut[5]
+
+
+def test_only_a_few_frames_are_kept(record):
+    path, _ = record(count=12)
+    dut = load_demonstration(path).frames
+
+    first = dut[0]
+    assert isinstance(dut, RecordedFrames)
+    assert [f.stamp for f in dut] == [i / 8 for i in range(12)]
+    assert dut[0] is not first
+
+
+def test_cameras_can_be_chosen(record):
+    path, _ = record()
+
+    dut = load_demonstration(path, cameras=["right"])
+
+    assert [camera.name for camera in dut.cameras] == ["right"]
+
+
+def test_a_demonstration_can_be_made_of_frames(make_frame):
+    dut = Demonstration([make_frame(i) for i in range(3)])
+
+    assert dut.duration == 0.25
+    with pytest.raises(DemonstrationError, match="has 1 frames"):
+        Demonstration([make_frame(0)])

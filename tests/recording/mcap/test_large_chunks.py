@@ -1,0 +1,72 @@
+"""Small files that unfold to what no memory holds are refused before they are unfolded."""
+
+import resource
+import zlib
+
+import lz4.frame
+import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, DataEnd, Footer, Header
+from mcap.writer import MCAP0_MAGIC
+
+from poil_drake.errors import DemonstrationError
+from poil_drake.recording.mcap.scan import LARGEST_CHUNK, scan
+
+HUGE = 4 * LARGEST_CHUNK
+
+
+def write(path, compression, data, size, crc=0):
+    """Writes a file of one chunk."""
+    builder = RecordBuilder()
+    Header("", "test").write(builder)
+    Chunk(
+        compression=compression,
+        data=data,
+        message_start_time=0,
+        message_end_time=0,
+        uncompressed_crc=crc,
+        uncompressed_size=size,
+    ).write(builder)
+    DataEnd(0).write(builder)
+    Footer(0, 0, 0).write(builder)
+    path.write_bytes(MCAP0_MAGIC + builder.end() + MCAP0_MAGIC)
+    return path
+
+
+def zeros_zstd(*, sized):
+    """A gigabyte of zeros in a few kilobytes, with or without its size."""
+    packer = zstandard.ZstdCompressor().compressobj(size=HUGE if sized else -1)
+    block = bytes(1 << 24)
+    parts = [packer.compress(block) for _ in range(HUGE // len(block))]
+    return b"".join([*parts, packer.flush()])
+
+
+def zeros_lz4():
+    packer = lz4.frame.LZ4FrameCompressor()
+    block = bytes(1 << 24)
+    parts = [packer.begin(), *(packer.compress(block) for _ in range(HUGE // len(block)))]
+    return b"".join([*parts, packer.flush()])
+
+
+@pytest.mark.parametrize("size", [1000, LARGEST_CHUNK, HUGE])
+@pytest.mark.parametrize("kind", ["zstd", "zstd without its size", "lz4"])
+def test_a_chunk_that_unfolds_to_too_much_is_refused(tmp_path, kind, size):
+    data = zeros_lz4() if kind == "lz4" else zeros_zstd(sized=kind == "zstd")
+    path = write(tmp_path / "bomb.mcap", kind.split()[0], data, size)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    with pytest.raises(DemonstrationError, match=r"bomb.mcap is damaged in the record at byte"):
+        list(scan(path))
+
+    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    assert grown < 2 * LARGEST_CHUNK
+
+
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+@pytest.mark.parametrize("records", [b"", bytes([99]) + (4).to_bytes(8, "little") + b"four"])
+def test_chunks_of_all_kinds_are_unfolded(tmp_path, compression, records):
+    pack = {"": bytes, "zstd": zstandard.compress, "lz4": lz4.frame.compress}[compression]
+    path = write(tmp_path / "a.mcap", compression, pack(records), len(records), zlib.crc32(records))
+
+    assert list(scan(path)) == []

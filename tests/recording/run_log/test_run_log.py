@@ -1,0 +1,275 @@
+import json
+import threading
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.images import CameraModel
+from poil_drake.recording.mcap.camera_messages import encode_transform
+from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
+
+
+class Log:
+    """A run log as a plain MCAP reader sees it."""
+
+    def __init__(self, path):
+        with path.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            self.metadata = {}
+            for record in reader.iter_metadata():
+                self.metadata |= record.metadata
+            self.attachments = {a.name: a.data.decode() for a in reader.iter_attachments()}
+            self.messages = {}
+            self.schemas = {}
+            for schema, channel, message in reader.iter_messages():
+                if channel.message_encoding == "json":
+                    value = json.loads(message.data)
+                else:
+                    value = DecoderFactory().decoder_for("protobuf", schema)(message.data)
+                self.messages.setdefault(channel.topic, []).append((message.log_time, value))
+                self.schemas[channel.topic] = (schema.name, schema.encoding)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "out" / "run.mcap"
+
+
+def messages_of(path, topic):
+    """Returns the times [ns] and the messages of one topic of protobuf messages."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        found = reader.iter_decoded_messages(topics=[topic])
+        return [(message.log_time, value) for _, _, message, value in found]
+
+
+def write_everything(dut, time):
+    dut.write_image("left", np.full((24, 32, 3), 90, np.uint8), time=time, stamp=time - 0.0625)
+    dut.write_depth("left", np.full((24, 32), 0.5, np.float32), time=time)
+    dut.write_points("tracked", np.eye(3), time=time, confidence=np.ones(3))
+    dut.write_transform(np.eye(4), child="gripper", time=time)
+    dut.write_joint_states(["j1", "j2"], time=time, position=np.array([0.1, 0.2]))
+    dut.write_twist("/controller/twist", np.arange(6.0), time=time)
+    dut.write_status("/controller/status", {"code": 2, "tau": 0.5, "lost": False}, time=time)
+    dut.write_phase("EXECUTE", time=time, reason="grasped")
+
+
+def test_every_kind_of_message_is_read_back(path):
+    with RunLogWriter(path, metadata={"seed": "3"}, scenario_text="A: {}") as dut:
+        write_everything(dut, 0.125)
+        write_everything(dut, 0.25)
+
+    log = Log(path)
+
+    assert log.schemas == {
+        "/camera/left/image": ("foxglove.CompressedImage", "protobuf"),
+        "/camera/left/depth": ("foxglove.RawImage", "protobuf"),
+        "/points/tracked": ("foxglove.PointCloud", "protobuf"),
+        "/tf": ("foxglove.FrameTransform", "protobuf"),
+        "/robot/joint_states": ("foxglove.JointStates", "protobuf"),
+        "/controller/twist": ("poil.Twist", "jsonschema"),
+        "/controller/status": ("poil.controller.status", "jsonschema"),
+        "/phase": ("poil.phase", "jsonschema"),
+    }
+    assert all([time for time, _ in m] == [125000000, 250000000] for m in log.messages.values())
+    assert log.metadata["seed"] == "3"
+    assert log.attachments == {"scenario.yaml": "A: {}"}
+
+
+def test_values_are_those_written(path):
+    with RunLogWriter(path) as dut:
+        write_everything(dut, 0.125)
+        dut.write_points("target", np.array([[1, 2, 3], [np.nan] * 3]), time=0.5)
+
+    messages = {topic: values[0][1] for topic, values in Log(path).messages.items()}
+
+    image = messages["/camera/left/image"]
+    assert image.timestamp.ToNanoseconds() == 62_500_000
+    pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(pixels.astype(int) - 90).max() <= 1
+    cloud = messages["/points/tracked"]
+    assert [f.name for f in cloud.fields] == ["x", "y", "z", "confidence"]
+    values = np.frombuffer(cloud.data, "<f4").reshape(3, 4)
+    np.testing.assert_array_equal(values, np.column_stack([np.eye(3), np.ones(3)]))
+    assert cloud.frame_id == "world"
+    assert cloud.pose.orientation.w == 1.0
+    target = np.frombuffer(messages["/points/target"].data, "<f4").reshape(2, 3)
+    np.testing.assert_array_equal(target, [[1, 2, 3], [np.nan] * 3])
+    joints = messages["/robot/joint_states"].joints
+    assert [(j.name, j.position) for j in joints] == [("j1", 0.1), ("j2", 0.2)]
+    assert not joints[0].HasField("velocity")
+    assert messages["/controller/twist"]["linear"] == {"x": 3.0, "y": 4.0, "z": 5.0}
+    assert messages["/phase"]["phase"] == "EXECUTE"
+    assert messages["/phase"]["timestamp"] == {"sec": 0, "nsec": 125_000_000}
+
+
+def test_what_json_cannot_hold_becomes_null_or_text(path):
+    with RunLogWriter(path) as dut:
+        dut.write_status(
+            "/ik/status",
+            {
+                "scale": np.float64(np.nan),
+                "q": np.array([1.0, np.inf]),
+                "count": np.int64(3),
+                "stuck": np.bool_(True),
+                "where": path,
+                "inner": {"a": None},
+            },
+            time=0.0,
+        )
+
+    record = Log(path).messages["/ik/status"][0][1]
+
+    assert record == {
+        "timestamp": {"sec": 0, "nsec": 0},
+        "scale": None,
+        "q": [1.0, None],
+        "count": 3,
+        "stuck": True,
+        "where": str(path),
+        "inner": {"a": None},
+    }
+
+
+def test_a_log_is_readable_after_an_exception(path):
+    def run():
+        with RunLogWriter(path) as dut:
+            write_everything(dut, 0.125)
+            raise RuntimeError("the robot has gone")
+
+    with pytest.raises(RuntimeError, match="robot"):
+        run()
+
+    assert len(Log(path).messages) == 8
+
+
+def test_arrays_may_be_changed_after_writing(path):
+    points = np.ones((50, 3))
+    with RunLogWriter(path) as dut:
+        for i in range(20):
+            points[:] = i
+            dut.write_points("tracked", points, time=i / 8)
+
+    for i, (_, cloud) in enumerate(Log(path).messages["/points/tracked"]):
+        np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f4"), np.full(150, i))
+
+
+def test_a_camera_is_described(path):
+    K = np.array([[30.0, 0, 15.5], [0, 30, 11.5], [0, 0, 1]])
+    with RunLogWriter(path) as dut:
+        dut.write_calibration(CameraModel("left", 32, 24, K, np.eye(4)), time=0.0)
+
+    messages = Log(path).messages
+    frame = messages["/camera/left/calibration"][0][1].frame_id
+    assert messages["/tf"][0][1].child_frame_id == frame
+
+
+def test_a_full_queue_may_drop_messages_and_says_so(path):
+    gate, started = threading.Event(), threading.Event()
+
+    def slow():
+        started.set()
+        gate.wait()
+        return encode_transform(np.eye(4), parent="world", child="a", stamp=0)
+
+    with RunLogWriter(path, config=RunLogConfig(queue_capacity=2, drop_when_full=True)) as dut:
+        dut._write("/tf", 0.0, slow)
+        started.wait()
+        for i in range(5):
+            dut.write_phase(str(i), time=i / 8)
+        gate.set()
+
+    log = Log(path)
+    assert log.metadata["dropped_messages"] == "3"
+    assert [value["phase"] for _, value in log.messages["/phase"]] == ["0", "1"]
+
+
+def test_an_error_while_writing_reaches_the_caller(path):
+    dut = RunLogWriter(path)
+    dut.write_status("/phase", {"a": 1}, time=0.0)
+    dut.write_transform(np.eye(4), child="a", time=0.0)
+    dut._write("/tf", 0.0, lambda: (_ for _ in ()).throw(OSError("disk full")))
+
+    with pytest.raises(OSError, match="disk full"):
+        dut.close()
+
+    assert set(Log(path).messages) == {"/phase", "/tf"}
+
+
+def test_closing_twice_does_nothing(path):
+    dut = RunLogWriter(path)
+    dut.write_phase("IDLE", time=0.0)
+    dut.close()
+    dut.close()
+
+    assert list(Log(path).messages) == ["/phase"]
+
+
+def test_negative_times_are_refused(path):
+    with RunLogWriter(path) as dut, pytest.raises(InvalidValueError, match="not negative"):
+        dut.write_phase("IDLE", time=-1.0)
+
+
+def test_a_topic_holds_one_type_of_message(path):
+    dut = RunLogWriter(path)
+    dut.write_phase("IDLE", time=0.0)
+    dut.write_twist("/phase", np.zeros(6), time=0.0)
+
+    with pytest.raises(InvalidValueError, match="Topic /phase holds"):
+        dut.close()
+
+
+def test_the_same_run_gives_the_same_file(tmp_path):
+    for name in ("a", "b"):
+        with RunLogWriter(tmp_path / name) as dut:
+            for i in range(5):
+                write_everything(dut, 0.125 * (i + 1))
+
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_the_plan_and_labels_are_kept(path):
+    label = np.arange(24 * 32, dtype=np.int16).reshape(24, 32)
+    with RunLogWriter(path, scenario_text="A: {}", plan=b"a plan") as dut:
+        dut.write_label_ids({"mug": (1, 2), "mug/handle": (2,)})
+        dut.write_label("left", label, time=0.25, stamp=0.125)
+
+    with path.open("rb") as stream:
+        attachments = {a.name: a.data for a in make_reader(stream).iter_attachments()}
+    assert attachments == {"scenario.yaml": b"A: {}", "plan.npz": b"a plan"}
+    with path.open("rb") as stream:
+        metadata = {}
+        for record in make_reader(stream).iter_metadata():
+            metadata |= record.metadata
+    assert json.loads(metadata["label_ids"]) == {"mug": [1, 2], "mug/handle": [2]}
+    ((time, message),) = messages_of(path, "/camera/left/label")
+    assert (time, message.timestamp.ToNanoseconds()) == (250_000_000, 125_000_000)
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<i2").reshape(24, 32), label)
+
+
+def test_images_may_be_exact_or_left_out(path):
+    depth = np.full((24, 32), 0.12345678, np.float32)
+    with RunLogWriter(path, config=RunLogConfig(exact_depth=True)) as dut:
+        dut.write_depth("left", depth, time=0.25)
+    ((_, message),) = messages_of(path, "/camera/left/depth")
+    with RunLogWriter(path, config=RunLogConfig(images=False)) as dut:
+        dut.write_image("left", np.zeros((24, 32, 3), np.uint8), time=0.25)
+        dut.write_depth("left", depth, time=0.25)
+        dut.write_label("left", np.zeros((24, 32), np.int16), time=0.25)
+
+    assert message.encoding == "32FC1"
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f4").reshape(24, 32), depth)
+    with path.open("rb") as stream:
+        assert list(make_reader(stream).iter_messages()) == []
+
+
+def test_points_may_be_exact(path):
+    with RunLogWriter(path) as dut:
+        dut.write_points("tracked", np.full((2, 3), 0.1), time=0.25, exact=True)
+
+    ((_, message),) = messages_of(path, "/points/tracked")
+    np.testing.assert_array_equal(np.frombuffer(message.data, "<f8"), np.full(6, 0.1))

@@ -1,0 +1,176 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.images import CameraModel
+from poil_drake.reports.run_summary import PhaseSpan
+from poil_drake.reports.summary_panels import COLORS, spread_out
+from poil_drake.reports.summary_picture import SummaryData, make_summary_picture
+from poil_drake.reports.summary_snapshots import common_view
+from poil_drake.systems.logging.snapshot_recorder import Snapshot
+
+# A camera at the origin that looks along +z, with its middle at pixel (80, 60).
+CAMERA = CameraModel(
+    "left", 160, 120, np.array([[100, 0, 80], [0, 100, 60], [0, 0, 1.0]]), np.eye(4)
+)
+
+
+def make_snapshot(points, time=0.0):
+    points = np.asarray(points, dtype=float)
+    return Snapshot(
+        time=time,
+        camera=CAMERA,
+        rgb=np.full((120, 160, 3), 90, np.uint8),
+        points=points,
+        target_points=points + 0.01,
+    )
+
+
+def make_data(**changes):
+    times = np.arange(0.0, 4.0, 1 / 32)
+    errors = 0.03 * np.exp(-times)[:, None] * np.array([0.8, 1.0, 1.2])
+    errors[times < 1.0] = np.nan
+    values = {
+        "title": "Hang a mug",
+        "success": True,
+        "reason": "the mug hung for 2.0 s",
+        "times": times,
+        "point_errors": errors,
+        "potential": 0.5 * np.sum(errors**2, axis=1),
+        "tau": np.clip(times - 1.0, 0.0, 2.0),
+        "reference_duration": 2.0,
+        "joint_velocities": np.sin(times)[:, None] * np.linspace(0.1, 1.0, 7),
+        "velocity_limits": np.full(7, 2.0),
+        "phases": [
+            PhaseSpan(name="approach", start=0.0, end=1.0),
+            PhaseSpan(name="follow", start=1.0, end=4.0),
+        ],
+    }
+    return SummaryData(**(values | changes))
+
+
+def draw(path, data):
+    return cv2.cvtColor(cv2.imread(str(make_summary_picture(path, data))), cv2.COLOR_BGR2RGB)
+
+
+def count(picture, color):
+    """Counts the pixels of exactly a colour."""
+    wanted = np.round(np.array(to_rgb(color)) * 255.0)
+    return np.count_nonzero(np.all(np.abs(picture - wanted) <= 1.0, axis=2))
+
+
+def test_the_verdict_has_its_colour(tmp_path):
+    success = draw(tmp_path / "a.png", make_data())
+    failure = draw(tmp_path / "b.png", make_data(success=False))
+
+    assert count(success, COLORS["success"]) > 1_000 > count(success, COLORS["failure"])
+    assert count(failure, COLORS["failure"]) > 1_000 > count(failure, COLORS["success"])
+
+
+def test_snapshots_show_the_points(tmp_path):
+    without = draw(
+        tmp_path / "a.png", make_data(snapshots=[make_snapshot(np.full((3, 3), np.nan))])
+    )
+    points = np.column_stack([np.linspace(-0.2, 0.2, 9), np.zeros(9), np.ones(9)])
+    with_points = draw(tmp_path / "b.png", make_data(snapshots=[make_snapshot(points)]))
+
+    assert count(with_points, COLORS["points"]) > count(without, COLORS["points"]) + 100
+    assert count(with_points, COLORS["target"]) > count(without, COLORS["target"]) + 100
+
+
+def test_the_tracking_error_has_a_panel_where_the_truth_is_known(tmp_path):
+    known = {"tracking_times": np.array([1.0, 2.0]), "tracking_errors": np.full((2, 3), 0.002)}
+
+    without = draw(tmp_path / "a.png", make_data())
+    with_truth = draw(tmp_path / "b.png", make_data(**known))
+
+    assert with_truth.shape[0] > without.shape[0]
+    assert with_truth.shape[1] == without.shape[1] == 1800
+
+
+def test_a_run_that_never_moved_has_a_picture(tmp_path):
+    nothing = np.zeros(0)
+    dut = make_data(
+        success=False,
+        reason="no grasp was found",
+        times=nothing,
+        point_errors=np.zeros((0, 3)),
+        potential=nothing,
+        tau=nothing,
+        joint_velocities=np.zeros((0, 7)),
+        phases=[],
+    )
+
+    picture = draw(tmp_path / "a.png", dut)
+
+    assert count(picture, COLORS["failure"]) > 1_000
+
+
+def test_signals_that_are_nowhere_finite_are_drawn_empty(tmp_path):
+    times = make_data().times
+    unknown = np.full(len(times), np.nan)
+    dut = make_data(
+        point_errors=np.full((len(times), 3), np.nan),
+        potential=unknown,
+        tau=unknown,
+        joint_velocities=np.full((len(times), 7), np.nan),
+        reference_duration=np.nan,
+    )
+
+    assert draw(tmp_path / "a.png", dut).size
+
+
+def test_the_same_data_give_the_same_picture(tmp_path):
+    first = draw(tmp_path / "a.png", make_data())
+    second = draw(tmp_path / "b.png", make_data())
+
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("name", ["point_errors", "potential", "tau", "joint_velocities"])
+def test_signals_of_another_length_are_named(name):
+    with pytest.raises(InvalidValueError, match=name):
+        make_data(**{name: np.zeros((5, 7))})
+
+
+def test_the_view_surrounds_the_points_in_the_pictures_proportions():
+    # At depth 1 m these are the pixels (80, 60) and (100, 60).
+    dut = common_view([make_snapshot([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0]])], margin=0.1)
+
+    left, right, top, bottom = dut
+    # 20 px between the points and 16 px on either side; 4:3.
+    assert right - left == pytest.approx(52.0)
+    assert bottom - top == pytest.approx(39.0)
+    assert (left + right) / 2 + 0.5 == pytest.approx(90.0)
+
+
+def test_the_view_stays_in_the_picture():
+    left, right, top, bottom = common_view([make_snapshot([[-0.79, -0.59, 1.0]])], margin=0.25)
+
+    assert (left, top) == pytest.approx((-0.5, -0.5))
+    # 2 x 40 px around one point, upwards too, in a picture of 4:3.
+    assert (right - left, bottom - top) == pytest.approx((320.0 / 3.0, 80.0))
+
+
+def test_the_view_is_the_whole_picture_where_no_point_is():
+    np.testing.assert_allclose(
+        common_view([make_snapshot([[0.0, 0.0, -1.0]])]), [-0.5, 159.5, -0.5, 119.5]
+    )
+
+
+@given(st.lists(st.floats(0.0, 10.0), max_size=10).map(sorted))
+def test_names_are_moved_apart_and_stay_in_order(places):
+    dut = spread_out(np.array(places), gap=0.5, upper=10.0)
+
+    assert np.all(np.diff(dut) >= 0.5 - 1e-9)
+    assert np.all(dut <= 10.0 + 1e-9)
+
+
+def test_names_that_are_apart_stay():
+    np.testing.assert_array_equal(
+        spread_out(np.array([0.0, 1.0, 2.0]), gap=0.5, upper=2.0), [0, 1, 2]
+    )

@@ -1,0 +1,78 @@
+import threading
+
+import pytest
+
+from poil_drake.runtime import interpreter_turns
+from poil_drake.runtime.background_worker import BackgroundWorker
+from poil_drake.runtime.interpreter_turns import TURNS
+
+
+def test_jobs_run_in_order_in_another_thread():
+    done, threads = [], set()
+    dut = BackgroundWorker(name="test", capacity=2)
+
+    for i in range(20):
+        dut.submit(lambda i=i: (done.append(i), threads.add(threading.current_thread().name)))
+    dut.close()
+
+    assert done == list(range(20))
+    assert threads == {"test"}
+
+
+def test_an_error_reaches_the_caller_and_stops_the_work():
+    done = []
+    dut = BackgroundWorker(name="test", capacity=4)
+
+    def fail():
+        raise OSError("disk full")
+
+    def submit_and_close():
+        dut.submit(fail)
+        # The thread may or may not have failed by now; one of the two calls reports it.
+        dut.submit(lambda: done.append(1))
+        dut.close()
+
+    with pytest.raises(OSError, match="disk full"):
+        submit_and_close()
+    dut.close()
+
+    assert done == []
+
+
+def test_a_full_queue_drops_what_may_be_dropped():
+    gate, started, done = threading.Event(), threading.Event(), []
+    dut = BackgroundWorker(name="test", capacity=1)
+
+    dut.submit(lambda: (started.set(), gate.wait()))
+    started.wait()
+    dut.submit(lambda: done.append("waits"))
+    dut.submit(lambda: done.append("dropped"), may_drop=True)
+    gate.set()
+    dut.close()
+
+    assert done == ["waits"]
+    assert dut.dropped == 1
+
+
+def test_nothing_is_taken_after_close():
+    dut = BackgroundWorker(name="test", capacity=1)
+    dut.close()
+
+    with pytest.raises(ValueError, match="closed"):
+        dut.submit(lambda: None)
+
+
+def test_jobs_begin_when_no_loop_computes(monkeypatch):
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
+    done = threading.Event()
+    dut = BackgroundWorker(name="worker", capacity=4)
+    TURNS.take()
+    try:
+        dut.submit(done.set)
+        waited = not done.wait(0.05)
+    finally:
+        TURNS.give()
+
+    assert waited
+    done.wait()
+    dut.close()

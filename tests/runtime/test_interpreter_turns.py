@@ -1,0 +1,48 @@
+import math
+import threading
+
+import pytest
+
+from poil_drake.runtime import interpreter_turns
+from poil_drake.runtime.interpreter_turns import InterpreterTurns
+
+
+def test_nobody_waits_where_no_loop_computes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+    dut = InterpreterTurns()
+
+    dut.wait()
+    dut.take()
+    dut.give()
+    dut.wait()
+
+
+def test_who_asks_goes_on_when_the_loop_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
+    dut = InterpreterTurns()
+    dut.take()
+    done = threading.Event()
+
+    def work() -> None:
+        dut.wait()
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+
+    assert not done.wait(0.05)
+    dut.give()
+    thread.join()
+
+
+def test_a_loop_that_never_waits_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(interpreter_turns, "_FED_UP", math.inf)
+    dut = InterpreterTurns()
+    monkeypatch.setattr(dut._free, "wait", waits.append)
+    dut.take()
+
+    for _ in range(3):
+        dut.wait()
+
+    assert waits == [interpreter_turns._PATIENCE]

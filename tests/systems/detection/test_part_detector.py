@@ -1,0 +1,273 @@
+import threading
+
+import numpy as np
+import pytest
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
+from system_bench import SystemBench
+
+from poil_drake.errors import DetectionError
+from poil_drake.geometry.depth_masks import DepthMaskConfig
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.fusion import FusionConfig
+from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.detection.part_detector import PartDetector, find_part
+from poil_drake.systems.statuses import DetectorStatus
+from poil_drake.systems.tracking.recorded_schedule import RecordedSchedule
+
+PERIOD = 1 / 8
+W, H = 32, 24
+CAMERA = CameraModel(
+    name="left",
+    width=W,
+    height=H,
+    K=np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]]),
+    X_WC=np.eye(4),
+)
+# A small wall; the mask of a few hundred pixels is left as it is.
+FUSION = FusionConfig(mask=DepthMaskConfig(), voxel_size=0.0, outlier_neighbours=0)
+
+
+class MiddleDetector:
+    """Finds the part in the middle of the image, unless it is dark there."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[float, str, str]] = []
+
+    @property
+    def searches(self) -> list[float]:
+        return [stamp for stamp, _, _ in self.calls]
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        self.calls.append((frame.stamp, object_label, part_label))
+        if frame.images[0].rgb[12, 16].max() < 50:
+            raise DetectionError("It is dark.", remedy="Light a lamp.")
+        mask = np.zeros((H, W), dtype=bool)
+        mask[4:20, 6:26] = True
+        return PartMasks(object_masks=(mask,), part_masks=(mask,))
+
+
+def wall(*, brightness: int = 200, size: tuple[int, int] = (W, H)) -> dict[str, object]:
+    """What the camera sees of a wall 0.5 m away."""
+    rgba, depth = ImageRgba8U(*size), ImageDepth32F(*size)
+    rgba.mutable_data[:] = brightness
+    depth.mutable_data[:] = 0.5
+    return {"left.rgb_image": rgba, "left.depth_image": depth}
+
+
+def make_bench(detector: MiddleDetector, **options: object) -> SystemBench:
+    dut = PartDetector(
+        detector=detector,
+        cameras=[CAMERA],
+        object_label="mug",
+        part_label="handle",
+        period=PERIOD,
+        fusion=FUSION,
+        **options,
+    )
+    return SystemBench(dut, **wall())
+
+
+@pytest.fixture
+def detector() -> MiddleDetector:
+    return MiddleDetector()
+
+
+@pytest.fixture
+def bench(detector: MiddleDetector) -> SystemBench:
+    return make_bench(detector)
+
+
+def test_before_the_first_event_nothing_is_known(bench: SystemBench) -> None:
+    assert bench.read("status") == DetectorStatus.WAITING
+    assert bench.read("part_cloud") is ABSENT
+    assert bench.read("masks") is ABSENT
+
+
+def test_it_searches_once_without_a_request(bench: SystemBench, detector: MiddleDetector) -> None:
+    bench.advance_to(1.0)
+
+    assert detector.calls == [(0.0, "mug", "handle")]
+    assert bench.read("status") == DetectorStatus.FOUND
+
+
+def test_outputs_are_those_of_the_pure_function(bench: SystemBench) -> None:
+    bench.advance_to(PERIOD / 2)
+    frame = bench.dut._cameras.capture(bench.context)
+    assert frame is not None
+
+    masks, cloud = find_part(
+        MiddleDetector(), frame, object_label="mug", part_label="handle", fusion=FUSION
+    )
+
+    found = bench.read("part_cloud")
+    np.testing.assert_array_equal(bench.read("masks").part_masks[0], masks.part_masks[0])
+    np.testing.assert_array_equal(found.points, cloud.points)
+    # The wall stands 0.5 m in front of a camera at the origin.
+    np.testing.assert_allclose(found.points[:, 2], 0.5, atol=1e-6)
+
+
+def test_each_increase_of_the_request_searches_again(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(request=0.0)
+    bench.advance_to(0.3)
+    first = bench.read("masks")
+    bench.fix(request=1.0)
+    bench.advance_to(0.8)
+    second = bench.read("masks")
+    bench.fix(request=0.0)
+    bench.advance_to(1.0)
+
+    assert detector.searches == [0.0, 0.375]
+    assert second is not first
+    assert bench.read("masks") is second
+
+
+def test_a_search_that_fails_keeps_what_was_found(bench: SystemBench) -> None:
+    bench.fix(request=0.0)
+    bench.advance_to(0.1)
+    masks, cloud = bench.read("masks"), bench.read("part_cloud")
+    bench.fix(**wall(brightness=0), request=1.0)
+
+    bench.advance_to(0.3)
+
+    assert bench.read("status") == DetectorStatus.NOT_FOUND
+    assert bench.read("masks") is masks
+    assert bench.read("part_cloud") is cloud
+
+
+def test_a_first_search_that_fails_is_repeated_on_request_only(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(**wall(brightness=0), request=0.0)
+    bench.advance_to(0.5)
+    assert bench.read("status") == DetectorStatus.NOT_FOUND
+    assert bench.read("masks") is ABSENT
+    bench.fix(**wall(), request=1.0)
+
+    bench.advance_to(1.0)
+
+    assert detector.searches == [0.0, 0.5]
+    assert bench.read("status") == DetectorStatus.FOUND
+
+
+def test_it_waits_for_the_cameras(bench: SystemBench, detector: MiddleDetector) -> None:
+    bench.fix(**wall(size=(0, 0)))
+    bench.advance_to(0.2)
+    assert bench.read("status") == DetectorStatus.WAITING
+    bench.fix(**wall())
+
+    bench.advance_to(1.0)
+
+    assert detector.searches == [0.25]
+
+
+def test_a_request_that_is_not_a_number_asks_for_nothing(
+    bench: SystemBench, detector: MiddleDetector
+) -> None:
+    bench.fix(request=np.nan)
+
+    bench.advance_to(1.0)
+
+    assert detector.searches == [0.0]
+
+
+def test_nothing_feeds_through(bench: SystemBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
+
+
+def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDetector) -> None:
+    detector.detect = lambda frame, **labels: 1 / 0
+
+    with pytest.raises(ZeroDivisionError):
+        bench.advance_to(0.1)
+
+
+def test_with_an_offset_it_looks_that_much_later(detector: MiddleDetector) -> None:
+    bench = make_bench(detector, offset=3 / 32)
+
+    bench.advance_to(3 / 32)
+    assert bench.read("status") == DetectorStatus.WAITING
+    bench.advance_to(0.5)
+
+    assert bench.read("status") == DetectorStatus.FOUND
+    assert detector.searches == [3 / 32]
+
+
+def test_images_without_labels_are_waited_for_where_labels_are_connected(
+    detector: MiddleDetector,
+) -> None:
+    bench = make_bench(detector, label_ids={"mug": (1,)})
+    bench.fix("left.label_image", ImageLabel16I())
+    bench.advance_to(0.3)
+    assert bench.read("status") == DetectorStatus.WAITING
+    assert detector.calls == []
+
+    bench.fix("left.label_image", ImageLabel16I(W, H))
+    bench.advance_to(0.6)
+
+    assert bench.read("status") == DetectorStatus.FOUND
+
+
+class PausedDetector(MiddleDetector):
+    """Goes on only when told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.go = threading.Event()
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        self.go.wait()
+        return super().detect(frame, object_label=object_label, part_label=part_label)
+
+
+def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
+    detector = PausedDetector()
+    bench = make_bench(detector, blocking=False)
+    bench.fix(request=0.0)
+
+    bench.advance_to(0.5)  # would never come back if it waited for the detector
+    waiting = bench.read("status")
+    detector.go.set()
+    bench.dut.close()  # the search in hand is finished first
+    bench.advance_to(0.7)
+
+    assert waiting == DetectorStatus.WAITING
+    assert bench.read("status") == DetectorStatus.FOUND
+    assert detector.searches == [0.0]
+
+
+def test_the_times_and_the_frame_of_a_search_are_told() -> None:
+    detector = PausedDetector()
+    bench = make_bench(detector, blocking=False)
+    before = bench.read("frame")
+
+    bench.advance_to(2.5 * PERIOD)
+    begun = bench.read("times").tolist()
+    frame = bench.read("frame")
+    detector.go.set()
+    bench.dut.close()
+    bench.advance_to(3.5 * PERIOD)
+
+    assert before is ABSENT
+    assert begun == [0.0, -np.inf, -np.inf]
+    assert isinstance(frame, MultiViewFrame)
+    assert frame.stamp == 0.0
+    assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
+
+
+def test_a_replay_searches_and_answers_when_the_run_did(detector: MiddleDetector) -> None:
+    schedule = RecordedSchedule(captures=(0.25, 0.5), releases=((0.4375, 0), (0.8, 1)))
+    bench = make_bench(detector, recorded=schedule)
+    seen = []
+    for tick in range(8):
+        bench.advance_to((tick + 0.5) * PERIOD)
+        seen.append(DetectorStatus(bench.read("status")[0]).name)
+        if tick == 3:
+            bench.fix(**wall(brightness=10))
+
+    # Requests or not: the first result is taken at the first tick after 0.4375 s, and the second
+    # search, in the dark, is answered at the first one after 0.8 s.
+    assert detector.searches == [0.25, 0.5]
+    assert seen == ["WAITING"] * 4 + ["FOUND"] * 3 + ["NOT_FOUND"]

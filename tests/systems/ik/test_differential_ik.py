@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+from system_bench import SystemBench
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.twist_resolution import TwistResolutionConfig, resolve_twist
+from poil_drake.systems.ik.arm_kinematics import ArmKinematics
+from poil_drake.systems.ik.differential_ik import DifferentialIk, DifferentialIkConfig
+from poil_drake.systems.statuses import IkStatus
+
+PERIOD = 1 / 256
+RESOLUTION = TwistResolutionConfig(nominal_posture=(0.0,) * 7)
+CONFIG = DifferentialIkConfig(resolution=RESOLUTION)
+ALONG_X = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
+
+
+class ArmBench(SystemBench):
+    """The dut and an arm that integrates its commands."""
+
+    positions = np.zeros(7)
+
+    def step(self, twist: np.ndarray, positions: np.ndarray | None = None) -> np.ndarray:
+        """Runs one update and returns the velocity that it commands."""
+        self.fix("panda.position_measured", self.positions if positions is None else positions)
+        self.fix(spatial_velocity=twist)
+        self.advance(PERIOD)
+        velocity = self.read("velocity")
+        self.positions = self.positions + PERIOD * velocity
+        return velocity
+
+    def settle(self, twist: np.ndarray, ticks: int = 100) -> np.ndarray:
+        for _ in range(ticks):
+            velocity = self.step(twist)
+        return velocity
+
+
+@pytest.fixture
+def bench(gantry: ArmKinematics) -> ArmBench:
+    return ArmBench(DifferentialIk(kinematics=gantry, period=PERIOD, config=CONFIG))
+
+
+def test_before_the_first_update_nothing_moves(bench: ArmBench) -> None:
+    np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
+    assert bench.read("scale") == 1.0
+    assert bench.read("status") == IkStatus.OK
+    assert bench.read("command_time") == -np.inf
+
+
+def test_a_free_motion_is_shared_by_the_joints_that_can_make_it(bench: ArmBench) -> None:
+    velocity = bench.settle(ALONG_X, ticks=20)
+
+    # Two slides along x: the shortest answer is half the speed each; both are equally far out, so
+    # the nominal posture pulls neither.
+    np.testing.assert_allclose(velocity, [0.1, 0.1, 0, 0, 0, 0, 0], atol=1e-12)
+    assert bench.read("scale") == pytest.approx(1.0)
+    assert bench.read("status") == IkStatus.OK
+    assert bench.read("command_time") == 19 * PERIOD
+
+
+def test_the_answer_is_that_of_the_pure_function(bench: ArmBench) -> None:
+    positions = np.array([0.1, -0.3, 0.2, 0.5, 0.0, 0.0, 0.0])
+    twist = np.array([0.3, -0.2, 0.5, 0.4, 0.1, -0.6])
+    # At zero turns: ω from the three turns, v from the slides, two of them along x.
+    J = np.zeros((6, 7))
+    J[3, 0] = J[3, 1] = J[4, 2] = J[5, 3] = J[0, 4] = J[1, 5] = J[2, 6] = 1.0
+    limits = JointLimits(
+        lower=np.full(7, -2.0),
+        upper=np.full(7, 2.0),
+        velocity=np.ones(7),
+        acceleration=np.full(7, 8.0),
+    )
+    expected = resolve_twist(twist, J, positions, np.zeros(7), limits, RESOLUTION, PERIOD)
+
+    velocity = bench.step(twist, positions)
+
+    np.testing.assert_allclose(velocity, expected.velocity, atol=1e-12)
+    assert bench.read("scale") == pytest.approx(expected.scale, abs=1e-12)
+
+
+def test_saturation_keeps_the_direction(bench: ArmBench) -> None:
+    twist = np.array([0.0, 0.0, 0.0, 1.0, 2.0, -3.0])
+
+    velocity = bench.settle(twist, ticks=50)
+
+    # The slide along z is the slowest: 0.9 of its limit of 1 m/s for the 3 m/s wanted.
+    achieved = np.array([velocity[0] + velocity[1], velocity[2], velocity[3]])
+    np.testing.assert_allclose(achieved, 0.3 * twist[3:], atol=1e-9)
+    assert bench.read("scale") == pytest.approx(0.3)
+    assert bench.read("status") == IkStatus.LIMITED
+
+
+def test_a_step_is_limited_by_one_factor_for_all_joints(bench: ArmBench) -> None:
+    twist = np.array([0.1, 0.0, 0.0, 0.0, 0.2, 0.4])
+
+    velocity = bench.step(twist)
+
+    # 0.8 of 8 m/s^2 for one period, for the fastest joint; the others in proportion.
+    np.testing.assert_allclose(velocity[[4, 2, 3]], np.array([0.25, 0.5, 1.0]) * 6.4 * PERIOD)
+    assert bench.read("status") == IkStatus.LIMITED
+
+
+def test_at_a_joint_limit_it_slows_down_and_is_stuck(bench: ArmBench) -> None:
+    up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    statuses = []
+    for _ in range(2000):
+        bench.step(up)
+        statuses.append(bench.read("status")[0])
+
+    assert bench.positions[3] == pytest.approx(2.0 - RESOLUTION.position_margin, abs=1e-3)
+    assert statuses[100] == IkStatus.OK
+    assert statuses[-1] == IkStatus.STUCK
+    assert IkStatus.LIMITED in statuses[101:-1]
+    assert bench.step(-up)[3] < 0.0
+
+
+def test_an_input_that_is_not_finite_keeps_an_arm_at_rest(bench: ArmBench) -> None:
+    for twist, positions in (
+        (np.full(6, np.nan), np.zeros(7)),
+        (ALONG_X, np.full(7, np.nan)),
+        (np.full(6, np.inf), np.zeros(7)),
+    ):
+        np.testing.assert_array_equal(bench.step(twist, positions), np.zeros(7))
+        assert bench.read("status") == IkStatus.INVALID_INPUT
+        assert bench.read("scale") == 0.0
+
+
+def test_an_input_that_is_not_finite_stops_a_moving_arm_without_a_jump(bench: ArmBench) -> None:
+    velocity = bench.settle(3.0 * ALONG_X, ticks=50)
+    assert velocity[0] == pytest.approx(0.3)
+
+    # 0.3 m/s at 6.4 m/s^2 takes 12 periods, and rounding perhaps one more.
+    for _ in range(13):
+        slower = bench.step(np.full(6, np.nan))
+        assert np.all(np.abs(slower - velocity) <= 6.4 * PERIOD + 1e-12)
+        velocity = slower
+
+    np.testing.assert_array_equal(velocity, np.zeros(7))
+    assert bench.read("status") == IkStatus.INVALID_INPUT
+
+
+def test_command_time_tells_of_every_update(bench: ArmBench) -> None:
+    bench.settle(np.full(6, np.nan), ticks=7)
+
+    assert bench.read("command_time") == 6 * PERIOD
+
+
+def test_nothing_feeds_through(bench: ArmBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
+
+
+def test_a_posture_of_another_arm_is_refused(two_joint_arm: ArmKinematics) -> None:
+    with pytest.raises(InvalidValueError, match="nominal posture of 7"):
+        DifferentialIk(kinematics=two_joint_arm, period=PERIOD)

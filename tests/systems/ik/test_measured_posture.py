@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.systems.ik.measured_posture import MeasuredPosture
+
+ARM = np.linspace(-0.3, 0.3, 7)
+
+
+@pytest.fixture(scope="module")
+def plant() -> MultibodyPlant:
+    return MakeStation(ChooseScenario(), cameras=False).plant()
+
+
+@pytest.fixture
+def dut(plant: MultibodyPlant) -> MeasuredPosture:
+    return MeasuredPosture(plant=plant, robot=plant.GetModelInstanceByName("panda"))
+
+
+def posture(dut: MeasuredPosture, arm: np.ndarray, width: float) -> np.ndarray:
+    context: Context = dut.CreateDefaultContext()
+    dut.GetInputPort("position_measured").FixValue(context, arm)
+    dut.GetInputPort("width_measured").FixValue(context, [width])
+    return dut.get_output_port().Eval(context)
+
+
+def test_the_robot_is_where_it_is_measured_and_all_else_at_its_default(
+    dut: MeasuredPosture, plant: MultibodyPlant
+) -> None:
+    robot, mug = (plant.GetModelInstanceByName(name) for name in ("panda", "mug"))
+
+    positions = posture(dut, ARM, 0.05)
+
+    # Both fingers are half of the opening away from the middle.
+    expected = np.r_[ARM, 0.025, 0.025]
+    np.testing.assert_allclose(plant.GetPositionsFromArray(robot, positions), expected)
+    default = plant.GetPositions(plant.CreateDefaultContext())
+    np.testing.assert_array_equal(
+        plant.GetPositionsFromArray(mug, positions), plant.GetPositionsFromArray(mug, default)
+    )
+
+
+def test_what_is_not_measured_yet_is_at_its_default(
+    dut: MeasuredPosture, plant: MultibodyPlant
+) -> None:
+    default = plant.GetPositions(plant.CreateDefaultContext())
+
+    positions = posture(dut, np.full(7, np.nan), np.nan)
+
+    np.testing.assert_array_equal(positions, default)

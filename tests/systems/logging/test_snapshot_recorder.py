@@ -1,0 +1,167 @@
+import numpy as np
+import pytest
+from system_bench import SystemBench
+
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.logging.snapshot_recorder import Snapshot, SnapshotAlbum, SnapshotRecorder
+
+CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
+PERIOD, OFFSET = 1 / 8, 1 / 256
+START = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2], [0.6, 0.1, 0.1]])
+N = len(START)
+NO_TRACK = TrackedPoints.lost(N, -np.inf)
+# The points rise by 0.2 m in 2 s.
+RISE = np.linspace(0.0, 0.2, 3)[:, None, None] * np.array([0.0, 0.0, 1.0])
+SPEED = np.array([0.1, 0.1, 0.0])[:, None, None] * np.array([0.0, 0.0, 1.0])
+REFERENCE = PointTrajectory(
+    np.array([0.0, 1.0, 2.0]), START + RISE, np.broadcast_to(SPEED, (3, N, 3))
+)
+
+
+def make_snapshot(time):
+    return Snapshot(
+        time=time,
+        camera=CAMERA,
+        rgb=np.zeros((3, 4, 3), np.uint8),
+        points=np.zeros((2, 3)),
+        target_points=np.zeros((2, 3)),
+    )
+
+
+def make_frame(stamp):
+    image = RgbdImage(np.full((3, 4, 3), 7, np.uint8), np.ones((3, 4), np.float32), stamp)
+    return MultiViewFrame((CAMERA,), (image,))
+
+
+def lifted(height, *, aside=0.0):
+    """Returns the points so much above their start and aside of it [m]."""
+    return START + np.array([aside, 0.0, height])
+
+
+def seen(stamp, height=0.05):
+    """Returns a track of the points so much above their start [m], and aside by 10 mm."""
+    return TrackedPoints(lifted(height, aside=0.01), np.ones(N), stamp)
+
+
+@pytest.fixture
+def album():
+    return SnapshotAlbum()
+
+
+@pytest.fixture
+def bench(album):
+    """The recorder, which looks once a period."""
+    dut = SnapshotRecorder(
+        album=album, camera=CAMERA, reference=REFERENCE, period=PERIOD, offset=OFFSET
+    )
+    return SystemBench(dut, frame=ABSENT, tracked_points=NO_TRACK)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 31, 1000])
+def test_an_album_stays_small_and_keeps_first_and_last(count):
+    dut = SnapshotAlbum(capacity=8)
+
+    for time in range(count):
+        dut.add(make_snapshot(float(time)))
+
+    times = [snapshot.time for snapshot in dut.snapshots]
+    assert len(times) <= 9
+    assert len(times) >= min(count, 4)
+    assert times[0] == 0.0
+    assert times[-1] == count - 1
+    steps = np.diff(times[:-1])
+    assert len(set(steps)) <= 1, "evenly spaced but for the last"
+
+
+def test_snapshots_are_chosen_by_time(album):
+    for time in (0.0, 1.0, 2.0, 3.0):
+        album.add(make_snapshot(time))
+
+    chosen = album.nearest_to([2.9, 0.2, 0.1])
+
+    assert [snapshot.time for snapshot in chosen] == [0.0, 3.0]
+
+
+def test_an_empty_album_has_nothing_to_choose(album):
+    assert album.snapshots == ()
+    assert album.nearest_to([1.0]) == ()
+
+
+def test_an_album_of_one_is_refused():
+    with pytest.raises(InvalidValueError, match="capacity"):
+        SnapshotAlbum(capacity=1)
+
+
+@pytest.mark.parametrize("late", [0, 1, 2, 5])
+def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
+    for tick in range(8):
+        track = NO_TRACK
+        if tick >= late:
+            track = seen((tick - late) * PERIOD, height=0.01 * (tick - late))
+        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=track)
+        bench.advance(PERIOD)
+    for _ in range(3):  # nothing new comes
+        bench.advance(PERIOD)
+
+    assert [snapshot.time for snapshot in album.snapshots] == [k / 8 for k in range(8 - late)]
+    for tick, snapshot in enumerate(album.snapshots):
+        height = 0.01 * tick
+        np.testing.assert_allclose(snapshot.points, lifted(height, aside=0.01))
+        # The closest of the reference is straight above the start, at the points' height.
+        np.testing.assert_allclose(snapshot.target_points, lifted(height), atol=1e-12)
+        assert snapshot.rgb[0, 0, 0] == 7
+
+
+def test_a_track_that_is_lost_leaves_a_picture_without_points(bench, album):
+    bench.fix(frame=make_frame(0.0), tracked_points=TrackedPoints.lost(N, 0.0))
+    bench.advance(PERIOD)
+
+    (snapshot,) = album.snapshots
+    assert np.isnan(snapshot.points).all()
+    assert np.isnan(snapshot.target_points).all()
+
+
+def test_a_point_that_was_not_observed_has_a_target_all_the_same(bench, album):
+    positions = lifted(0.05, aside=0.01)
+    positions[0] = np.nan
+    track = TrackedPoints(positions, np.array([0.0, 1.0, 1.0, 1.0]), 0.0)
+    bench.fix(frame=make_frame(0.0), tracked_points=track)
+    bench.advance(PERIOD)
+
+    (snapshot,) = album.snapshots
+    assert np.isnan(snapshot.points[0]).all()
+    np.testing.assert_allclose(snapshot.target_points, lifted(0.05), atol=1e-12)
+
+
+def test_no_frame_is_no_snapshot(bench, album):
+    bench.advance(PERIOD)
+    bench.fix(frame=ABSENT, tracked_points=seen(0.0))
+    bench.advance(PERIOD)
+
+    assert album.snapshots == ()
+
+
+def test_what_it_remembers_is_in_the_context(bench, album):
+    bench.fix(frame=make_frame(0.0), tracked_points=NO_TRACK)
+    bench.advance(PERIOD)
+    other = bench.dut.CreateDefaultContext()
+    other.SetTimeStateAndParametersFrom(bench.context)
+    bench.dut.GetInputPort("frame").FixValue(other, make_frame(0.125))
+    bench.dut.GetInputPort("tracked_points").FixValue(other, seen(0.0))
+
+    bench.dut.ForcedPublish(other)
+
+    assert [snapshot.time for snapshot in album.snapshots] == [0.0]
+
+
+def test_pictures_are_forgotten_once_they_are_tracked(bench):
+    for tick in range(6):
+        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=seen((tick - 1) * PERIOD))
+        bench.advance(PERIOD)
+
+    images = bench.context.get_abstract_state(0).get_value()
+    assert [image.stamp for image in images] == [5 * PERIOD]

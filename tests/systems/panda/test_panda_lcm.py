@@ -1,0 +1,112 @@
+"""What the drivers of the Panda and its hand report."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from drake import (
+    lcmt_panda_status,
+    lcmt_schunk_wsg_status,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from panda_bench import JOINTS, PERIOD, RobotBench, arm_status, hand_status
+from system_bench import START
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.systems.panda.lcm_messages import (
+    decode_hand_status,
+    decode_panda_status,
+)
+from poil_drake.systems.statuses import RobotMode
+
+
+def test_status_is_shown_in_the_signs_of_drake(arm: RobotBench) -> None:
+    arm.say(arm_status(START - 0.02))
+
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
+    np.testing.assert_allclose(arm.show("velocity_measured"), 0.01 * np.arange(7))
+    np.testing.assert_array_equal(arm.show("torque_external"), -np.arange(7.0))
+    assert arm.show("status") == pytest.approx([RobotMode.MOVE, 0.02, 0.98], abs=1e-6)
+
+
+def test_age_grows_when_statuses_stop_repeat_or_come_late(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.elapsed += 0.3
+
+    arm.say(arm_status(START))
+    arm.say(arm_status(START - 0.1, joint_position=[0.0] * 7))
+
+    assert arm.show("status")[1] == pytest.approx(0.3, abs=1e-6)
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
+    assert arm.mailbox.late == 2
+
+
+def test_clock_of_the_driver_shows_in_the_age(arm: RobotBench) -> None:
+    arm.say(arm_status(START + 1.0))
+
+    assert arm.show("status")[1] == pytest.approx(-1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"",
+        b"abc",
+        arm_status(START)[:-5],
+        lcmt_schunk_wsg_status().encode(),
+        arm_status(START, joint_position=[np.nan] * 7),
+        arm_status(START, robot_mode=42),
+        lcmt_panda_status().encode(),  # Of no joints.
+    ],
+    ids=["empty", "noise", "cut off", "foreign", "not finite", "no mode", "no joints"],
+)
+def test_messages_that_are_no_status_change_nothing(arm: RobotBench, message: bytes) -> None:
+    arm.say(arm_status(START))
+
+    arm.say(message)
+
+    assert arm.mailbox.malformed == 1
+    np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
+    with pytest.raises(InvalidValueError, match="no status of a Panda"):
+        decode_panda_status(message)
+
+
+@given(st.binary(max_size=600), st.booleans())
+@settings(derandomize=True, max_examples=300)
+def test_no_message_at_all_is_an_error_of_its_own(noise: bytes, own: bool) -> None:
+    message = arm_status(START)[:8] + noise if own else noise
+    for decode in (decode_panda_status, decode_hand_status):
+        with contextlib.suppress(InvalidValueError):
+            decode(message)
+
+
+def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
+    assert np.isnan(hand.show("width_measured"))
+
+    hand.say(hand_status(0.035))
+
+    assert hand.show("width_measured") == pytest.approx(0.035)
+    hand.elapsed += 0.6
+    # What stops the whole robot is for others to say first.
+    believed = [hand.show("width_measured") for _ in range(round(0.12 / PERIOD))]
+    assert believed[0] == pytest.approx(0.035)
+    assert np.isnan(believed[-1])
+
+
+def test_status_of_a_hand_that_is_none_changes_nothing(hand: RobotBench) -> None:
+    hand.say(hand_status(0.035))
+
+    hand.say(hand_status(float("nan"), START + 0.1))
+    hand.say(arm_status(START + 0.2))
+
+    assert hand.mailbox.malformed == 2
+    assert hand.show("width_measured") == pytest.approx(0.035)
+
+
+def test_a_driver_that_is_started_anew_is_one_driver(arm: RobotBench) -> None:
+    for k in range(40):
+        clock = 0.001 * k + (1e3 if k > 20 else 0.0)
+        arm.say(arm_status(START + 0.001 * k, robot_utime=round(1e6 * clock)))
+
+    assert arm.show("status")[0] == RobotMode.MOVE

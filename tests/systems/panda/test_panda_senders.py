@@ -1,0 +1,364 @@
+"""What the drivers of the Panda and its hand are told."""
+
+import math
+import signal
+
+import numpy as np
+import pytest
+from panda_bench import (
+    JOINTS,
+    LIMITER,
+    PERIOD,
+    FakeTime,
+    RobotBench,
+    arm_status,
+    hand_status,
+    make_arm_bench,
+    make_hand_bench,
+)
+from system_bench import START
+
+from poil_drake.errors import StationError
+from poil_drake.robots.velocity_limiter import JointMotion
+from poil_drake.systems.lcm import mailbox as lcm_mailbox
+from poil_drake.systems.panda import lcm_senders as panda_senders
+from poil_drake.systems.panda.lcm_messages import (
+    encode_hand_command,
+    encode_panda_command,
+)
+from poil_drake.systems.safety.faults import SafetyConfig
+from poil_drake.systems.statuses import RobotMode
+
+
+@pytest.fixture
+def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    time = FakeTime()
+    monkeypatch.setattr(panda_senders, "time", time)
+    return time
+
+
+def test_before_the_first_status_nothing_is_known_and_nothing_is_sent(arm: RobotBench) -> None:
+    assert np.isnan(arm.show("position_measured")).all()
+    assert arm.show("status").tolist() == [RobotMode.OTHER, np.inf, 0.0]
+    assert arm.send(velocity=np.full(7, 0.1)) == []
+    assert arm.rest(0.01) == []
+
+
+def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.elapsed += 0.25
+    wanted = 0.1 * np.arange(7)
+
+    (command,) = arm.send(velocity=wanted)
+
+    assert command.utime == round(1e6 * (START + 0.25))
+    assert command.control_mode_expected == 2
+    assert (command.num_joint_position, command.num_joint_torque) == (0, 0)
+    assert command.num_joint_velocity == 7
+    np.testing.assert_array_equal(command.joint_velocity, wanted)
+
+
+def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
+    arm = make_arm_bench(max_age=0.1)
+    arm.say(arm_status(START))
+    wanted = np.full(7, 0.1)
+
+    def is_rest(sent: list) -> bool:
+        (command,) = sent
+        return not any(command.joint_velocity)
+
+    def comes_to_rest(*, time: float) -> bool:
+        return any(is_rest(arm.send(velocity=wanted, velocity_time=time)) for _ in range(32))
+
+    assert is_rest(arm.send())
+    assert is_rest(arm.send(velocity=np.where(np.arange(7) == 3, np.nan, wanted)))
+    assert not comes_to_rest(time=0.0)
+    arm.context.SetTime(0.09)
+    assert not comes_to_rest(time=0.0)
+    arm.context.SetTime(0.11)
+    assert comes_to_rest(time=0.0)
+    arm.context.SetTime(0.0)
+    assert not comes_to_rest(time=0.0)
+    assert comes_to_rest(time=np.nan)
+
+
+class HaltedBench(RobotBench):
+    """Its process is halted for a while [s] just after it has seen how old the update is."""
+
+    halt = 0.0
+
+    @property
+    def update_age(self) -> float:
+        self.elapsed += self.halt
+        return 0.0
+
+
+def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
+    arm = make_arm_bench(HaltedBench)
+    arm.say(arm_status(START))
+    arm.halt = 1.0
+
+    (command,) = arm.send(velocity=np.full(7, 0.1))
+
+    # The driver drops what is older than 0.1 s.
+    assert arm.now() == START + 1.0
+    assert command.utime == round(1e6 * START)
+
+
+def test_braking_does_not_begin_from_what_was_commanded_long_ago(
+    fake_time: FakeTime, arm: RobotBench
+) -> None:
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.6)
+
+    fake_time.now += 0.2
+    (command,) = arm.send(velocity=np.full(7, np.nan))
+
+    assert not any(command.joint_velocity)
+
+
+def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.fix(velocity=np.full(7, 0.1))
+
+    arm.advance_to(0.5)
+
+    # One at the start, too.
+    assert len(arm.sent) in (128, 129)
+
+
+def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits(
+    fake_time: FakeTime, arm: RobotBench
+) -> None:
+    arm.say(arm_status(START))
+
+    sent = arm.rest(0.15)
+
+    assert len(sent) > 10
+    assert all(not any(command.joint_velocity) for command in sent)
+
+
+def speed_up(arm: RobotBench, *, speed: float) -> None:
+    """Sends what the supervisor would, until the arm has a velocity."""
+    motion = JointMotion.at_rest(np.array(JOINTS))
+    while motion.velocity[1] < speed - 1e-9:
+        motion = LIMITER.step(motion, np.full(7, speed))
+        arm.send(velocity=motion.velocity)
+    arm.send(velocity=motion.velocity)
+
+
+def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
+    fake_time: FakeTime, arm: RobotBench
+) -> None:
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.6)
+
+    sent = arm.rest(0.05)
+
+    motion = JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7))
+    velocities = [command.joint_velocity for command in sent]
+    expected = LIMITER.braking(motion)
+    np.testing.assert_allclose(velocities[: len(expected)], expected, atol=1e-9)
+    assert len(velocities) >= len(expected) + 0.05 / PERIOD
+    assert not np.any(velocities[len(expected) :])
+    assert not arm.dut.commanding
+
+
+def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
+    fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def halted_sleep(duration: float) -> None:
+        fake_time.now += 10.0
+
+    monkeypatch.setattr(fake_time, "sleep", halted_sleep)
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.6)
+
+    sent = arm.rest(0.05)
+
+    assert any(sent[-1].joint_velocity)
+    assert arm.dut.commanding
+
+
+def test_an_arm_that_speeds_up_brakes_within_its_limits(
+    fake_time: FakeTime, arm: RobotBench
+) -> None:
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.1)  # It would go on to 2 rad/s.
+    motion = JointMotion.at_rest(np.array(JOINTS))
+    sent = []
+    for _ in range(8):
+        motion = LIMITER.step(motion, np.full(7, 2.0))
+        sent.append(motion.velocity)
+        arm.send(velocity=motion.velocity)
+
+    sent += [command.joint_velocity for command in arm.rest(0.05)]
+
+    accelerations = np.diff(sent, axis=0) / PERIOD
+    jerks = np.diff(accelerations, axis=0) / PERIOD
+    config = SafetyConfig().limiter
+    assert np.all(np.abs(accelerations) <= LIMITER.acceleration + 1e-6)
+    # How fast it speeds up is known from velocities only.
+    assert np.all(np.abs(jerks) <= 1.5 * config.jerk_scale * np.array(config.jerk))
+
+
+@pytest.mark.parametrize(("pause", "moves"), [(0.04, True), (0.08, True), (0.12, False)])
+def test_after_a_pause_there_is_nothing_to_brake_from(
+    fake_time: FakeTime, arm: RobotBench, pause: float, moves: bool
+) -> None:
+    arm.say(arm_status(START))
+    arm.send(velocity=np.full(7, 0.2))
+
+    fake_time.sleep(pause)  # The driver's expiry is 0.1 s.
+    sent = arm.rest(0.02)
+
+    assert len(sent) > 4
+    assert any(any(command.joint_velocity) for command in sent) == moves
+    assert not any(sent[-1].joint_velocity)
+
+
+class _StopError(Exception):
+    pass
+
+
+def test_a_signal_waits_until_the_arm_rests(
+    fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(number: int, frame: object) -> None:
+        raise _StopError
+
+    def interrupted_sleep(duration: float) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        fake_time.now += duration
+
+    monkeypatch.setattr(fake_time, "sleep", interrupted_sleep)
+    arm.say(arm_status(START))
+    arm.send(velocity=np.full(7, 0.2))
+    arm.sent.clear()
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        with pytest.raises(_StopError):
+            arm.dut.SendRest(0.1)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    arm.lcm.HandleSubscriptions(0)
+
+    assert len(arm.sent) > 10
+    assert not any(arm.sent[-1].joint_velocity)
+
+
+def test_what_an_update_of_long_ago_found_is_not_sent(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.update_age = 0.079
+    assert len(arm.send(velocity=np.full(7, 0.2))) == 1
+
+    arm.update_age = 0.081
+
+    assert arm.send(velocity=np.full(7, 0.2)) == []
+
+
+def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    speed_up(arm, speed=0.6)
+    expected = LIMITER.braking(JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7)))
+
+    found = [arm.send(velocity=np.full(7, np.nan))[0].joint_velocity for _ in expected]
+
+    # From what was sent it is known how the arm brakes, a little late at each change of jerk.
+    np.testing.assert_allclose(found, expected, atol=0.03)
+    assert np.abs(found[-1]).max() < 0.03
+
+
+def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
+    assert hand.send(width=0.05) == []
+    hand.say(hand_status(0.08))
+
+    (command,) = hand.send(width=0.05)
+
+    assert command.target_position_mm == pytest.approx(50.0)
+    assert command.force == 40.0
+    assert command.utime == round(1e6 * START)
+    assert hand.send(width=float("nan")) == []
+
+
+def test_hand_is_not_told_what_an_update_of_long_ago_found(hand: RobotBench) -> None:
+    hand.say(hand_status(0.08))
+    hand.update_age = 0.081
+
+    assert hand.send(width=0.05) == []
+
+
+def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
+    hand = make_hand_bench(offset=0.003)
+    hand.say(hand_status(0.08))
+    hand.fix(width=0.05)
+
+    hand.simulator.Initialize()
+    hand.lcm.HandleSubscriptions(0)
+    before = list(hand.sent)
+    hand.advance_to(0.004)
+
+    assert before == []
+    assert len(hand.sent) == 1
+
+
+def test_somebody_else_who_commands_the_hand_ends_the_run(hand: RobotBench) -> None:
+    hand.say(hand_status(0.08))
+    hand.send(width=0.05)
+    hand.publish("COMMAND", encode_hand_command(0.0, 40.0, START))
+
+    with pytest.raises(StationError, match="Somebody else commands the hand on COMMAND"):
+        hand.send(width=0.05)
+
+
+def test_hand_that_nobody_commands_is_left_alone(hand: RobotBench) -> None:
+    hand.say(hand_status(0.08))
+
+    assert hand.send() == []
+
+
+def test_own_commands_are_no_surprise_when_they_come_back(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+
+    for k in range(3):
+        arm.elapsed = 0.004 * k
+        assert len(arm.send(velocity=np.full(7, 0.1))) == 1
+
+    assert arm.dut.channel.foreign == 0
+
+
+def test_somebody_else_who_commands_the_arm_ends_the_run(arm: RobotBench) -> None:
+    arm.say(arm_status(START))
+    arm.send(velocity=np.full(7, 0.1))
+    arm.publish("COMMAND", encode_panda_command(np.full(7, 0.2), START))
+
+    with pytest.raises(StationError, match="Somebody else commands the robot on COMMAND"):
+        arm.send()
+
+
+@pytest.fixture
+def patient_mailbox(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow this machine is, senders that take turns do so soon enough."""
+    monkeypatch.setattr(lcm_mailbox, "_WITHIN", math.inf)
+
+
+@pytest.mark.usefixtures("patient_mailbox")
+def test_two_drivers_that_take_turns_are_told(arm: RobotBench) -> None:
+    for k in range(20):
+        own = 1e3 if k % 2 else 5e3  # Since which each robot's clock runs.
+        stamp = START + 0.001 * k
+        said = arm_status(stamp, robot_utime=round(1e6 * (own + 0.001 * k)))
+        arm.say(said)
+
+    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
+        arm.show("status")
+
+
+@pytest.mark.usefixtures("patient_mailbox")
+def test_two_arms_in_different_postures_are_told(arm: RobotBench) -> None:
+    for k in range(20):
+        position = [0.2 * (k % 2)] * 7
+        arm.say(arm_status(START + 0.001 * k, joint_position=position))
+
+    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
+        arm.show("status")

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from poil_drake.recording.run_log.series import Series
+from poil_drake.systems.panda.recorded_robot import (
+    HAND,
+    JOINTS,
+    STATUS,
+    RecordedClock,
+    RecordedRobot,
+)
+
+PERIOD = 1 / 4
+TIMES = [0.0, 0.25, 0.5, 0.75]
+
+
+def make(**options):
+    def series(size, offset):
+        return Series.of([(t, offset + t + np.zeros(size)) for t in TIMES], size)
+
+    return RecordedRobot(
+        joints=series(21, 0.0),
+        hand=series(1, 10.0),
+        status=series(4, 20.0),
+        postures=series(7, 30.0),
+        period=PERIOD,
+        **options,
+    )
+
+
+class Controller(LeafSystem):
+    """Notes what its updates see, and when."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+        self.DeclareVectorInputPort("input", 1)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
+
+    def _update(self, context, state):
+        self.seen.append((context.get_time(), self.GetInputPort("input").Eval(context)[0]))
+
+
+def seen_by_updates(dut, port):
+    """Returns what discrete updates see at a port of one number."""
+    builder = DiagramBuilder()
+    builder.AddSystem(dut)
+    controller = builder.AddSystem(Controller())
+    builder.Connect(dut.GetOutputPort(port), controller.GetInputPort("input"))
+    Simulator(builder.Build()).AdvanceTo(1.0)
+    return controller.seen
+
+
+def test_updates_see_what_was_logged_after_them():
+    # The sample of 0.25 s was taken before the updates of that time, and after those of 0 s.
+    assert seen_by_updates(make(), "hand.width_measured") == [
+        (0.0, 10.25),
+        (0.25, 10.5),
+        (0.5, 10.75),
+        (0.75, 10.75),
+    ]
+
+
+def test_updates_see_what_was_logged_with_them_where_it_moved_with_them():
+    assert seen_by_updates(make(leading=(STATUS,)), "hand.width_measured") == [
+        (0.0, 10.0),
+        (0.25, 10.25),
+        (0.5, 10.5),
+        (0.75, 10.75),
+    ]
+
+
+def test_a_sample_is_shown_when_it_was_taken():
+    dut = make()
+    simulator = Simulator(dut)
+    simulator.Initialize()
+    for time in TIMES:
+        if time > 0.0:
+            simulator.AdvanceTo(time)
+        shown = dut.GetOutputPort("position_measured").Eval(simulator.get_context())
+        np.testing.assert_array_equal(shown, np.full(7, time))
+
+
+@pytest.mark.parametrize(
+    ("port", "size", "value"),
+    [
+        ("position_measured", 7, 0.0),
+        ("velocity_measured", 7, 0.0),
+        ("torque_external", 7, 0.0),
+        ("hand.width_measured", 1, 10.0),
+        ("status", 3, 20.0),
+        ("replayed_position", 7, 30.0),
+    ],
+)
+def test_every_signal_has_its_port(port, size, value):
+    dut = make()
+
+    shown = dut.GetOutputPort(port).Eval(dut.CreateDefaultContext())
+
+    np.testing.assert_array_equal(shown, np.full(size, value))
+
+
+def test_before_the_first_sample_nothing_is_known():
+    empty = Series.of([], 21)
+    dut = RecordedRobot(
+        joints=empty,
+        hand=Series.of([], 1),
+        status=Series.of([], 4),
+        postures=Series.of([], 7),
+        period=PERIOD,
+        leading=(JOINTS, HAND, STATUS),
+    )
+    context = dut.CreateDefaultContext()
+
+    for port in ("position_measured", "status", "hand.width_measured", "replayed_position"):
+        assert np.isnan(dut.GetOutputPort(port).Eval(context)).all()
+
+
+def test_commands_are_ignored():
+    dut = make()
+    context = dut.CreateDefaultContext()
+    for port, size in (("velocity", 7), ("velocity_time", 1), ("hand.width", 1)):
+        dut.GetInputPort(port).FixValue(context, np.full(size, 9.0))
+
+    shown = dut.GetOutputPort("position_measured").Eval(context)
+
+    np.testing.assert_array_equal(shown, np.zeros(7))
+
+
+def test_the_clock_stands_as_it_stood_in_each_period():
+    clock = RecordedClock()
+    simulator = Simulator(make(clock=clock))
+    times = []
+    for time in (0.125, 0.375, 0.625):
+        simulator.AdvanceTo(time)
+        times.append(clock())
+
+    assert times == [20.25, 20.5, 20.75]

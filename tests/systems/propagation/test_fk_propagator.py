@@ -1,0 +1,269 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from system_bench import SystemBench
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.ik.arm_kinematics import ArmKinematics
+from poil_drake.systems.propagation.fk_propagator import FkPropagator
+
+PERIOD = 1 / 256
+P_G = np.array([[0.02, 0.0, 0.05], [0.0, 0.03, 0.06], [-0.02, -0.01, 0.08], [0.01, 0.02, 0.04]])
+N = len(P_G)
+
+
+def joints(time: float) -> np.ndarray:
+    return np.array([0.8 * np.sin(2.0 * time), 0.5 * time - 0.3])
+
+
+def gripper_pose(q: np.ndarray) -> np.ndarray:
+    """X_WG of the two-joint arm, by hand."""
+    R_turn = Rotation.from_rotvec([0.0, 0.0, q[0]]).as_matrix()
+    R_tilt = Rotation.from_rotvec([0.0, q[1], 0.0]).as_matrix()
+    X = np.eye(4)
+    X[:3, :3] = R_turn @ R_tilt
+    X[:3, 3] = R_turn @ (np.array([0.4, 0.0, 0.0]) + R_tilt @ [0.3, 0.0, 0.0])
+    return X
+
+
+def held_points(time: float) -> np.ndarray:
+    X_WG = gripper_pose(joints(time))
+    return P_G @ X_WG[:3, :3].T + X_WG[:3, 3]
+
+
+def seen(positions: np.ndarray, stamp: float) -> TrackedPoints:
+    return TrackedPoints(positions, np.ones(N), stamp)
+
+
+class ArmBench(SystemBench):
+    """Feeds the dut joint positions, tick by tick."""
+
+    def step(self, q: np.ndarray) -> None:
+        """Runs the update of the current tick."""
+        self.fix("panda.position_measured", q)
+        self.advance(PERIOD)
+
+    def step_to(self, tick: int, q: Callable[[float], np.ndarray] = joints) -> None:
+        while self.time < tick * PERIOD:
+            self.step(q(self.time))
+
+    def points(self) -> np.ndarray:
+        return self.read("points").reshape(-1, 3)
+
+
+def make_bench(arm: ArmKinematics, max_age: float = 0.5) -> ArmBench:
+    dut = FkPropagator(num_points=N, kinematics=arm, period=PERIOD, max_age=max_age)
+    return ArmBench(dut, tracked_points=TrackedPoints.lost(N, -np.inf), holding=1.0)
+
+
+@pytest.fixture
+def bench(two_joint_arm: ArmKinematics) -> ArmBench:
+    return make_bench(two_joint_arm)
+
+
+def test_before_the_first_update(bench: ArmBench) -> None:
+    assert np.all(np.isnan(bench.points()))
+    assert np.all(bench.read("confidence") == 0.0)
+    assert bench.read("age") == np.inf
+    assert np.all(np.isnan(bench.read("gripper_pose")))
+    np.testing.assert_array_equal(bench.read("object_motion"), np.eye(4).ravel())
+
+
+def test_before_the_first_track_only_the_gripper_is_known(bench: ArmBench) -> None:
+    bench.step_to(5)
+
+    assert np.all(np.isnan(bench.points()))
+    assert np.all(bench.read("confidence") == 0.0)
+    assert bench.read("age") == np.inf
+    np.testing.assert_allclose(
+        bench.read("gripper_pose").reshape(4, 4), gripper_pose(joints(4 * PERIOD)), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("latency", [0, 1, 16, 40])
+def test_late_tracks_of_a_held_object_are_brought_up_to_now(bench: ArmBench, latency: int) -> None:
+    for tick in range(160):
+        if tick >= latency and (tick - latency) % 32 == 0:
+            stamp = (tick - latency) * PERIOD
+            bench.fix(tracked_points=seen(held_points(stamp), stamp))
+        bench.step(joints(tick * PERIOD))
+
+        if tick >= latency:
+            truth = held_points(tick * PERIOD)
+            np.testing.assert_allclose(bench.points(), truth, rtol=0.0, atol=1e-9)
+            assert np.all(bench.read("confidence") == 1.0)
+
+
+def test_object_motion_is_the_hands_since_the_start(bench: ArmBench) -> None:
+    bench.step_to(101)
+
+    expected = gripper_pose(joints(100 * PERIOD)) @ np.linalg.inv(gripper_pose(joints(0.0)))
+    np.testing.assert_allclose(
+        bench.read("object_motion").reshape(4, 4), expected, rtol=0.0, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("image_time", "tick"), [(76 * PERIOD, 76), (100 * PERIOD, 100), (np.nan, 100), (9.0, 100)]
+)
+def test_object_motion_is_of_the_images_that_are_there(
+    bench: ArmBench, image_time: float, tick: int
+) -> None:
+    bench.fix(image_time=image_time)
+
+    bench.step_to(101)
+
+    # Now, while there are no images or they say to be of the future.
+    expected = gripper_pose(joints(tick * PERIOD)) @ np.linalg.inv(gripper_pose(joints(0.0)))
+    np.testing.assert_allclose(
+        bench.read("object_motion").reshape(4, 4), expected, rtol=0.0, atol=1e-12
+    )
+
+
+def test_object_motion_at_images_from_before_the_history_is_not_known(
+    two_joint_arm: ArmKinematics,
+) -> None:
+    bench = make_bench(two_joint_arm, max_age=0.25)
+    bench.fix(image_time=PERIOD)
+
+    bench.step_to(101)
+
+    assert np.all(np.isnan(bench.read("object_motion")))
+
+
+def test_points_move_with_the_hand_whatever_images_there_are(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0), image_time=2 * PERIOD)
+
+    bench.step_to(60)
+
+    np.testing.assert_allclose(bench.points(), held_points(59 * PERIOD), rtol=0.0, atol=1e-9)
+
+
+def test_a_stamp_between_two_ticks_is_interpolated(bench: ArmBench) -> None:
+    bench.step_to(50)
+    stamp = 40.4 * PERIOD
+    bench.fix(tracked_points=seen(held_points(stamp), stamp))
+
+    bench.step(joints(bench.time))
+
+    # Linear interpolation errs by h^2 / 8 times the acceleration, here about 1 m/s^2.
+    np.testing.assert_allclose(bench.points(), held_points(50 * PERIOD), rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("holding", [0.0, 0.5, np.nan])
+def test_what_is_not_held_stays(bench: ArmBench, holding: float) -> None:
+    bench.fix(holding=holding, tracked_points=seen(P_G, 0.0))
+
+    bench.step_to(60)
+
+    np.testing.assert_array_equal(bench.points(), P_G)
+    np.testing.assert_array_equal(bench.read("object_motion"), np.eye(4).ravel())
+
+
+def test_the_object_moves_from_the_grasp_on(bench: ArmBench) -> None:
+    bench.fix(holding=0.0)
+    bench.step_to(30)
+    bench.fix(tracked_points=seen(held_points(29 * PERIOD), 29 * PERIOD), holding=1.0)
+
+    bench.step_to(60)
+
+    truth = held_points(59 * PERIOD)
+    np.testing.assert_allclose(bench.points(), truth, rtol=0.0, atol=1e-9)
+
+
+def test_a_track_that_grows_too_old_loses_its_confidence(two_joint_arm: ArmKinematics) -> None:
+    bench = make_bench(two_joint_arm, max_age=0.25)
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
+
+    bench.step_to(65)  # the update at 64 ticks, 0.25 s
+    at_the_limit = bench.read("confidence")
+    bench.step_to(66)
+
+    assert np.all(at_the_limit == 1.0)
+    assert np.all(bench.read("confidence") == 0.0)
+    assert bench.read("age") == 65 * PERIOD
+    truth = held_points(65 * PERIOD)
+    np.testing.assert_allclose(bench.points(), truth, rtol=0.0, atol=1e-9)
+
+
+def test_a_track_from_before_the_history_is_unknown(two_joint_arm: ArmKinematics) -> None:
+    bench = make_bench(two_joint_arm, max_age=0.25)
+    bench.step_to(200)
+    bench.fix(tracked_points=seen(P_G, 0.0))
+
+    bench.step(joints(bench.time))
+
+    assert np.all(np.isnan(bench.points()))
+    assert np.all(bench.read("confidence") == 0.0)
+
+
+def test_without_joint_positions_the_motion_rests_and_the_age_grows(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
+    bench.step_to(20)
+    before = {name: bench.read(name) for name in ("points", "gripper_pose", "object_motion")}
+
+    bench.step_to(30, lambda time: np.array([np.nan, 0.0]))
+
+    for name, value in before.items():
+        np.testing.assert_allclose(bench.read(name), value, rtol=0.0, atol=1e-12)
+    assert bench.read("age") == 29 * PERIOD
+
+
+def test_the_hand_may_have_moved_while_joint_positions_were_missing(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
+    bench.step_to(20)
+    bench.step_to(30, lambda time: np.full(2, np.nan))
+
+    bench.step_to(40)
+
+    truth = held_points(39 * PERIOD)
+    np.testing.assert_allclose(bench.points(), truth, rtol=0.0, atol=1e-9)
+
+
+def test_a_point_that_was_not_observed_has_no_confidence(bench: ArmBench) -> None:
+    positions, confidence = held_points(0.0), np.array([1.0, 0.0, 0.5, 1.0])
+    positions[1] = np.nan
+    bench.fix(tracked_points=TrackedPoints(positions, confidence, 0.0))
+
+    bench.step_to(10)
+
+    np.testing.assert_array_equal(bench.read("confidence"), confidence)
+    np.testing.assert_array_equal(np.isnan(bench.points()[:, 0]), [False, True, False, False])
+
+
+def test_a_short_loss_is_bridged(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
+    bench.step_to(32)
+    bench.fix(tracked_points=TrackedPoints.lost(N, 32 * PERIOD))
+
+    bench.step_to(40)
+
+    assert np.all(bench.read("confidence") == 1.0)
+    assert bench.read("age") == 39 * PERIOD
+    np.testing.assert_allclose(bench.points(), held_points(39 * PERIOD), rtol=0.0, atol=1e-9)
+
+
+def test_a_stamp_that_does_not_advance_changes_nothing(bench: ArmBench) -> None:
+    bench.fix(tracked_points=seen(held_points(0.0), 0.0))
+    bench.step_to(10)
+    bench.fix(tracked_points=seen(np.zeros((N, 3)), 0.0))
+
+    bench.step_to(20)
+
+    np.testing.assert_allclose(bench.points(), held_points(19 * PERIOD), rtol=0.0, atol=1e-9)
+
+
+def test_nothing_feeds_through(bench: ArmBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize("wrong", [ABSENT, np.zeros((N, 3)), TrackedPoints.lost(N + 1, 0.0)])
+def test_what_is_not_a_track_of_these_points_is_refused(bench: ArmBench, wrong: object) -> None:
+    bench.fix(tracked_points=wrong)
+
+    with pytest.raises(InvalidValueError, match="tracked_points"):
+        bench.step(joints(0.0))

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poil_drake.systems.propagation.motion_history import (
+    carried_along,
+    empty_history,
+    motion_at,
+    record_motion,
+)
+
+PERIOD = 1 / 256
+
+
+def turn_about_z(angle: float, x: float = 0.0) -> np.ndarray:
+    X = np.eye(4)
+    X[:3, :3] = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+    X[0, 3] = x
+    return X
+
+
+def filled(count: int, duration: float = 0.1) -> np.ndarray:
+    history = empty_history(duration, PERIOD)
+    for tick in range(count):
+        record_motion(history, tick * PERIOD, turn_about_z(0.01 * tick, 0.1 * tick), PERIOD)
+    return history
+
+
+def test_a_sample_comes_back_exactly() -> None:
+    history = filled(100)
+
+    X = motion_at(history, 95 * PERIOD, PERIOD)
+
+    np.testing.assert_array_equal(X, turn_about_z(0.01 * 95, 0.1 * 95))
+
+
+def test_it_reaches_back_over_its_duration_and_no_farther() -> None:
+    history = filled(100, duration=0.1)
+
+    assert motion_at(history, 99 * PERIOD - 0.1, PERIOD) is not None
+    assert motion_at(history, 60 * PERIOD, PERIOD) is None
+
+
+def test_the_future_and_an_empty_history_are_unknown() -> None:
+    assert motion_at(filled(10), 10 * PERIOD, PERIOD) is None
+    assert motion_at(filled(10), -PERIOD, PERIOD) is None
+    assert motion_at(empty_history(0.1, PERIOD), 0.0, PERIOD) is None
+
+
+def test_between_samples_the_motion_is_interpolated() -> None:
+    history = filled(100)
+
+    X = motion_at(history, 95.25 * PERIOD, PERIOD)
+
+    np.testing.assert_allclose(X, turn_about_z(0.9525, 9.525), atol=1e-12)
+
+
+def test_what_is_held_turns_with_the_hand() -> None:
+    # The hand stands at x = 1 and turns by 90 degrees; the object at the origin swings to (1, -1).
+    before, now = turn_about_z(0.0, 1.0), turn_about_z(np.pi / 2, 1.0)
+
+    X_M = carried_along(np.eye(4), before, now)
+
+    np.testing.assert_allclose(X_M[:3, 3], [1.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(X_M[:3, :3], now[:3, :3], atol=1e-12)
+
+
+def test_time_is_a_period_apart() -> None:
+    assert empty_history(0.5, PERIOD).shape == (130, 17)
+    assert np.all(np.isnan(empty_history(0.5, PERIOD)))
+
+
+@pytest.mark.parametrize("error", [1e-13, -1e-13])
+def test_a_time_with_rounding_error_is_the_samples(error: float) -> None:
+    X = motion_at(filled(100), 95 * PERIOD + error, PERIOD)
+
+    np.testing.assert_array_equal(X, turn_about_z(0.01 * 95, 0.1 * 95))

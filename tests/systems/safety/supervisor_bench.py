@@ -1,0 +1,100 @@
+"""A supervised arm that does exactly as it is told, in continuous time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from system_bench import SystemBench
+
+from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
+from poil_drake.systems.safety.supervisor import SafetySupervisor
+from poil_drake.systems.statuses import RobotMode
+
+PERIOD = 1 / 256
+MODEL = PandaModel()
+LIMITS = JointLimits(
+    lower=MODEL.lower,
+    upper=MODEL.upper,
+    velocity=MODEL.velocity,
+    acceleration=np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
+)
+
+
+class SupervisorBench(SystemBench):
+    """Runs a supervisor tick by tick, with an arm that follows at once.
+
+    The velocities between two ticks are taken to be on a straight line, so that the arm's position
+    is the integral of what it is told.
+
+    Attributes:
+        dut: The supervisor.
+        q: (7,) where the arm is [rad].
+        inputs: What the inputs that are connected show, or functions of the time [s] that say it;
+            the arm's posture and speed only where they are not measured as they are.
+        velocities: (K, 7) what the supervisor said at each tick [rad/s].
+        held_up: By how much the clock of a `timed` supervisor is ahead of the simulation [s].
+    """
+
+    held_up = 0.0
+
+    def __init__(
+        self,
+        start: np.ndarray,
+        *,
+        config: SafetyConfig | None = None,
+        cameras: Sequence[str] = (),
+        timed: bool = False,
+    ):
+        dut = SafetySupervisor(
+            model=MODEL,
+            limits=LIMITS,
+            period=PERIOD,
+            cameras=cameras,
+            config=config,
+            clock=self.now if timed else None,
+        )
+        super().__init__(dut)
+        self.q = np.array(start, dtype=float)
+        self.velocities: list[np.ndarray] = []
+        self.inputs: dict[str, Any] = {
+            "velocity": np.zeros(7),
+            "panda.torque_external": np.zeros(7),
+            "panda.status": [float(RobotMode.MOVE), 0.0, 1.0],
+        }
+        self.inputs |= {f"{camera}.image_time": [np.nan] for camera in cameras}
+
+    def now(self) -> float:
+        return self.time + self.held_up
+
+    def tick(self, count: int = 1, **changes: Any) -> None:
+        """Runs some updates, with changed inputs from now on."""
+        self.inputs |= changes
+        for _ in range(count):
+            speed = self.velocities[-1] if self.velocities else np.zeros(7)
+            measured = {"panda.position_measured": self.q, "panda.velocity_measured": speed}
+            for name, value in (measured | self.inputs).items():
+                self.fix(name, value(self.time) if callable(value) else value)
+            self.simulator.AdvancePendingEvents()
+            told = self.read("velocity")
+            self.q = self.q + 0.5 * PERIOD * (speed + told)
+            self.velocities.append(told)
+            self.advance_to(len(self.velocities) * PERIOD)
+
+    def hold_up(self, duration: float) -> None:
+        """Lets the clock, and the arm with its last velocity, go on for a while [s] by itself."""
+        self.held_up += duration
+        self.q = self.q + duration * self.velocities[-1]
+
+    @property
+    def fault(self) -> SafetyFault:
+        return SafetyFault(int(self.read("fault")[0]))
+
+    @property
+    def scale(self) -> float:
+        return float(self.read("scale")[0])
+
+    @property
+    def commanded(self) -> np.ndarray:
+        return self.dut.commanded_motion(self.context).position

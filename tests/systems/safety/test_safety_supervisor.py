@@ -1,0 +1,384 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
+from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
+from poil_drake.robots.velocity_limiter import JointMotion, VelocityLimiter
+from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
+from poil_drake.systems.safety.supervisor import SafetySupervisor
+from poil_drake.systems.statuses import RobotMode
+
+MOVE = float(RobotMode.MOVE)
+CONFIG = SafetyConfig()
+SLOW = SafetyConfig(limiter=replace(CONFIG.limiter, velocity_scale=0.2))
+WANTED = 0.1 * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
+LOW = np.array([0.0, 0.5, 0.0, -2.2, 0.0, 2.7, np.pi / 4])
+"""The hand hangs straight down, its finger tips 4 cm above the table."""
+DOWN = np.eye(7)[1]
+"""The shoulder turns forward, which lowers the hand."""
+FOLDING = np.array([0.0, -0.2, 0.0, -2.6, 0.0, 0.5, 0.0])
+"""The hand is bent back towards the shoulder, which turning the elbow further brings nearer."""
+
+
+def moving_bench(*, wanted: np.ndarray = WANTED, **arguments) -> SupervisorBench:
+    """Returns a bench that has been moving for half a second."""
+    bench = SupervisorBench(NOMINAL_POSTURE, **arguments)
+    bench.tick(128, velocity=wanted)
+    assert bench.fault is SafetyFault.NONE
+    return bench
+
+
+def test_before_the_first_update_the_arm_rests() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    assert not dut.read("velocity").any()
+    assert dut.read("velocity_time")[0] == -np.inf
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_before_the_first_status_the_arm_rests() -> None:
+    dut = SupervisorBench(np.full(7, np.nan))
+
+    nothing = {"panda.status": [0.0, np.inf, 0.0], "panda.torque_external": dut.q}
+    dut.tick(50, velocity=WANTED, **nothing)
+
+    assert not np.any(dut.velocities)
+    assert dut.read("velocity_time")[0] == -np.inf
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_what_is_wanted_goes_through() -> None:
+    dut = moving_bench()
+
+    np.testing.assert_allclose(dut.read("velocity"), WANTED, atol=1e-12)
+    assert dut.read("velocity_time")[0] == pytest.approx(dut.time - PERIOD)
+    assert dut.scale == 1.0
+
+
+def test_a_step_is_that_of_the_limiter() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+    limiter = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
+    expected = limiter.step(JointMotion.at_rest(np.array(NOMINAL_POSTURE)), WANTED)
+
+    dut.tick(velocity=WANTED)
+
+    np.testing.assert_array_equal(dut.read("velocity"), expected.velocity)
+    np.testing.assert_array_equal(dut.commanded, expected.position)
+
+
+def test_the_speed_override_holds() -> None:
+    # A fifth of 2.175 rad/s is 0.435; half of what is wanted.
+    dut = moving_bench(wanted=0.87 * np.eye(7)[0], config=SLOW)
+
+    assert dut.read("velocity")[0] == pytest.approx(0.435)
+    assert dut.scale == pytest.approx(0.5)
+
+
+def fresh(now: float) -> list[float]:
+    return [now - PERIOD]
+
+
+WELL = {
+    "stop": [0.0],
+    "velocity_time": fresh,
+    "front.image_time": fresh,
+    "panda.status": [MOVE, 0.001, 1.0],
+}
+CAUSES = {
+    SafetyFault.STOP_REQUESTED: {"stop": [1.0]},
+    SafetyFault.NO_STATUS: {"panda.status": lambda now: [MOVE, now - 0.5, 1.0]},
+    SafetyFault.CLOCK_OFF: {"panda.status": [MOVE, 100.0, 1.0]},
+    SafetyFault.ROBOT_MODE: {"panda.status": [float(RobotMode.USER_STOPPED), 0.001, 1.0]},
+    SafetyFault.SUCCESS_RATE: {"panda.status": [MOVE, 0.001, 0.5]},
+    SafetyFault.COMMAND_STALE: {"velocity_time": [0.5]},
+    SafetyFault.COMMAND_NOT_FINITE: {"velocity": np.r_[WANTED[:6], np.nan]},
+    SafetyFault.EXTERNAL_TORQUE: {"panda.torque_external": -12.1 * np.eye(7)[6]},
+    SafetyFault.TRACKING_ERROR: {"panda.position_measured": np.array(NOMINAL_POSTURE)},
+    SafetyFault.CAMERA_STALE: {"front.image_time": [0.5]},
+}
+"""What happens half a second after the start. The camera's images last longest: 1 s."""
+
+
+@pytest.mark.parametrize("fault", CAUSES)
+def test_a_cause_stops_the_arm_until_a_reset(fault: SafetyFault) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front", "side"])
+    dut.tick(128, velocity=WANTED, **WELL)
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+    well = dict(dut.inputs)
+
+    dut.tick(300, **CAUSES[fault])
+    assert (dut.fault, dut.scale) == (fault, 0.0)
+    assert not dut.read("velocity").any()
+
+    dut.inputs = well | ({"stop": [1.0]} if fault is SafetyFault.STOP_REQUESTED else {})
+    dut.tick(20)
+    assert dut.fault is fault
+    assert not dut.read("velocity").any()
+    # Rest is said all the time.
+    assert dut.read("velocity_time")[0] == pytest.approx(dut.time - PERIOD)
+
+    dut.tick(60, reset=[1.0])
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+    np.testing.assert_allclose(dut.read("velocity"), WANTED, atol=1e-12)
+
+
+@pytest.mark.parametrize("fault", CAUSES)
+def test_a_reset_does_not_release_while_the_cause_is_there(fault: SafetyFault) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front", "side"])
+    dut.tick(128, velocity=WANTED, **WELL)
+    dut.tick(300, **CAUSES[fault])
+    dut.tick(20, reset=[1.0])
+
+    # A stop is over at once, and where the arm stands it cannot be off its track.
+    over = {SafetyFault.STOP_REQUESTED, SafetyFault.TRACKING_ERROR}
+    assert dut.fault is (SafetyFault.NONE if fault in over else fault)
+
+
+@pytest.mark.parametrize(
+    # All joints as fast as they get, and that alone of which braking takes longest.
+    "wanted",
+    [0.2 * LIMITS.velocity, -0.2 * LIMITS.velocity, 0.2 * LIMITS.velocity * DOWN],
+)
+def test_the_arm_rests_soon_after_a_stop(wanted: np.ndarray) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, config=SLOW)
+    dut.tick(40, velocity=wanted)
+    np.testing.assert_allclose(dut.read("velocity"), wanted, atol=1e-9)
+
+    # 0.15 s are 38.4 periods.
+    dut.tick(38, stop=[1.0])
+
+    assert not dut.read("velocity").any()
+    q = dut.q
+    dut.tick(100)
+    np.testing.assert_array_equal(dut.q, q)
+
+
+def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
+    dut, like = moving_bench(), moving_bench()
+
+    # The position that comes with an old status is somewhere else.
+    dut.tick(30, **{"panda.status": [MOVE, 3.0, 1.0], "panda.position_measured": np.ones(7)})
+    like.tick(30, velocity=np.zeros(7))
+
+    np.testing.assert_array_equal(dut.velocities, like.velocities)
+    # What stands is taken where it is measured, which rounds.
+    np.testing.assert_allclose(dut.commanded, like.commanded, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name", ["panda.position_measured", "panda.torque_external", "panda.status", "velocity"]
+)
+def test_what_is_no_number_brakes_the_arm(name: str) -> None:
+    dut = moving_bench()
+    size = dut.dut.GetInputPort(name).size()
+
+    dut.tick(60, **{name: np.full(size, np.nan)})
+
+    assert dut.fault is not SafetyFault.NONE
+    assert not dut.read("velocity").any()
+    assert np.isfinite(dut.velocities).all()
+
+
+def test_with_speeds_that_are_no_numbers_the_arm_does_not_start() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": np.full(7, np.nan)})
+
+    assert not np.any(dut.velocities)
+
+
+def test_an_arm_that_still_moves_is_not_taken_over() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": 0.06 * DOWN})
+    assert not np.any(dut.velocities)
+    dut.tick(20, **{"panda.velocity_measured": 0.04 * DOWN})
+
+    assert dut.read("velocity").any()
+
+
+def test_a_standing_arm_is_taken_where_it_is_measured() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+    dut.tick(20)
+    pushed = np.array(NOMINAL_POSTURE) + 0.5 * DOWN
+
+    dut.tick(**{"panda.position_measured": pushed})
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_array_equal(dut.commanded, pushed)
+
+
+def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
+    dut = moving_bench()
+    dut.tick(60, stop=[1.0])
+    dut.q = np.array(NOMINAL_POSTURE) + 0.3 * DOWN
+
+    dut.tick(2, reset=[1.0])
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_allclose(dut.commanded, dut.q, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("start", "towards", "config", "fault", "said"),
+    [
+        # The gripper point is 1 cm higher than the finger tips.
+        (
+            LOW,
+            DOWN,
+            PostureGuardConfig(gripper_lower=(-0.85, -0.85, 0.03)),
+            SafetyFault.WORKSPACE,
+            "posture.gripper_lower[2] is 0.03 m, which is ",
+        ),
+        (LOW, DOWN, PostureGuardConfig(), SafetyFault.TABLE, "the arm is "),
+        (
+            FOLDING,
+            -np.eye(7)[3],
+            PostureGuardConfig(),
+            SafetyFault.SELF_COLLISION,
+            "wrist or hand are close to the shoulder",
+        ),
+    ],
+)
+def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault, said) -> None:
+    dut = SupervisorBench(start, config=SafetyConfig(posture=config))
+    guard = PostureGuard(model=MODEL, config=config)
+
+    dut.tick(256, velocity=0.3 * towards)
+    assert dut.fault is fault
+    assert not dut.read("velocity").any()
+    # 2 mrad of a joint are less than 2 mm at the hand.
+    assert 0.0 <= guard.clearances(dut.q[None]).min() < 0.005
+
+    problem = dut.dut.posture_problem(dut.context)
+    assert problem is not None
+    assert problem.startswith(said)
+
+    # It stays there as long as it shall go on, and may come back.
+    q = dut.q
+    dut.tick(20, reset=[1.0])
+    assert dut.fault is fault
+    np.testing.assert_array_equal(dut.q, q)
+    dut.tick(60, reset=[2.0], velocity=-0.3 * towards)
+    assert (dut.fault, dut.scale) == (SafetyFault.NONE, 1.0)
+
+
+def test_an_arm_that_breaks_a_rule_may_come_back() -> None:
+    # The finger tips, 4 cm above the plane of the world, stand 1 cm below this table.
+    config = SafetyConfig(posture=PostureGuardConfig(table_height=0.05))
+    dut = SupervisorBench(LOW, config=config)
+
+    dut.tick(20, velocity=0.1 * DOWN)
+    assert dut.fault is SafetyFault.TABLE
+    assert not np.any(dut.velocities)
+    dut.tick(60, velocity=-0.1 * DOWN, reset=[1.0])
+
+    assert dut.fault is SafetyFault.NONE
+    np.testing.assert_allclose(dut.read("velocity"), -0.1 * DOWN, atol=1e-12)
+
+
+def test_it_stops_at_a_joint_limit_without_a_fault() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+
+    dut.tick(1500, velocity=1.0 * np.eye(7)[6])
+
+    # At the limiter's margin of 0.05 rad.
+    assert dut.q[6] == pytest.approx(LIMITS.upper[6] - 0.05, abs=0.01)
+    assert dut.fault is SafetyFault.NONE
+    assert dut.scale == 0.0
+
+
+def test_a_camera_that_never_showed_an_image_is_not_missed() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front"])
+
+    dut.tick(600, velocity=WANTED)
+
+    assert dut.fault is SafetyFault.NONE
+
+
+def test_a_camera_without_an_image_after_the_first_is_missed() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front"])
+    dut.tick(10, **{"front.image_time": [0.0]})
+
+    # Its image is a second old at the tick 256, not yet older.
+    dut.tick(247, **{"front.image_time": [np.nan]})
+    assert dut.fault is SafetyFault.NONE
+    dut.tick()
+
+    assert dut.fault is SafetyFault.CAMERA_STALE
+
+
+def test_nothing_feeds_through() -> None:
+    assert not SupervisorBench(NOMINAL_POSTURE, cameras=["front"]).dut.HasAnyDirectFeedthrough()
+
+
+def test_torques_and_joints_must_be_seven() -> None:
+    with pytest.raises(InvalidValueError, match="external_torque"):
+        SafetySupervisor(
+            model=MODEL,
+            limits=LIMITS,
+            period=PERIOD,
+            config=SafetyConfig(external_torque=(20.0,) * 6),
+        )
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(derandomize=True, max_examples=25)
+def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
+    """A thousand wishes: 25 times 40."""
+    rng = np.random.default_rng(seed)
+    dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
+    postures = [dut.q]
+    for _ in range(40):
+        # A fault of the last wish is over once the arm stands.
+        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        for _ in range(rng.integers(3, 24)):
+            dut.tick(reset=[float(len(postures))])
+            postures.append(dut.q)
+
+    q, v = np.array(postures), np.concatenate([np.zeros((1, 7)), dut.velocities])
+    a = np.diff(v, axis=0, prepend=v[:1]) / PERIOD
+    jerk = np.diff(a, axis=0, prepend=a[:1]) / PERIOD
+    limiter = CONFIG.limiter
+    assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
+    assert np.all(np.abs(v) <= LIMITS.velocity + 1e-9)
+    assert np.all(np.abs(a) <= limiter.acceleration_scale * LIMITS.acceleration + 1e-6)
+    assert np.all(np.abs(jerk) <= limiter.jerk_scale * np.array(limiter.jerk) + 1e-3)
+    # On the way between the postures that it checks, braking may bulge, by less than 1 mm.
+    assert np.all(distance_from_cell(q) > -1e-3)
+
+
+def test_what_is_commanded_can_be_read_off() -> None:
+    bench = moving_bench()
+
+    np.testing.assert_array_equal(bench.read("position"), bench.commanded)
+    # Half a second at 0.1 rad/s, less the time to get there; where the arm is, it is told to be.
+    np.testing.assert_allclose(bench.read("position"), bench.q, atol=1e-3)
+    assert np.isnan(bench.read("updated_at")[0])
+
+
+def test_in_a_replay_the_arm_need_not_go_where_it_is_told() -> None:
+    still = np.array(NOMINAL_POSTURE)
+    held = {"panda.position_measured": still, "panda.velocity_measured": np.zeros(7)}
+    live, replay = SupervisorBench(still), SupervisorBench(still)
+    live.tick(1, **held)
+    replay.tick(1, **held)
+
+    # Two seconds at 0.1 rad/s are more than the leash of 0.1 rad.
+    live.tick(512, velocity=WANTED)
+    replay.tick(512, velocity=WANTED, replayed_position=still)
+
+    assert live.fault is SafetyFault.TRACKING_ERROR
+    assert replay.fault is SafetyFault.NONE
+    np.testing.assert_allclose(replay.read("velocity"), WANTED, atol=1e-12)
+    # One step from the posture of the run, not from where its own commands would have led.
+    np.testing.assert_allclose(replay.read("position"), still + PERIOD * WANTED, atol=1e-9)

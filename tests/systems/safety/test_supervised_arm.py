@@ -1,0 +1,194 @@
+"""Where an arm really goes that is not quite where it is commanded to be, or has to stop."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from panda_bench import FakeTime
+from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
+from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
+
+from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.posture_guard import PostureGuard
+from poil_drake.robots.velocity_limiter import VelocityLimiter
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.panda import lcm_senders as panda_senders
+from poil_drake.systems.panda.lcm_messages import (
+    PandaStatus,
+    decode_panda_command,
+    decode_panda_status,
+    encode_panda_status,
+)
+from poil_drake.systems.panda.lcm_senders import PandaCommandSender
+from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
+from poil_drake.systems.statuses import RobotMode
+
+CONFIG = SafetyConfig()
+LOW = np.array([0.0, 0.3, 0.0, -2.2, 0.0, 2.5, np.pi / 4])
+"""The hand hangs straight down, well above the table."""
+DOWN = np.eye(7)[1]
+LIMITER = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0])
+@pytest.mark.parametrize("ahead", [0.03, 0.09])
+def test_an_arm_that_is_ahead_keeps_above_the_table(speed: float, ahead: float) -> None:
+    dut = SupervisorBench(LOW)
+    dut.tick(20, velocity=speed * DOWN)
+
+    dut.q = dut.q + ahead * DOWN
+    dut.tick(400)
+
+    assert dut.fault is SafetyFault.TABLE
+    clearance = PostureGuard(model=MODEL).clearances(dut.q[None]).min()
+    assert 0.0 <= clearance < 0.01
+
+
+@pytest.mark.parametrize("ahead", [0.03, 0.09])
+def test_an_arm_that_is_ahead_keeps_within_its_joints_limits(ahead: float) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE)
+    turn = np.eye(7)[6]
+    dut.tick(20, velocity=turn)
+
+    dut.q = dut.q + ahead * turn
+    dut.tick(1500)
+
+    assert dut.q[6] == pytest.approx(LIMITS.upper[6] - 0.05, abs=0.01)
+
+
+def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
+    dut.tick(50, velocity=np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1])
+
+    for _ in range(10):
+        dut.hold_up(0.05)
+        dut.tick(2)
+
+    assert dut.fault is SafetyFault.NONE
+    # 0.5 s at 0.2 rad/s were not commanded tick by tick.
+    np.testing.assert_allclose(dut.commanded, dut.q, atol=2e-3)
+
+
+@pytest.mark.parametrize(("held_up", "moves"), [(0.09, True), (0.3, False)])
+def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
+    held_up: float, moves: bool
+) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
+    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
+    dut.tick(50, velocity=velocity)
+    measured = 0.9 * velocity if moves else np.zeros(7)
+
+    dut.hold_up(held_up)
+    dut.tick(1, **{"panda.velocity_measured": measured})
+
+    assert dut.fault is SafetyFault.LOOP_STALLED
+    told = dut.velocities[-1]
+    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
+    assert np.all(np.abs(told - measured) <= largest + 1e-9)
+    assert np.any(told) == moves
+
+
+@pytest.mark.parametrize(
+    ("held_up", "age", "expected"),
+    [
+        (1.0, 0.001, 0.0),  # It was looked at, and then the process was halted.
+        (1.0, 0.95, 0.0),  # It had waited in the socket.
+        (0.15, 0.149, 0.0),
+        (0.09, 0.089, 0.2),  # The driver follows the last command still.
+    ],
+)
+def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
+    held_up: float, age: float, expected: float
+) -> None:
+    dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
+    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
+    dut.tick(50, velocity=velocity)
+
+    dut.hold_up(held_up)
+    before = {"panda.velocity_measured": 0.9 * velocity}
+    dut.tick(1, **before, **{"panda.status": [float(RobotMode.MOVE), age, 1.0]})
+
+    assert dut.fault is SafetyFault.LOOP_STALLED
+    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
+    told, braked = np.abs(dut.velocities[-1]), expected - largest
+    assert np.all(told <= expected)
+    assert np.all(told >= braked)
+    dut.tick(20)
+    assert np.all(np.abs(dut.velocities[-20:]) <= expected)
+
+
+class Network:
+    """A network in memory; each of Drake's would keep files open."""
+
+    def __init__(self) -> None:
+        self._handlers: list[tuple[str, Callable[[bytes], None]]] = []
+
+    def Publish(self, channel: str, buffer: bytes) -> None:
+        for name, handler in self._handlers:
+            if name == channel:
+                handler(buffer)
+
+    def Subscribe(self, channel: str, handler: Callable[[bytes], None]) -> None:
+        self._handlers.append((channel, handler))
+
+    def HandleSubscriptions(self, timeout_millis: int) -> int:
+        return 0
+
+
+class WayOut:
+    """Sends what a supervisor says, and brings the arm to rest."""
+
+    def __init__(self) -> None:
+        self._lcm = Network()
+        mailbox = LcmMailbox(self._lcm, "STATUS", decode_panda_status)
+        self._sender = PandaCommandSender(
+            lcm=self._lcm, channel="COMMAND", mailbox=mailbox, limiter=LIMITER, period=PERIOD
+        )
+        self._context = self._sender.CreateDefaultContext()
+        self._sent: list[np.ndarray] = []
+        self._lcm.Subscribe(
+            "COMMAND", lambda raw: self._sent.append(decode_panda_command(raw).velocity)
+        )
+        status = PandaStatus(
+            stamp=100.0,
+            position=np.zeros(7),
+            velocity=np.zeros(7),
+            torque_external=np.zeros(7),
+            mode=RobotMode.MOVE,
+            success_rate=1.0,
+        )
+        self._lcm.Publish("STATUS", encode_panda_status(status, np.zeros(7)))
+
+    def velocities(self, said: list[np.ndarray]) -> np.ndarray:
+        """Returns what is sent (K, 7) after the supervisor said the last two velocities."""
+        for velocity in said[-2:]:
+            self._sender.GetInputPort("velocity").FixValue(self._context, velocity)
+            self._sender.ForcedPublish(self._context)
+        self._sent.clear()
+        self._sender.SendRest(0.01)
+        return np.array(self._sent)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(derandomize=True, max_examples=15)
+def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
+    """At full speed, out of any motion."""
+    rng = np.random.default_rng(seed)
+    dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
+    for _ in range(30):
+        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        for _ in range(rng.integers(3, 24)):
+            dut.tick(reset=[float(len(dut.velocities))])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(panda_senders, "time", FakeTime())
+            rest = WayOut().velocities(dut.velocities)
+
+        v = np.concatenate([dut.velocities[-1:], rest])
+        q = dut.q + np.cumsum(0.5 * PERIOD * (v[:-1] + v[1:]), axis=0)
+        assert not v[-1].any()
+        assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
+        assert np.all(np.abs(np.diff(v, axis=0)) <= PERIOD * LIMITS.acceleration)
+        # How fast the arm speeds up is known from two velocities only.
+        assert np.all(distance_from_cell(q) > -3e-3)

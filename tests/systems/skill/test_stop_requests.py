@@ -1,0 +1,95 @@
+import threading
+
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+
+from poil_drake.systems.skill.stop_requests import BUTTON, StopRequests, StopSwitch
+
+PERIOD = 1 / 256
+
+
+def click(meshcat: Meshcat) -> None:
+    """What the page sends when the button is pressed, as a MessagePack map of two strings."""
+    meshcat._InjectWebsocketMessage(
+        message=b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(BUTTON)]) + BUTTON.encode()
+    )
+
+
+def shown(dut: StopRequests, simulator: Simulator, time: float) -> float:
+    simulator.AdvanceTo(time)
+    simulator.AdvancePendingEvents()
+    return dut.GetOutputPort("stop").Eval(simulator.get_context())[0]
+
+
+@pytest.fixture(scope="module")
+def page() -> Meshcat:
+    return Meshcat()
+
+
+def test_before_the_first_update_nothing_was_asked_for() -> None:
+    switch = StopSwitch()
+    switch.request()
+    dut = StopRequests(period=PERIOD, switch=switch)
+
+    assert dut.GetOutputPort("stop").Eval(dut.CreateDefaultContext())[0] == 0.0
+
+
+def test_requests_at_the_switch_are_counted() -> None:
+    switch = StopSwitch()
+    dut = StopRequests(period=PERIOD, switch=switch)
+    simulator = Simulator(dut)
+    switch.request()
+
+    first = shown(dut, simulator, 0.0)
+    for _ in range(2):
+        switch.request()
+    second = shown(dut, simulator, PERIOD)
+
+    assert (first, second) == (1.0, 3.0)
+
+
+def test_clicks_and_requests_add_up(page: Meshcat) -> None:
+    switch = StopSwitch()
+    dut = StopRequests(period=PERIOD, meshcat=page, switch=switch)
+    simulator = Simulator(dut)
+
+    before = shown(dut, simulator, 0.0)
+    click(page)
+    switch.request()
+    after = shown(dut, simulator, PERIOD)
+    dut.close()
+
+    assert (before, after) == (0.0, 2.0)
+
+
+def test_the_button_goes_when_closed_and_its_clicks_stay(page: Meshcat) -> None:
+    dut = StopRequests(period=PERIOD, meshcat=page)
+    simulator = Simulator(dut)
+    assert BUTTON in page.GetButtonNames()
+    click(page)
+
+    dut.close()
+    dut.close()  # Once more is no error.
+
+    assert BUTTON not in page.GetButtonNames()
+    assert shown(dut, simulator, PERIOD) == 1.0
+
+
+def test_without_a_page_or_a_switch_nobody_stops() -> None:
+    dut = StopRequests(period=PERIOD)
+
+    assert shown(dut, Simulator(dut), 0.1) == 0.0
+
+
+def test_a_switch_may_be_pressed_from_many_threads() -> None:
+    switch = StopSwitch()
+    threads = [
+        threading.Thread(target=lambda: [switch.request() for _ in range(1000)]) for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert switch.requests == 4000

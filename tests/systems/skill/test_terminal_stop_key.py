@@ -1,0 +1,148 @@
+import io
+import os
+import pty
+import termios
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from poil_drake.systems.skill.stop_requests import StopSwitch
+from poil_drake.systems.skill.terminal_stop_key import TerminalStopKey
+
+PATIENCE = 3600.0  # [s]; only a test that fails waits for so long.
+
+
+class Noticing(StopSwitch):
+    """Lets a test wait for a request."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pressed = threading.Semaphore(0)
+
+    def request(self) -> None:
+        super().request()
+        self.pressed.release()
+
+
+@pytest.fixture
+def keyboard() -> Iterator[tuple[int, io.TextIOWrapper]]:
+    """The end at which one types, and the terminal."""
+    typing, terminal = pty.openpty()
+    with os.fdopen(terminal, "r") as stream:
+        yield typing, stream
+    os.close(typing)
+
+
+@pytest.mark.parametrize("key", [b" ", b"\r", b"\n", b"q", b"Q", b"\x1b"])
+def test_a_stop_key_presses_the_switch(keyboard, key: bytes) -> None:
+    typing, terminal = keyboard
+    switch = Noticing()
+
+    with TerminalStopKey(switch, stream=terminal) as dut:
+        os.write(typing, key)
+        noticed = switch.pressed.acquire(timeout=PATIENCE)
+
+        assert dut.active
+    assert noticed
+    assert switch.requests == 1
+
+
+def test_other_keys_do_nothing(keyboard) -> None:
+    typing, terminal = keyboard
+    switch = Noticing()
+
+    with TerminalStopKey(switch, stream=terminal):
+        # Keys are looked at in order: once the space is seen, so was what came before it.
+        os.write(typing, b"abc1/-")
+        os.write(typing, b" ")
+        assert switch.pressed.acquire(timeout=PATIENCE)
+
+    assert switch.requests == 1
+
+
+def test_every_key_press_counts(keyboard) -> None:
+    typing, terminal = keyboard
+    switch = Noticing()
+
+    with TerminalStopKey(switch, stream=terminal):
+        os.write(typing, b"q q")
+        for _ in range(3):
+            assert switch.pressed.acquire(timeout=PATIENCE)
+
+    assert switch.requests == 3
+
+
+def test_keys_arrive_without_enter_and_the_terminal_is_given_back(keyboard) -> None:
+    _, terminal = keyboard
+    before = termios.tcgetattr(terminal)
+
+    with TerminalStopKey(StopSwitch(), stream=terminal):
+        local_modes = termios.tcgetattr(terminal)[3]
+
+    assert not local_modes & (termios.ICANON | termios.ECHO)
+    assert local_modes & termios.ISIG  # Ctrl-C still interrupts.
+    assert before[3] & termios.ICANON
+    assert termios.tcgetattr(terminal) == before
+
+
+def test_the_terminal_is_given_back_after_an_error(keyboard) -> None:
+    _, terminal = keyboard
+    before = termios.tcgetattr(terminal)
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        TerminalStopKey(StopSwitch(), stream=terminal),
+    ):
+        raise KeyboardInterrupt
+
+    assert termios.tcgetattr(terminal) == before
+
+
+def test_nobody_listens_any_more_after_it(keyboard) -> None:
+    typing, terminal = keyboard
+    switch = Noticing()
+
+    with TerminalStopKey(switch, stream=terminal) as dut:
+        pass
+    os.write(typing, b" \n")
+
+    assert not dut.active
+    assert os.read(terminal.fileno(), 2) == b" \n"  # It is still there for others.
+    assert switch.requests == 0
+
+
+def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
+    typing, terminal = keyboard
+    switch = Noticing()
+
+    with TerminalStopKey(switch, stream=terminal), open(os.devnull) as elsewhere:
+        os.dup2(elsewhere.fileno(), typing)
+        assert switch.pressed.acquire(timeout=PATIENCE)
+
+    assert switch.requests == 1
+
+
+def test_what_is_no_terminal_is_left_alone(tmp_path) -> None:
+    file = tmp_path / "keys"
+    file.write_text(" q\n")
+    switch = StopSwitch()
+
+    with file.open() as stream, TerminalStopKey(switch, stream=stream) as dut:
+        assert not dut.active
+        assert stream.read() == " q\n"
+
+    assert switch.requests == 0
+
+
+def test_a_stream_without_a_file_is_left_alone() -> None:
+    with TerminalStopKey(StopSwitch(), stream=io.StringIO(" ")) as dut:
+        assert not dut.active
+
+
+def test_a_closed_stream_is_left_alone() -> None:
+    stream = io.StringIO(" ")
+    stream.close()
+
+    with TerminalStopKey(StopSwitch(), stream=stream) as dut:
+        assert not dut.active

@@ -1,0 +1,105 @@
+"""What the point tracker reports, and of what."""
+
+import numpy as np
+import pytest
+from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, SummingTracker
+
+from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.statuses import TrackerStatus
+from poil_drake.systems.tracking.point_tracker import PointTrackerConfig
+
+
+def test_points_are_those_of_the_tracker_fed_by_hand(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+
+    bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
+
+    # Depth is 1 + t, and each prior says 1/8 m along x.
+    first = np.sin(QUERY) + np.float32(1 + PERIOD) + PERIOD
+    second = np.sin(first) + np.float32(1 + 2 * PERIOD) + PERIOD
+    np.testing.assert_allclose(bench.points.positions, second, atol=1e-12)
+
+
+def test_the_frame_is_that_of_the_last_capture(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+
+    bench.advance_to(PERIOD + AFTER)
+
+    assert bench.read("frame") is not None
+    assert bench.read("frame").stamp == PERIOD
+    assert bench.read("frame").images[0].depth[0, 0] == np.float32(1 + PERIOD)
+    assert bench.points.stamp == 0.0
+
+
+def test_a_motion_that_is_no_number_is_no_prior(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.0), moving=np.nan)
+
+    bench.advance_to(PERIOD + AFTER)
+
+    expected = np.sin(QUERY) + np.float32(1 + PERIOD)
+    np.testing.assert_allclose(bench.points.positions, expected, atol=1e-12)
+
+
+def test_it_waits_for_the_detector(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.0), masks=ABSENT)
+    bench.advance_to(PERIOD + AFTER)
+    assert bench.read("status") == TrackerStatus.WAITING
+    assert np.all(bench.points.confidence == 0.0)
+    bench.fix(masks=MASKS)
+
+    bench.advance_to(2 * PERIOD + AFTER)
+
+    assert bench.read("status") == TrackerStatus.TRACKING
+    np.testing.assert_array_equal(bench.points.positions, QUERY)
+
+
+def test_query_points_may_come_through_the_port(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=0.0), query_points=None)
+    bench.fix(query_points=np.full(3 * N, np.nan))
+    bench.advance_to(AFTER)
+    assert bench.read("status") == TrackerStatus.WAITING
+    bench.fix(query_points=QUERY)
+
+    bench.advance_to(PERIOD + AFTER)
+
+    np.testing.assert_array_equal(bench.points.positions, QUERY)
+
+
+def test_a_loss_passes_through(make_bench: MakeBench) -> None:
+    tracker = SummingTracker()
+    tracker.lost_at = frozenset({PERIOD})
+    bench = make_bench(config=PointTrackerConfig(latency=1 / 16), tracker=tracker)
+
+    bench.advance_to(PERIOD + 1 / 16 + AFTER)
+    status, points = bench.read("status"), bench.points
+    bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
+
+    assert status == TrackerStatus.LOST
+    assert points.stamp == PERIOD
+    np.testing.assert_array_equal(points.confidence, np.zeros(N))
+    assert bench.read("status") == TrackerStatus.TRACKING
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_trackers_own_error_ends_the_simulation(make_bench: MakeBench, parallel: bool) -> None:
+    tracker = SummingTracker()
+    tracker.step = lambda state, frame, prior: 1 / 0
+    bench = make_bench(config=PointTrackerConfig(parallel=parallel), tracker=tracker)
+
+    with pytest.raises(ZeroDivisionError):
+        bench.advance_to(1.0)
+
+
+def test_two_contexts_of_one_tracker_do_not_mix(make_bench: MakeBench) -> None:
+    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+    bench.advance_to(0.5)
+    first = bench.points.positions
+    context = bench.simulator.get_mutable_context()
+    context.SetTime(0.0)
+    bench.simulator.get_system().SetDefaultContext(context)
+    bench.simulator.Initialize()
+    assert bench.read("status") == TrackerStatus.WAITING
+
+    bench.advance_to(0.5)
+
+    np.testing.assert_array_equal(bench.points.positions, first)

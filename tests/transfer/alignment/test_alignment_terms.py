@@ -1,0 +1,124 @@
+"""The energies' gradients, against finite differences."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poil_drake.geometry.point_cloud import PointCloud
+from poil_drake.transfer.alignment.cloud_term import CONTEXT_CLOUD, PART_CLOUD, CloudTerm
+from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
+from poil_drake.transfer.registration.join_term import JoinTerm
+
+Maker = Callable[..., PointCloud]
+
+
+def some_state() -> AlignmentState:
+    rng = np.random.default_rng(1)
+    return AlignmentState(
+        R=Rotation.from_rotvec(0.1 * rng.normal(size=(2, 3))).as_matrix(),
+        log_scales=0.1 * rng.normal(size=(2, 2, 3)),
+        translations=0.05 * rng.normal(size=(2, 2, 3)),
+    )
+
+
+def numerical_gradient(
+    energy: Callable[[AlignmentState], np.ndarray], state: AlignmentState
+) -> np.ndarray:
+    columns = []
+    for u in range(UNKNOWNS):
+        step = np.zeros((len(state), UNKNOWNS))
+        step[:, u] = 1e-6
+        ahead, behind = (
+            energy(state.moved(s, max_turn=1.0, log_scale_bounds=(-9.0, 9.0)))
+            for s in (step, -step)
+        )
+        columns.append((ahead - behind) / 2e-6)
+    return np.stack(columns, axis=1)
+
+
+def cloud_term(make: Maker, cloud: int, tangential_weight: float = 1.0) -> CloudTerm:
+    return CloudTerm.between(
+        make(seed=0),
+        make(seed=1),
+        cloud=cloud,
+        max_points=80,
+        # Matching by normals would change the energy, but not what pulls.
+        normal_weight=0.0,
+        tangential_weight=tangential_weight,
+    )
+
+
+def test_cloud_term_gradient(make_handle: Maker, make_body: Maker) -> None:
+    for make, cloud in ((make_handle, PART_CLOUD), (make_body, CONTEXT_CLOUD)):
+        dut, state = cloud_term(make, cloud), some_state()
+        equations = NormalEquations.zero(len(state))
+
+        dut.linearize(state, 0.3, 1.7, equations)
+
+        expected = 1.7 * numerical_gradient(lambda s, d=dut: d.energy(s, 0.3), state)
+        np.testing.assert_allclose(equations.g, expected, atol=1e-6)
+
+
+def test_cloud_term_of_a_cloud_with_itself_is_zero(make_handle: Maker) -> None:
+    cloud = make_handle()
+    dut = CloudTerm.between(
+        cloud, cloud, cloud=0, max_points=100, normal_weight=0.3, tangential_weight=0.1
+    )
+
+    energy = dut.energy(AlignmentState.start(np.eye(3)[None]), 0.1)
+
+    np.testing.assert_allclose(energy, 0.0, atol=1e-12)
+
+
+def test_opposite_normals_cost(make_body: Maker) -> None:
+    cloud = make_body()
+    flipped = PointCloud(cloud.points, -cloud.normals)
+    same, opposite = (
+        CloudTerm.between(
+            cloud, other, cloud=1, max_points=200, normal_weight=0.5, tangential_weight=0.1
+        ).energy(AlignmentState.start(np.eye(3)[None]), 0.1)[0]
+        for other in (cloud, flipped)
+    )
+
+    assert opposite > same + 0.3
+
+
+def test_join_term_gradient(make_handle: Maker, make_body: Maker) -> None:
+    dut = JoinTerm.between(
+        cloud_term(make_handle, PART_CLOUD),
+        cloud_term(make_body, CONTEXT_CLOUD),
+        part=make_handle(),
+        context=make_body(),
+        reach=0.4,
+        across=0.1,
+        along=0.1,  # The same in all directions, so that turning normals change nothing.
+    )
+    assert dut is not None
+    state = some_state()
+    equations = NormalEquations.zero(len(state))
+
+    dut.linearize(state, 0.7, equations)
+
+    np.testing.assert_allclose(
+        equations.g, 0.7 * numerical_gradient(dut.energy, state), rtol=1e-5, atol=1e-6
+    )
+
+
+def test_there_is_no_join_where_part_and_rest_are_apart(
+    make_handle: Maker, make_body: Maker
+) -> None:
+    body = make_body()
+    far = PointCloud(body.points - [0.1, 0.0, 0.0], body.normals)
+
+    dut = JoinTerm.between(
+        cloud_term(make_handle, PART_CLOUD),
+        cloud_term(make_body, CONTEXT_CLOUD),
+        part=make_handle(),
+        context=far,
+        reach=0.4,
+        across=0.1,
+        along=0.4,
+    )
+
+    assert dut is None
