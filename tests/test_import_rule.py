@@ -1,9 +1,10 @@
-"""The floors of the package: no import runs back, and heavy libraries stay out of the loop."""
+"""Imports run one way, and in no circle; heavy libraries stay out of the control loop."""
 
 import ast
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import poil_drake
@@ -28,6 +29,11 @@ LAZY = {"torch", "open3d"}
 
 def modules(*floors: str) -> list[Path]:
     return sorted(path for floor in floors for path in (PACKAGE / floor).rglob("*.py"))
+
+
+def module_name(path: Path) -> str:
+    parts = ("poil_drake", *path.relative_to(PACKAGE).with_suffix("").parts)
+    return ".".join(parts).removesuffix(".__init__")
 
 
 def imports(path: Path) -> set[str]:
@@ -59,6 +65,19 @@ def test_imports_run_one_way() -> None:
     check_no_module_imports(PACKAGE.rglob("*.py"), runs_back)
 
 
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    modules = {module_name(path): path for path in PACKAGE.rglob("*.py")}
+
+    def imported(name: str) -> str:
+        return name if name in modules else name.rpartition(".")[0]
+
+    graph = {
+        module: {imported(name) for name in imports(path)} & modules.keys() - {module}
+        for module, path in modules.items()
+    }
+    TopologicalSorter(graph).prepare()  # Raises a CycleError that names the circle.
+
+
 def test_pure_floors_do_not_know_drake() -> None:
     check_no_module_imports(
         modules(*PURE_FLOORS), lambda path, name: name.split(".")[0] == "pydrake"
@@ -66,10 +85,7 @@ def test_pure_floors_do_not_know_drake() -> None:
 
 
 def test_pure_floors_load_no_drake_by_any_way_round() -> None:
-    names = [
-        ".".join(("poil_drake", *path.relative_to(PACKAGE).with_suffix("").parts))
-        for path in modules(*PURE_FLOORS)
-    ]
+    names = [module_name(path) for path in modules(*PURE_FLOORS)]
     code = (
         "import importlib, sys\n"
         f"for name in {names!r}: importlib.import_module(name)\n"

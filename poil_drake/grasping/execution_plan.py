@@ -1,17 +1,30 @@
 """Everything that execution needs, as one value and one file."""
 
+import io
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.errors import InvalidValueError
+from poil_drake.errors import InvalidValueError, PoilError
 from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.plan_file import MAKE_ANOTHER, PlanFileError, pack, unpack
 from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.runtime.whole_file import whole_file
+
+_PARTS = {
+    "reference": PointTrajectory,
+    "approach": JointTrajectory,
+    "descent": JointTrajectory,
+    "grasp": GraspCandidate,
+}
+"""The fields that are dataclasses themselves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,6 +74,14 @@ class ExecutionPlan(SharedOnCopy):
         for name, shape in shapes.items():
             array = frozen_array(getattr(self, name), name=f"ExecutionPlan.{name}", shape=shape)
             object.__setattr__(self, name, array)
+        for name in ("approach", "descent"):
+            joints = getattr(self, name).positions.shape[1]
+            if joints != self.nominal_posture.size:
+                raise InvalidValueError(
+                    f"{name}.positions has {joints} joints, nominal_posture "
+                    f"{self.nominal_posture.size}.",
+                    remedy="Pass both for the same arm.",
+                )
         gap = np.abs(self.approach.positions[-1] - self.descent.positions[0]).max()
         if gap > 1e-6:
             raise InvalidValueError(
@@ -80,25 +101,102 @@ class ExecutionPlan(SharedOnCopy):
         return self.grasp.pregrasp_width
 
     def save(self, path: Path | str) -> None:
-        """Writes the plan to a file, whole or not at all; see `plan_file`.
+        """Writes the plan to a file, whole or not at all.
 
         Args:
             path: Where to; by custom it ends in ".npz".
-        """
-        from poil_drake.grasping.plan_file import write_plan
 
-        write_plan(self, Path(path))
+        Raises:
+            PlanFileError: The metadata holds something that JSON cannot.
+        """
+        data = self.to_bytes()
+        with whole_file(Path(path)) as file:
+            file.write(data)
 
     @classmethod
     def load(cls, path: Path | str) -> "ExecutionPlan":
         """Reads a plan that `save` wrote.
 
-        Args:
-            path: The file.
-
         Raises:
             PlanFileError: The file is missing, damaged, incomplete or of another version.
         """
-        from poil_drake.grasping.plan_file import read_plan
+        if not Path(path).is_file():
+            raise PlanFileError(f"There is no plan '{path}'.", remedy=MAKE_ANOTHER)
+        try:
+            with Path(path).open("rb") as stream:
+                return cls._read(stream, str(path))
+        except OSError as error:
+            raise PlanFileError(
+                f"The plan '{path}' cannot be read: {error.strerror}.", remedy=MAKE_ANOTHER
+            ) from error
 
-        return read_plan(Path(path))
+    def to_bytes(self) -> bytes:
+        """Returns what `save` writes.
+
+        Raises:
+            PlanFileError: The metadata holds something that JSON cannot.
+        """
+        values: dict[str, Any] = {}
+        for name in (entry.name for entry in fields(self)):
+            value = getattr(self, name)
+            if name in _PARTS:
+                values |= {f"{name}.{e.name}": getattr(value, e.name) for e in fields(value)}
+            else:
+                values[name] = dict(value) if isinstance(value, Mapping) else value
+        return pack(values)
+
+    @classmethod
+    def from_bytes(cls, data: bytes, *, name: str) -> "ExecutionPlan":
+        """Returns the plan of what `to_bytes` returned.
+
+        Args:
+            data: The bytes.
+            name: What to call them in an error.
+
+        Raises:
+            PlanFileError: They are damaged, incomplete or of another version.
+        """
+        return cls._read(io.BytesIO(data), name)
+
+    @classmethod
+    def _read(cls, stream: BinaryIO, name: str) -> "ExecutionPlan":
+        values = unpack(stream, name=name)
+        try:
+            parts = {
+                owner: kind(**_fields(kind, values, f"{owner}.")) for owner, kind in _PARTS.items()
+            }
+            return cls(**parts, **_fields(cls, values))
+        except KeyError as error:
+            raise PlanFileError(
+                f"The plan '{name}' has no entry {error}.", remedy=MAKE_ANOTHER
+            ) from error
+        except (TypeError, ValueError) as error:
+            problem = (
+                error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
+            )
+            raise PlanFileError(
+                f"The plan '{name}' holds values that do not fit together: {problem}",
+                remedy=MAKE_ANOTHER,
+            ) from error
+
+
+def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns a dataclass's fields, but for its parts, after checking their types."""
+    found = {}
+    for entry in fields(kind):
+        if not prefix and entry.name in _PARTS:
+            continue
+        name = prefix + entry.name
+        value = values[name]
+        if entry.type is float and not (_is_number(value) and math.isfinite(value)):
+            raise TypeError(f"{name} is {value!r}, but a finite number is needed.")
+        if entry.type is str and not isinstance(value, str):
+            raise TypeError(f"{name} is {value!r}, but a text is needed.")
+        if entry.name == "metadata" and not isinstance(value, dict):
+            raise TypeError(f"{name} is {value!r}, but a mapping is needed.")
+        found[entry.name] = value
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

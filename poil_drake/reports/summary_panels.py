@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from poil_drake.reports.run_summary import PhaseSpan
-
-if TYPE_CHECKING:
-    from poil_drake.reports.summary_picture import SummaryData
+from poil_drake.reports.summary_data import SummaryData
 
 COLORS = {
     # The hues of the live view: points, target, reference.

@@ -8,8 +8,9 @@ from matplotlib.colors import to_rgb
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
 from poil_drake.reports.run_summary import PhaseSpan
+from poil_drake.reports.summary_data import SummaryData
 from poil_drake.reports.summary_panels import COLORS, spread_out
-from poil_drake.reports.summary_picture import SummaryData, make_summary_picture
+from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.reports.summary_snapshots import common_view
 from poil_drake.systems.logging.snapshot_recorder import Snapshot
 

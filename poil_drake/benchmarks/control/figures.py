@@ -3,25 +3,23 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from poil_drake.benchmarks.control.arena.arena import ArenaConfig
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.policies.policies import LEARNED
+from poil_drake.benchmarks.control.study_config import ControlStudyConfig
 from poil_drake.benchmarks.control.table import summarize
 from poil_drake.benchmarks.control.trial import ControlTrial, TrialConfig
 from poil_drake.recording.mcap.library_versions import library_versions
 from poil_drake.recording.mcap.plain_json import write_json
 
-if TYPE_CHECKING:
-    from poil_drake.benchmarks.control.study import ControlStudyConfig
-
 
 def write_figures(
     trials: Sequence[ControlTrial],
-    config: "ControlStudyConfig",
+    config: ControlStudyConfig,
     path: Path,
     *,
     hard: Mapping[str, Any] | None = None,

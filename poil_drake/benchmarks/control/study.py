@@ -13,7 +13,7 @@ from tqdm import tqdm
 from poil_drake.benchmarks.control.arena.arena import Arena
 from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking, TrackingConfig
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
-from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
+from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
 from poil_drake.benchmarks.control.figures import write_figures
 from poil_drake.benchmarks.control.pictures import draw_pictures
@@ -26,6 +26,7 @@ from poil_drake.benchmarks.control.starts import (
     sample_start,
     trial_generator,
 )
+from poil_drake.benchmarks.control.study_config import ControlStudyConfig
 from poil_drake.benchmarks.control.table import print_tables
 from poil_drake.benchmarks.control.task_pictures import DrawTask
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
@@ -65,41 +66,6 @@ class HardMode:
 
 _HARD = HardMode()
 _WRITING_PERIOD = 60.0  # Between two times that what is known so far is written [s].
-
-
-@dataclass(frozen=True, kw_only=True)
-class ControlStudyConfig:
-    """What is tried.
-
-    Attributes:
-        tasks: Names of tasks.
-        policies: Names of policies.
-        trials: Of each policy in each region of each task.
-        hard: Whether hard mode is tried, too: any orientation, a tracker of 8 Hz that is 0.1 s late
-            and has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
-        seed: Of starts, slips and noise; policies are trained on the same demonstrations always.
-    """
-
-    tasks: tuple[str, ...] = TASKS
-    policies: tuple[str, ...] = tuple(row.name for row in ROWS)
-    trials: int = 100
-    hard: bool = True
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for kind, wanted, known in (
-            ("task", self.tasks, TASKS),
-            ("policy", self.policies, tuple(row.name for row in ROWS)),
-        ):
-            for name in wanted:
-                if name not in known:
-                    raise InvalidValueError(
-                        f"There is no {kind} '{name}'.", remedy=f"Choose from: {', '.join(known)}."
-                    )
-            if len(set(wanted)) < len(wanted):
-                raise InvalidValueError(
-                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="Name each once."
-                )
 
 
 def run_control_study(

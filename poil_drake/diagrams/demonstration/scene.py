@@ -26,7 +26,8 @@ from poil_drake.diagrams.scenario.models import (
     RequireModel,
     SetInitialPositions,
 )
-from poil_drake.diagrams.scenario.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame, ReadImage
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.geometry.rigid_transform import inverse

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import PoilConfig
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import PointTracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker

@@ -21,7 +21,6 @@ from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.plan_file import plan_of
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.comparison.tolerances import (
@@ -139,7 +138,7 @@ def _recorded_scenario(run: RecordedRun) -> Scenario:
 
 def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
     try:
-        return plan_of(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
+        return ExecutionPlan.from_bytes(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
     except PoilError as error:
         raise RunLogError(error.problem, remedy="Copy the log again.") from error
 

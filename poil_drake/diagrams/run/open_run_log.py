@@ -6,7 +6,6 @@ from pathlib import Path
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.plan_file import plan_bytes
 from poil_drake.recording.run_log.layout import SIMULATED, STATION_KEY
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
@@ -49,6 +48,6 @@ def OpenRunLog(
         path,
         metadata=about,
         scenario_text=DumpScenario(scenario),
-        plan=plan_bytes(plan),
+        plan=plan.to_bytes(),
         config=config,
     )

@@ -9,7 +9,8 @@ import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
-from poil_drake.diagrams.scenario.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution

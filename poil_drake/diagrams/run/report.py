@@ -16,7 +16,8 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
-from poil_drake.reports.summary_picture import SummaryData, make_summary_picture
+from poil_drake.reports.summary_data import SummaryData
+from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum

@@ -2,18 +2,19 @@
 
 import ipaddress
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 from urllib.parse import urlsplit
 
+from pydrake.lcm import DrakeLcmParams
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.sensors import CameraConfig
+from pydrake.visualization import VisualizationConfig
 
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
-
-if TYPE_CHECKING:
-    from poil_drake.diagrams.scenario.scenario import Scenario
 
 GROUND_TRUTH = "ground_truth"
 """The tracker's name that stands for the simulator's own poses: a labelled baseline."""
@@ -40,33 +41,19 @@ _INTEGRATION_SCHEMES = (
 )
 
 
-def CheckScenarioValues(scenario: "Scenario") -> None:
-    """Checks each of a scenario's own values, and that they agree with one another.
-
-    Raises:
-        ScenarioError: naming the first value that is wrong.
-    """
-    if scenario.random_seed < 0:
-        raise ScenarioError(
-            f"random_seed is {scenario.random_seed}.", remedy="It must be 0 or a positive number."
-        )
-    _require_positive("simulation_duration", scenario.simulation_duration, infinite=True)
-    _require_positive("visualization.publish_period", scenario.visualization.publish_period)
-    for i, directive in enumerate(scenario.directives):
-        _check_directive(directive, f"directives[{i}]")
-    _check_simulator(scenario.simulator_config)
-    _check_time_step(scenario)
-    _check_buses(scenario)
-    _check_delays(scenario)
-    _check_safety(scenario)
-
-
-def _require_positive(name: str, value: float, *, infinite: bool = False) -> None:
+def require_positive(name: str, value: float, *, infinite: bool = False) -> None:
+    """Rejects non-positive values, and infinity unless it is allowed."""
     if not value > 0.0 or (math.isinf(value) and not infinite):
         raise ScenarioError(
             f"{name} is {value}.",
             remedy="It must be positive." if infinite else "It must be positive and finite.",
         )
+
+
+def check_directives(directives: Sequence[ModelDirective]) -> None:
+    """Checks that each directive says one thing, completely."""
+    for index, directive in enumerate(directives):
+        _check_directive(directive, f"directives[{index}]")
 
 
 def _check_directive(directive: ModelDirective, path: str) -> None:
@@ -85,10 +72,11 @@ def _check_directive(directive: ModelDirective, path: str) -> None:
             )
 
 
-def _check_simulator(config: SimulatorConfig) -> None:
+def check_simulator(config: SimulatorConfig) -> None:
+    """Checks the values that Drake would not, or only later."""
     path = "simulator_config"
-    _require_positive(f"{path}.max_step_size", config.max_step_size)
-    _require_positive(f"{path}.accuracy", config.accuracy)
+    require_positive(f"{path}.max_step_size", config.max_step_size)
+    require_positive(f"{path}.accuracy", config.accuracy)
     if config.integration_scheme not in _INTEGRATION_SCHEMES:
         raise ScenarioError(
             f"{path}.integration_scheme is '{config.integration_scheme}'.",
@@ -106,8 +94,9 @@ def _check_simulator(config: SimulatorConfig) -> None:
         )
 
 
-def _check_time_step(scenario: "Scenario") -> None:
-    step, plant = scenario.plant_config.time_step, scenario.poil.rates.plant
+def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
+    """Checks that the plant's period is not given twice, differently."""
+    step, plant = config.time_step, poil.rates.plant
     # Drake's default is what an unset field holds.
     if step not in (plant, MultibodyPlantConfig().time_step):
         raise ScenarioError(
@@ -116,8 +105,8 @@ def _check_time_step(scenario: "Scenario") -> None:
         )
 
 
-def _check_safety(scenario: "Scenario") -> None:
-    poil = scenario.poil
+def check_safety(poil: PoilConfig) -> None:
+    """Checks that the supervisor's limits agree with the rest of the stanza."""
     height = poil.safety.posture.table_height
     if height not in (poil.table_height, PostureGuardConfig().table_height):
         raise ScenarioError(
@@ -135,12 +124,16 @@ def _check_safety(scenario: "Scenario") -> None:
         )
 
 
-def _check_delays(scenario: "Scenario") -> None:
-    poil = scenario.poil
-    for name, camera in scenario.cameras.items():
+def check_delays(
+    cameras: Mapping[str, CameraConfig],
+    lcm_buses: Mapping[str, DrakeLcmParams],
+    poil: PoilConfig,
+) -> None:
+    """Checks that delayed images are not published, and that the latency covers the delay."""
+    for name, camera in cameras.items():
         if not camera.output_delay > 0.0:
             continue
-        bus = scenario.lcm_buses.get(camera.lcm_bus)
+        bus = lcm_buses.get(camera.lcm_bus)
         silent = bus is None or bus.lcm_url == NO_NETWORK
         if not silent and (camera.rgb or camera.depth or camera.label):
             raise ScenarioError(
@@ -160,20 +153,25 @@ def _check_delays(scenario: "Scenario") -> None:
             )
 
 
-def _check_buses(scenario: "Scenario") -> None:
-    for name, params in scenario.lcm_buses.items():
+def check_buses(
+    lcm_buses: Mapping[str, DrakeLcmParams],
+    cameras: Mapping[str, CameraConfig],
+    visualization: VisualizationConfig,
+) -> None:
+    """Checks that LCM can use the buses' addresses, and that those in use are defined."""
+    for name, params in lcm_buses.items():
         if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
                 f"lcm_buses.{name}.lcm_url is '{params.lcm_url}'.",
                 remedy="Write e.g. memq://null (no network) or udpm://239.255.76.67:7667?ttl=0.",
             )
-    users = {f"cameras.{name}": camera.lcm_bus for name, camera in scenario.cameras.items()}
-    users["visualization"] = scenario.visualization.lcm_bus
+    users = {f"cameras.{name}": camera.lcm_bus for name, camera in cameras.items()}
+    users["visualization"] = visualization.lcm_bus
     for path, bus in users.items():
-        if bus not in ("", *scenario.lcm_buses):
+        if bus not in ("", *lcm_buses):
             raise ScenarioError(
                 f"{path}.lcm_bus is '{bus}', which lcm_buses does not define.",
-                remedy=f"Choose one of: {', '.join(scenario.lcm_buses)}.",
+                remedy=f"Choose one of: {', '.join(lcm_buses)}.",
             )
 
 

@@ -5,7 +5,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries, ScopedGeometryName
 from poil_drake.diagrams.scenario.models import RequireModel
-from poil_drake.diagrams.scenario.scenario import PoilConfig, Scenario
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import BASE_LINK
 

@@ -8,7 +8,8 @@ from pydrake.common.schema import Rotation, Transform
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.parsing import AddModel, ModelDirective
 
-from poil_drake.diagrams.scenario.scenario import Randomization, Scenario
+from poil_drake.diagrams.scenario.poil_config import Randomization
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
 

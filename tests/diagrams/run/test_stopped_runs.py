@@ -24,7 +24,7 @@ from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.errors import PoilError
-from poil_drake.grasping.plan_file import plan_of
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.run_summary import RunSummary
 from poil_drake.systems.disturbance_injector import Pulse
@@ -148,7 +148,7 @@ def test_the_scenario_that_was_run_can_be_read_back_from_the_log(tmp_path: Path)
     assert metadata["scenario"] == again.source.name == "HangMug"
     assert metadata["scenario_file"].endswith("hang_mug.yaml")
     assert metadata["station"] == "simulated"
-    plan = plan_of(attachments["plan.npz"].data, name="the log")
+    plan = ExecutionPlan.from_bytes(attachments["plan.npz"].data, name="the log")
     np.testing.assert_array_equal(plan.target_points, short_plan().target_points)
     assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
 

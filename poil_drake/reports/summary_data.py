@@ -1,0 +1,65 @@
+"""What a summary picture shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.reports.run_summary import PhaseSpan
+from poil_drake.systems.logging.snapshot_recorder import Snapshot
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SummaryData:
+    """What a summary picture shows. Anything that is empty is left out.
+
+    Attributes:
+        title: The run's name, e.g. "Hang a mug".
+        success: Whether the task succeeded.
+        reason: Why, in one clause.
+        subtitle: Further figures in one line.
+        times: (T,) times [s] of the samples below.
+        point_errors: (T, N) distance of each point from its target [m]; NaN where unknown.
+        potential: (T,) D of POIL eq. 4 [m^2].
+        tau: (T,) time of the reference's closest sample [s].
+        reference_duration: The reference's last time [s]; NaN if unknown.
+        joint_velocities: (T, J) commanded or measured joint velocities [rad/s].
+        velocity_limits: (J,) their limits [rad/s].
+        phases: The skill's phases.
+        tracking_times: (S,) times [s] of the tracker's samples.
+        tracking_errors: (S, N) distance of each tracked point from the truth [m].
+        snapshots: Four to six camera pictures in order.
+    """
+
+    title: str
+    success: bool
+    reason: str
+    subtitle: str = ""
+    times: np.ndarray
+    point_errors: np.ndarray
+    potential: np.ndarray
+    tau: np.ndarray
+    reference_duration: float = np.nan
+    joint_velocities: np.ndarray
+    velocity_limits: np.ndarray
+    phases: Sequence[PhaseSpan] = ()
+    tracking_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    tracking_errors: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    snapshots: Sequence[Snapshot] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.times)
+        for name in ("point_errors", "potential", "tau", "joint_velocities"):
+            if len(getattr(self, name)) != count:
+                raise InvalidValueError(
+                    f"SummaryData.{name} has {len(getattr(self, name))} samples, but there are "
+                    f"{count} times.",
+                    remedy="Log all signals at the same period.",
+                )
+        if len(self.tracking_errors) != len(self.tracking_times):
+            raise InvalidValueError(
+                f"SummaryData has {len(self.tracking_errors)} tracking errors at "
+                f"{len(self.tracking_times)} times.",
+                remedy="Pass one row of errors for each time.",
+            )
