@@ -4,18 +4,14 @@ from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
-from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.run.html_recording import MakeMeshcat
-from poil_drake.diagrams.run.planning import PlanScenario
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+import poil_drake as poil
 
-scenario = LoadScenario(filename=default_scenario_file())
+scenario = poil.LoadScenario(filename=poil.default_scenario_file())
 demonstration = Path("out/demo.mcap")
-RecordDemonstration(scenario, demonstration)
-plan = PlanScenario(scenario, demonstration)
-meshcat = MakeMeshcat()
+poil.RecordDemonstration(scenario, demonstration)
+plan = poil.PlanScenario(scenario, demonstration)
+meshcat = poil.MakeMeshcat()
 print(meshcat.web_url())
-with MakeClosedLoop(scenario, plan, meshcat=meshcat) as loop:
+with poil.MakeClosedLoop(scenario, plan, meshcat=meshcat) as loop:
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(16.0)

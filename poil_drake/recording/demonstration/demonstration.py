@@ -21,7 +21,7 @@ from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, me
 from poil_drake.recording.demonstration.recorded_frames import RecordedFrames, StoredView
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
-__all__ = ["Demonstration", "DemonstrationWriter", "load_demonstration"]
+__all__ = ["Demonstration", "DemonstrationWriter", "LoadDemonstration", "load_demonstration"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +114,7 @@ def _view(contents: Contents, name: str, *, base: str, image: int, depth: int) -
     if label and 2 * abs(label.stamp - color.stamp) >= median_period(stamps(camera.image)):
         label = None
     return StoredView(name, calibration, X_WC, color, camera.depth[depth], label)
+
+
+LoadDemonstration = load_demonstration
+"""The name that stands beside `RecordDemonstration`."""
