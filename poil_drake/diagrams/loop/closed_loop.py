@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from poil_drake.diagrams.loop.control import AddControl
 from poil_drake.diagrams.loop.logging_and_visualization import (
     AddDisturbances,
-    AddOnlookers,
+    AddLoggingAndVisualization,
     PublishSchedules,
 )
 from poil_drake.diagrams.loop.perception import (
@@ -173,7 +173,7 @@ def MakeClosedLoop(
             parts["tracker"] = AddGroundTruthTracker(**given)
         else:
             parts |= AddPerception(**given, hardware=hardware, dry_run=dry_run, stopwatch=stopwatch)
-        parts |= AddOnlookers(**given, meshcat=meshcat, log=log, album=album)
+        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=album)
         ConnectByName(builder, parts)
         AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)

@@ -21,7 +21,7 @@ from poil_drake.systems.visualization.point_set_visualizer import (
 )
 
 
-def AddOnlookers(
+def AddLoggingAndVisualization(
     *,
     builder: DiagramBuilder,
     scenario: Scenario,

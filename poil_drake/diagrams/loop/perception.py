@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware_checks import NoTruth
+from poil_drake.diagrams.station.hardware_checks import ground_truth_error
 from poil_drake.diagrams.station.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.station.station import SimulatedStation, Station
 from poil_drake.errors import ScenarioError
@@ -44,7 +44,7 @@ def AddGroundTruthTracker(
     """
     poil = scenario.poil
     if not isinstance(station, SimulatedStation):
-        raise NoTruth()
+        raise ground_truth_error()
     return builder.AddNamedSystem(
         "tracker",
         GroundTruthTracker(

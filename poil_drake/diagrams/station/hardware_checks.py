@@ -18,11 +18,11 @@ def CheckHardwareRun(scenario: Scenario) -> None:
         ScenarioError: if one cannot.
     """
     if scenario.poil.tracker == GROUND_TRUTH:
-        raise NoTruth()
+        raise ground_truth_error()
     for name in scenario.cameras:
         source = scenario.poil.hardware.cameras.get(name, LcmImages())
         if scenario.poil.detector == LABEL_IMAGE and not SendsLabels(source):
-            raise NoLabels(name)
+            raise label_error(name)
         if isinstance(source, McapPlayback) and not Path(source.file).is_file():
             raise ScenarioError(
                 f"poil.hardware.cameras.{name} plays '{source.file}', which is not there.",
@@ -30,7 +30,7 @@ def CheckHardwareRun(scenario: Scenario) -> None:
             )
 
 
-def NoTruth() -> ScenarioError:
+def ground_truth_error() -> ScenarioError:
     """Returns the error of a tracker that reads the simulator's poses where there is none."""
     return ScenarioError(
         f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
@@ -38,7 +38,7 @@ def NoTruth() -> ScenarioError:
     )
 
 
-def NoLabels(camera: str) -> ScenarioError:
+def label_error(camera: str) -> ScenarioError:
     """Returns the error of a camera without label images."""
     return ScenarioError(
         f"The detector '{LABEL_IMAGE}' reads label images, which camera '{camera}' does not give.",

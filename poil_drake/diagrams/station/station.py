@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeFrame
-from poil_drake.diagrams.station.hardware_checks import NoLabels
+from poil_drake.diagrams.station.hardware_checks import label_error
 from poil_drake.diagrams.station.hardware_station import HardwareStation
 from poil_drake.diagrams.station.simulated_station import SimulatedStation
 from poil_drake.diagrams.station.station_base import Station
@@ -100,7 +100,7 @@ def RequireLabels(station: Station) -> None:
     poil = station.scenario.poil
     for name in station.camera_names:
         if poil.detector == LABEL_IMAGE and not station.HasOutputPort(f"{name}.label_image"):
-            raise NoLabels(name)
+            raise label_error(name)
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:

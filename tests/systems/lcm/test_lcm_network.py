@@ -53,13 +53,13 @@ def test_other_channels_are_not_handled(url: str) -> None:
 def test_a_closed_network_keeps_no_messages(url: str) -> None:
     dut, got, others = LcmNetwork(url), [], []
     dut.Subscribe("CHANNEL", got.append)
-    witness = LcmNetwork(url)
-    witness.Subscribe("CHANNEL", others.append)
+    reference_view = LcmNetwork(url)
+    reference_view.Subscribe("CHANNEL", others.append)
 
     dut.Close()
     dut.Close()
-    witness.Publish("CHANNEL", b"late")
-    receive(witness, 1, others)
+    reference_view.Publish("CHANNEL", b"late")
+    receive(reference_view, 1, others)
 
     assert others == [b"late"]
     assert dut.HandleSubscriptions(50) == 0

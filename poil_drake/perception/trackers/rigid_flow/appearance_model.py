@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.images import CameraModel, MultiViewFrame
-from poil_drake.perception.trackers.rigid_flow.alignment.config import LookConfig
+from poil_drake.perception.trackers.rigid_flow.alignment.config import AppearanceConfig
 
 _BINS = (16, 48, 48)  # of brightness and of the shares of red and of blue
 _DARK = 24.0  # added to the sum of the channels, so that the hue of black is no noise [of 765]
@@ -70,34 +70,34 @@ class Background(SharedOnCopy):
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectLook(SharedOnCopy):
+class AppearanceModel(SharedOnCopy):
     """Colours and empty surroundings of an object, in its own frame.
 
     Attributes:
         sureness: `_BINS` float32: how surely a pixel of a colour shows the object, in [0, 1]; 0
             where it does so no more often than it shows something else.
-        vacancy: (G, G, G) float32 how far inside of space that was seen to be empty [m]; 0 in all
-            that may be the object.
+        free_space_depth: (G, G, G) float32 distance into space that was seen to be empty [m]; 0 in
+            all that may be the object.
         corner: Where that grid begins along each axis [m].
         spacing: Of the grid [m].
         backgrounds: What each camera saw around the object.
     """
 
     sureness: np.ndarray
-    vacancy: np.ndarray
+    free_space_depth: np.ndarray
     corner: float
     spacing: float
     backgrounds: tuple[Background, ...]
 
-    def vacancy_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
+    def free_space_depth_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
         """Returns how far inside of empty space points are [m], given as x, y and z (...)."""
-        size = len(self.vacancy)
+        size = len(self.free_space_depth)
         index = np.zeros(points_O[0].shape, dtype=np.int32)
         for coordinate in points_O:
             cell = (coordinate - np.float32(self.corner)) * np.float32(1.0 / self.spacing)
             index *= size
             index += np.clip(cell, 0, size - 1).astype(np.int32)
-        return self.vacancy.ravel()[index]
+        return self.free_space_depth.ravel()[index]
 
 
 def color_features(rgb: np.ndarray) -> np.ndarray:
@@ -110,7 +110,7 @@ def color_features(rgb: np.ndarray) -> np.ndarray:
     return np.stack([total * np.float32(1.0 / (765.0 + _DARK)), red / total, blue / total])
 
 
-def likeness(rgb: np.ndarray, features: np.ndarray, config: LookConfig) -> np.ndarray:
+def likeness(rgb: np.ndarray, features: np.ndarray, config: AppearanceConfig) -> np.ndarray:
     """Returns how alike colours are, from 1 (the same) to -1 (surely others).
 
     Args:
@@ -123,13 +123,13 @@ def likeness(rgb: np.ndarray, features: np.ndarray, config: LookConfig) -> np.nd
     return np.clip(1.5 - (difference * difference).sum(axis=0), -1.0, 1.0)
 
 
-def learn_look(
+def learn_appearance(
     frame: MultiViewFrame,
     masks: Sequence[np.ndarray],
     X_WO: np.ndarray,
     radius: float,
-    config: LookConfig,
-) -> ObjectLook:
+    config: AppearanceConfig,
+) -> AppearanceModel:
     """Learns colours and empty surroundings from the first frame.
 
     Args:
@@ -146,10 +146,12 @@ def learn_look(
     empty = np.zeros(len(grid), dtype=bool)
     for camera, image in zip(frame.cameras, frame.images, strict=True):
         empty |= _seen_through(grid, camera, image.depth, X_WO, config)
-    vacancy = distance_transform_edt(empty.reshape(size, size, size), sampling=config.spacing)
-    return ObjectLook(
+    free_space_depth = distance_transform_edt(
+        empty.reshape(size, size, size), sampling=config.spacing
+    )
+    return AppearanceModel(
         sureness=_sureness(frame, masks),
-        vacancy=vacancy.astype(np.float32),
+        free_space_depth=free_space_depth.astype(np.float32),
         corner=-reach,
         spacing=config.spacing,
         backgrounds=_backgrounds(frame, masks),
@@ -157,23 +159,23 @@ def learn_look(
 
 
 def observe(
-    look: ObjectLook,
+    appearance: AppearanceModel,
     frame: MultiViewFrame,
     centres_W: np.ndarray,
     reach: float,
-    config: LookConfig,
+    config: AppearanceConfig,
 ) -> ObservedPoints:
     """Returns points that are of the object by their colour, and were not there from the first.
 
     Args:
-        look: How the object looks.
+        appearance: How the object looks.
         frame: The views.
         centres_W: (n, 3) where the object may be [m, world].
         reach: How far from there [m].
         config: Parameters.
     """
     points, weights = [np.empty((0, 3), np.float32)], [np.empty(0, np.float32)]
-    views = zip(frame.cameras, frame.images, look.backgrounds, strict=True)
+    views = zip(frame.cameras, frame.images, appearance.backgrounds, strict=True)
     for camera, image, background in views:
         box = _box(camera, centres_W, reach)
         if box is None:
@@ -182,7 +184,7 @@ def observe(
         stride = max(1, int(np.sqrt((u1 - u0) * (v1 - v0) / config.looked_at)))
         rows, columns = slice(v0, v1, stride), slice(u0, u1, stride)
         depth = image.depth[rows, columns]
-        sure = _lookup(look.sureness, image.rgb[rows, columns])
+        sure = _lookup(appearance.sureness, image.rgb[rows, columns])
         known = background.shows(camera, rows, columns, depth, config.clearance)
         v, u = np.nonzero((sure > config.min_sureness) & (depth > 0.0) & ~known)
         chosen = np.linspace(0, len(u) - 1, min(len(u), config.observed)).astype(np.intp)
@@ -198,7 +200,9 @@ def observe(
     return ObservedPoints(np.concatenate(points), np.concatenate(weights))
 
 
-def _is_firm(depth: np.ndarray, u: np.ndarray, v: np.ndarray, config: LookConfig) -> np.ndarray:
+def _is_firm(
+    depth: np.ndarray, u: np.ndarray, v: np.ndarray, config: AppearanceConfig
+) -> np.ndarray:
     """Returns which pixels (q,) bool are part of a surface, and do not fly between two."""
     height, width = depth.shape
     rows = np.clip(v[:, None] + _BESIDE[0], 0, height - 1)
@@ -208,11 +212,11 @@ def _is_firm(depth: np.ndarray, u: np.ndarray, v: np.ndarray, config: LookConfig
 
 
 def contradiction(
-    look: ObjectLook,
+    appearance: AppearanceModel,
     seen: ObservedPoints,
     poses: np.ndarray,
     radius: float,
-    config: LookConfig,
+    config: AppearanceConfig,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns how the observed points lie about the object at each of many poses (P, 4, 4).
 
@@ -224,7 +228,7 @@ def contradiction(
     R = np.ascontiguousarray(X_OW[:, :3, :3])
     points = (R @ seen.points.T + X_OW[:, :3, 3:]).transpose(1, 0, 2)
     near = (points * points).sum(axis=0) < np.float32(radius + config.margin) ** 2
-    inside = look.vacancy_at(tuple(points)) - np.float32(config.tolerance)
+    inside = appearance.free_space_depth_at(tuple(points)) - np.float32(config.tolerance)
     share = np.clip(inside * np.float32(1.0 / config.softness), 0.0, 1.0)
     vacant = np.where(near, share, 0.0)
     explained = np.where(near, 1.0 - share, 0.0)
@@ -236,7 +240,7 @@ def _seen_through(
     camera: CameraModel,
     depth: np.ndarray,
     X_WO: np.ndarray,
-    config: LookConfig,
+    config: AppearanceConfig,
 ) -> np.ndarray:
     """Returns which points (M,) bool a camera saw through, by the nearest depth around them."""
     infinite = np.where(depth > 0.0, depth, np.float32(np.inf))

@@ -6,9 +6,9 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.rigid_flow.alignment.config import (
+    AppearanceConfig,
     ContourConfig,
     DepthConfig,
-    LookConfig,
     ModelConfig,
     TextureConfig,
     WindowConfig,
@@ -209,7 +209,7 @@ class RigidFlowConfig:
 
     window: WindowConfig = field(default_factory=WindowConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
-    look: LookConfig = field(default_factory=LookConfig)
+    appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
     contour: ContourConfig = field(default_factory=ContourConfig)
     texture: TextureConfig = field(default_factory=TextureConfig)

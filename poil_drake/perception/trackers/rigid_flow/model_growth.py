@@ -30,7 +30,7 @@ _SURROUNDINGS = 4  # pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Witness(SharedOnCopy):
+class ReferenceView(SharedOnCopy):
     """What one camera saw in the first frame, and where the object was then.
 
     Attributes:
@@ -82,7 +82,7 @@ class Witness(SharedOnCopy):
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson(SharedOnCopy):
+class Keyframe(SharedOnCopy):
     """From where the model was learnt once.
 
     Attributes:
@@ -94,33 +94,33 @@ class Lesson(SharedOnCopy):
     position: np.ndarray
 
     @classmethod
-    def at(cls, eye_O: np.ndarray, X_WO: np.ndarray) -> "Lesson":
-        """Returns the lesson of a camera at eye_O (3,) [m, object] with the object at X_WO."""
+    def at(cls, eye_O: np.ndarray, X_WO: np.ndarray) -> "Keyframe":
+        """Returns the keyframe of a camera at eye_O (3,) [m, object] with the object at X_WO."""
         return cls(eye_O[:3] / np.linalg.norm(eye_O[:3]), X_WO[:3, 3])
 
 
-def needs_lesson(new: Lesson, lessons: tuple[Lesson, ...], config: GrowthConfig) -> bool:
-    """Returns whether a view may show something that no lesson so far has shown."""
+def needs_keyframe(new: Keyframe, keyframes: tuple[Keyframe, ...], config: GrowthConfig) -> bool:
+    """Returns whether a view may show something that no keyframe so far has shown."""
     nearest = np.cos(config.rotation)
     return not any(
         new.sight @ old.sight > nearest
         and np.linalg.norm(new.position - old.position) < config.travel
-        for old in lessons
+        for old in keyframes
     )
 
 
-def make_witnesses(
+def make_reference_views(
     frame: MultiViewFrame, masks: tuple[np.ndarray, ...], X_WO: np.ndarray
-) -> tuple[Witness, ...]:
+) -> tuple[ReferenceView, ...]:
     """Keeps what the first frame saw, for growth to compare with."""
-    witnesses = []
+    reference_views = []
     for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True):
         X_CW = inverse(camera.X_WC)
         infinite = np.where(image.depth > 0.0, image.depth, np.float32(np.inf))
         nearest = cv2.erode(infinite, _square(1))
         border = cv2.dilate(mask.astype(np.uint8), _square(2)).astype(bool)
-        witnesses.append(
-            Witness(
+        reference_views.append(
+            ReferenceView(
                 image.depth,
                 np.where(np.isfinite(nearest), nearest, np.float32(0.0)),
                 border,
@@ -129,12 +129,12 @@ def make_witnesses(
                 X_CW @ X_WO,
             )
         )
-    return tuple(witnesses)
+    return tuple(reference_views)
 
 
 def grow_model(
     model: ObjectModel,
-    witnesses: tuple[Witness, ...],
+    reference_views: tuple[ReferenceView, ...],
     windows: Sequence[ViewWindow],
     X_WO: np.ndarray,
     config: RigidFlowConfig,
@@ -143,7 +143,7 @@ def grow_model(
 
     Args:
         model: The object.
-        witnesses: What the first frame saw.
+        reference_views: What the first frame saw.
         windows: The views that are to be learnt from.
         X_WO: (4, 4) pose of the object.
         config: Parameters.
@@ -166,8 +166,8 @@ def grow_model(
         new_O = sight.to_object(surface.points[fresh])
         new_W = new_O @ X_WO[:3, :3].T + X_WO[:3, 3]
         allowed = tree.query(new_O)[0] < config.growth.distance
-        for witness in witnesses:
-            allowed &= witness.allows(new_O, new_W, config.growth.clearance)
+        for reference_view in reference_views:
+            allowed &= reference_view.allows(new_O, new_W, config.growth.clearance)
         new_normals = surface.normals[fresh][allowed] @ sight.R_CO
         points = np.concatenate([points, new_O[allowed]])[: config.growth.max_points]
         normals = np.concatenate([normals, new_normals])[: config.growth.max_points]
@@ -194,7 +194,7 @@ def grow_model(
         colors,
         trust,
         patches,
-        look=model.look,
+        appearance=model.appearance,
         part_points=model.part_points,
         contour_bias=model.contour_bias,
         config=config.model,

@@ -15,9 +15,9 @@ from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import mat
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import cross_rows
 from poil_drake.perception.trackers.rigid_flow.appearance_model import (
-    ObjectLook,
+    AppearanceModel,
     color_features,
-    learn_look,
+    learn_appearance,
 )
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.texture_patches import TexturePatches, take_patches
@@ -37,7 +37,7 @@ class ObjectModel(SharedOnCopy):
         aligned: Those of them that enter the alignment.
         support: Those of them, spread evenly over the object, that tell how much of it is seen.
         patches: Texture.
-        look: Its colours and where it is not.
+        appearance: Its colours and where it is not.
         part_points: (N, 3) the points to report [m].
         contour_bias: How far outward of its rendered outline the object really ends [px].
         radius: Largest distance of a point from the origin [m].
@@ -50,7 +50,7 @@ class ObjectModel(SharedOnCopy):
     aligned: OrientedPoints
     support: OrientedPoints
     patches: TexturePatches
-    look: ObjectLook
+    appearance: AppearanceModel
     part_points: np.ndarray
     contour_bias: float
     radius: float
@@ -111,7 +111,7 @@ def build_model(
         colors,
         np.ones(len(normals)),
         patches,
-        look=learn_look(frame, masks, X_WO, radius, config.look),
+        appearance=learn_appearance(frame, masks, X_WO, radius, config.appearance),
         part_points=query_points - origin,
         contour_bias=0.0,
         config=config.model,
@@ -127,7 +127,7 @@ def assemble_model(
     trust: np.ndarray,
     patches: TexturePatches,
     *,
-    look: ObjectLook,
+    appearance: AppearanceModel,
     part_points: np.ndarray,
     contour_bias: float,
     config: ModelConfig,
@@ -143,7 +143,7 @@ def assemble_model(
         aligned=every.select(_stable_choice(every.rows, config.aligned_points)),
         support=every.select(support),
         patches=patches,
-        look=look,
+        appearance=appearance,
         part_points=part_points,
         contour_bias=contour_bias,
         radius=float(np.linalg.norm(points, axis=1).max()),

@@ -6,7 +6,7 @@ import numpy as np
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import PoseEstimate
-from poil_drake.perception.trackers.rigid_flow.model_growth import Lesson, Witness
+from poil_drake.perception.trackers.rigid_flow.model_growth import Keyframe, ReferenceView
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.track_quality import Evidence
 
@@ -17,12 +17,12 @@ class RigidFlowState(SharedOnCopy):
 
     Attributes:
         model: The object.
-        witnesses: What the first frame saw, for growth to compare with.
-        lessons: From where the model has been learnt.
+        reference_views: What the first frame saw, for growth to compare with.
+        keyframes: From where the model has been learnt.
         pose: Where the object is, or where it was last believed to be.
         velocity: (6,) of the object in its own frame [rad/s, m/s].
         stamp: Time of capture of the last frame [s].
-        surprise: (angular [rad], linear [m]) how far the last motion was from what was expected
+        innovation: (angular [rad], linear [m]) how far the last motion was from what was expected
             of it, by the motion prior if there was one.
         lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
             tracked.
@@ -32,12 +32,12 @@ class RigidFlowState(SharedOnCopy):
     """
 
     model: ObjectModel
-    witnesses: tuple[Witness, ...]
-    lessons: tuple[Lesson, ...]
+    reference_views: tuple[ReferenceView, ...]
+    keyframes: tuple[Keyframe, ...]
     pose: PoseEstimate
     velocity: np.ndarray
     stamp: float
-    surprise: tuple[float, float]
+    innovation: tuple[float, float]
     lost_since: float | None
     guess: np.ndarray | None
     found: bool

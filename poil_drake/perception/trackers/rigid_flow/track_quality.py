@@ -102,7 +102,9 @@ def examine(
             searched += matches.searched
         counts += _count(model.aligned, window, X_WO, matches, config)
     seen_count, other_count, through_count, ahead_count, hidden_count = counts.tolist()
-    explained, vacant = contradiction(model.look, around, X_WO[None], model.radius, config.look)
+    explained, vacant = contradiction(
+        model.appearance, around, X_WO[None], model.radius, config.appearance
+    )
     return Evidence(
         seen=seen_count,
         other=other_count,
@@ -112,7 +114,7 @@ def examine(
         support=int(np.count_nonzero(supported)),
         edges=confirmed / searched if searched else 0.0,
         enough=round(quality.enough_points * len(model.aligned.points)),
-        vacant=float(vacant[0] / (explained[0] + vacant[0] + config.look.few_observed)),
+        vacant=float(vacant[0] / (explained[0] + vacant[0] + config.appearance.few_observed)),
     )
 
 
@@ -197,7 +199,7 @@ def _count(
         z = window.depth[v, u] - samples.behind
         shown |= z < matches.rendering[v, u] + quality.self_hidden
     own = surface.features[:, samples.index]
-    alike = likeness(window.rgb[v, u], own, config.look) > 0.0
+    alike = likeness(window.rgb[v, u], own, config.appearance) > 0.0
     through = ~near & (samples.behind > 0.0)
     hidden = ~near & (samples.behind < -quality.hidden_error)
     ahead = ~(near | through | hidden)

@@ -28,10 +28,10 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import (
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_location import locate, predict
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.model_growth import (
-    Lesson,
+    Keyframe,
     grow_model,
-    make_witnesses,
-    needs_lesson,
+    make_reference_views,
+    needs_keyframe,
 )
 from poil_drake.perception.trackers.rigid_flow.object_model import build_model
 from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
@@ -78,14 +78,14 @@ class RigidFlowTracker:
         spread = np.diag(np.repeat(np.array([motion.start_angular, motion.start_linear]) ** 2, 3))
         state = RigidFlowState(
             model=model,
-            witnesses=make_witnesses(frame, masks, X_WO),
-            lessons=tuple(
-                Lesson.at(inverse(X_WO) @ camera.X_WC[:, 3], X_WO) for camera in frame.cameras
+            reference_views=make_reference_views(frame, masks, X_WO),
+            keyframes=tuple(
+                Keyframe.at(inverse(X_WO) @ camera.X_WC[:, 3], X_WO) for camera in frame.cameras
             ),
             pose=PoseEstimate(X_WO, spread, spread),
             velocity=np.zeros(6),
             stamp=frame.stamp,
-            surprise=(0.0, 0.0),
+            innovation=(0.0, 0.0),
             lost_since=None,
             guess=None,
             found=False,
@@ -106,7 +106,7 @@ class RigidFlowTracker:
         predicted = predict(state, elapsed, motion_prior, self.config)
         pose, evidence, windows = locate(state, frame, predicted, self.config)
         expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
-        surprise = _distance(expected, pose.X_WO)
+        innovation = _distance(expected, pose.X_WO)
         quality = self.config.quality
         if state.lost_since is None:
             tracked = is_borne_out(evidence, pose, state.model, quality.lost_agreement, quality)
@@ -114,8 +114,8 @@ class RigidFlowTracker:
         else:
             found = is_found(evidence, pose, state.model, quality)
             near = (
-                surprise[0] <= quality.found_near_angular
-                and surprise[1] <= quality.found_near_linear
+                innovation[0] <= quality.found_near_angular
+                and innovation[1] <= quality.found_near_linear
             )
             tracked = found and (near or state.found)
         if not tracked:
@@ -127,7 +127,7 @@ class RigidFlowTracker:
             pose=pose,
             velocity=self._velocity(state, pose, elapsed),
             stamp=frame.stamp,
-            surprise=surprise,
+            innovation=innovation,
             lost_since=None,
             guess=None,
             found=False,
@@ -182,15 +182,15 @@ class RigidFlowTracker:
         if evidence.vacant > quality.retry_vacant:
             return state
         new = {
-            window.index: Lesson.at(window.sight(pose.X_WO).eye, pose.X_WO) for window in windows
+            window.index: Keyframe.at(window.sight(pose.X_WO).eye, pose.X_WO) for window in windows
         }
-        wanted = [w for w in windows if needs_lesson(new[w.index], state.lessons, growth)]
+        wanted = [w for w in windows if needs_keyframe(new[w.index], state.keyframes, growth)]
         sure = pose.point_deviations(state.model.part_points).max() < quality.learn_deviation
         if not wanted or not sure:
             return state
-        model = grow_model(state.model, state.witnesses, wanted, pose.X_WO, self.config)
-        lessons = state.lessons + tuple(new[w.index] for w in wanted)
-        return replace(state, model=model, lessons=lessons)
+        model = grow_model(state.model, state.reference_views, wanted, pose.X_WO, self.config)
+        keyframes = state.keyframes + tuple(new[w.index] for w in wanted)
+        return replace(state, model=model, keyframes=keyframes)
 
 
 def _distance(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:

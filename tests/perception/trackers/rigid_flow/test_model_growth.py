@@ -3,9 +3,9 @@ import numpy as np
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.perception.trackers.rigid_flow.config import GrowthConfig
 from poil_drake.perception.trackers.rigid_flow.model_growth import (
-    Lesson,
-    make_witnesses,
-    needs_lesson,
+    Keyframe,
+    make_reference_views,
+    needs_keyframe,
 )
 
 CLEARANCE = 0.008
@@ -14,9 +14,9 @@ CLEARANCE = 0.008
 def allowed(mug_scene, points_M, X_WM):
     """Whether both cameras of the first frame let points of the mug's frame join it."""
     shot = mug_scene.shoot(mug_scene.start)
-    witnesses = make_witnesses(shot.frame, shot.masks, mug_scene.start)
+    reference_views = make_reference_views(shot.frame, shot.masks, mug_scene.start)
     points_W = transform_points(X_WM, points_M)
-    return np.all([w.allows(points_M, points_W, CLEARANCE) for w in witnesses], axis=0)
+    return np.all([w.allows(points_M, points_W, CLEARANCE) for w in reference_views], axis=0)
 
 
 LIFTED = make_transform(rotation_exp(np.array([0.0, 0.5, 0.0])), np.array([0.42, 0.05, 0.25]))
@@ -55,14 +55,14 @@ def test_background_that_stays_may_not_join_from_behind_the_mug(mug_scene):
 
 def test_a_lesson_is_needed_after_a_turn_or_a_journey():
     config = GrowthConfig(rotation=np.radians(10.0), travel=0.03)
-    first = Lesson.at(np.array([1.0, 0.0, 0.0]), np.eye(4))
+    first = Keyframe.at(np.array([1.0, 0.0, 0.0]), np.eye(4))
 
-    def lesson(degrees, distance):
+    def keyframe(degrees, distance):
         a = np.radians(degrees)
         X_WO = make_transform(np.eye(3), np.array([0.0, distance, 0.0]))
-        return Lesson.at(np.array([np.cos(a), np.sin(a), 0.0]), X_WO)
+        return Keyframe.at(np.array([np.cos(a), np.sin(a), 0.0]), X_WO)
 
-    assert not needs_lesson(lesson(9.0, 0.02), (first,), config)
-    assert needs_lesson(lesson(11.0, 0.0), (first,), config)
-    assert needs_lesson(lesson(0.0, 0.04), (first,), config)
-    assert not needs_lesson(lesson(11.0, 0.0), (first, lesson(12.0, 0.0)), config)
+    assert not needs_keyframe(keyframe(9.0, 0.02), (first,), config)
+    assert needs_keyframe(keyframe(11.0, 0.0), (first,), config)
+    assert needs_keyframe(keyframe(0.0, 0.04), (first,), config)
+    assert not needs_keyframe(keyframe(11.0, 0.0), (first, keyframe(12.0, 0.0)), config)

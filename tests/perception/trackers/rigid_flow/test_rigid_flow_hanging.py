@@ -63,7 +63,9 @@ def evidence_at(hung, mug_scene, degrees) -> tuple[Evidence, bool]:
     points = transform_points(X_WO, state.model.points)
     views = zip(frame.cameras, frame.images, strict=True)
     windows = [make_window(i, c, im, points, config.window) for i, (c, im) in enumerate(views)]
-    around = observe(state.model.look, frame, X_WO[None, :3, 3], state.model.radius, config.look)
+    around = observe(
+        state.model.appearance, frame, X_WO[None, :3, 3], state.model.radius, config.appearance
+    )
     evidence = examine(state.model, windows, around, X_WO, config)
     quality = config.quality
     borne_out = is_borne_out(evidence, state.pose, state.model, quality.lost_agreement, quality)

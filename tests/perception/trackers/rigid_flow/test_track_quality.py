@@ -36,7 +36,7 @@ def examined(mug, X_WO):
     points = model.points @ X_WO[:3, :3].T + X_WO[:3, 3]
     views = zip(frame.cameras, frame.images, strict=True)
     windows = [make_window(i, c, im, points, CONFIG.window) for i, (c, im) in enumerate(views)]
-    around = observe(model.look, frame, X_WO[None, :3, 3], model.radius, CONFIG.look)
+    around = observe(model.appearance, frame, X_WO[None, :3, 3], model.radius, CONFIG.appearance)
     return examine(model, windows, around, X_WO, CONFIG), windows
 
 

@@ -43,7 +43,7 @@ class ModelConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LookConfig:
+class AppearanceConfig:
     """How the object is told by its colours, and by where it is not.
 
     Attributes:

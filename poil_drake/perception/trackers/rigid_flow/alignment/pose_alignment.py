@@ -13,7 +13,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import (
     match_contour,
 )
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import add_depth_term
-from poil_drake.perception.trackers.rigid_flow.alignment.free_space_term import add_vacancy_term
+from poil_drake.perception.trackers.rigid_flow.alignment.free_space_term import add_free_space_term
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import NormalEquations
 from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
     PatchMatches,
@@ -84,7 +84,7 @@ def align(
         equations = NormalEquations()
         for view in views:
             view.add_to(equations, model, X, k, k == last, config)
-        add_vacancy_term(equations, model.look, around, X, model.radius, config.look)
+        add_free_space_term(equations, model.appearance, around, X, model.radius, config.appearance)
         deviation = motion_between(predicted.X_WO, X)
         # Student's t in place of a normal distribution: a large deviation loosens its own hold.
         freedom = config.motion.robustness

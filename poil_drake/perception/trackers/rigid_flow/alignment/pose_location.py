@@ -57,8 +57,8 @@ def predict(
         ahead = motion.velocity_damping * min(elapsed, motion.max_extrapolation)
         X_WO = move(state.pose.X_WO, state.velocity * ahead)
         # A motion that was off once may be as far off again.
-        angular = max(motion.free_angular * elapsed, state.surprise[0])
-        linear = max(motion.free_linear * elapsed, state.surprise[1])
+        angular = max(motion.free_angular * elapsed, state.innovation[0])
+        linear = max(motion.free_linear * elapsed, state.innovation[1])
     spread = np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
     return PoseEstimate(X_WO, state.pose.covariance + spread, state.pose.doubt + spread)
 
@@ -67,8 +67,8 @@ def _is_obedient(state: RigidFlowState, elapsed: float, motion: MotionConfig) ->
     """Returns whether the last motion was about as expected."""
     angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
     return (
-        state.surprise[0] <= motion.disobedience * angular
-        and state.surprise[1] <= motion.disobedience * linear
+        state.innovation[0] <= motion.disobedience * angular
+        and state.innovation[1] <= motion.disobedience * linear
     )
 
 
@@ -126,7 +126,9 @@ def _align(
 ) -> Location:
     """Aligns the model from one pose."""
     windows = _windows(model, frame, start.X_WO, config)
-    around = observe(model.look, frame, start.X_WO[None, :3, 3], model.radius, config.look)
+    around = observe(
+        model.appearance, frame, start.X_WO[None, :3, 3], model.radius, config.appearance
+    )
     pose = align(model, windows, around, start, config)
     return Location(pose, examine(model, windows, around, pose.X_WO, config), windows)
 

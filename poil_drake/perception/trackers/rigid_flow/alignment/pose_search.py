@@ -62,13 +62,15 @@ def search(
     points = _spread_choice(model.aligned, sizes.points)
     centres = np.stack([guess.X_WO[:3, 3] for guess in guesses])
     reach = model.radius + 2.0 * max(guess.linear for guess in guesses)
-    seen = observe(model.look, frame, centres, reach, config.look)
+    seen = observe(model.appearance, frame, centres, reach, config.appearance)
 
     def score(poses: np.ndarray, gate: float) -> np.ndarray:
         surface = score_poses(points, frame, poses, gate, config)
-        explained, vacant = contradiction(model.look, seen, poses, model.radius, config.look)
+        explained, vacant = contradiction(
+            model.appearance, seen, poses, model.radius, config.appearance
+        )
         # With few pixels that are surely the object's, they do not say much.
-        elsewhere = (explained - vacant) / (seen.weights.sum() + config.look.few_observed)
+        elsewhere = (explained - vacant) / (seen.weights.sum() + config.appearance.few_observed)
         return surface + sizes.elsewhere * elsewhere
 
     share = sizes.drawn // len(guesses)
@@ -139,7 +141,7 @@ def score_poses(
         value[behind < -quality.hidden_error] = 0.0
         on = np.flatnonzero((near > 0.0) & (depth > 0.0))
         alike = likeness(
-            image.rgb.reshape(-1, 3)[pixel[on]], surface.features[:, point[on]], config.look
+            image.rgb.reshape(-1, 3)[pixel[on]], surface.features[:, point[on]], config.appearance
         )
         value[on] = np.where(alike > 0.0, near[on] * alike, alike)
         value[depth == 0.0] = 0.0

@@ -2,37 +2,40 @@ import numpy as np
 import pytest
 
 from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
-from poil_drake.perception.trackers.rigid_flow.alignment.config import LookConfig
-from poil_drake.perception.trackers.rigid_flow.alignment.free_space_term import add_vacancy_term
+from poil_drake.perception.trackers.rigid_flow.alignment.config import AppearanceConfig
+from poil_drake.perception.trackers.rigid_flow.alignment.free_space_term import add_free_space_term
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import NormalEquations
-from poil_drake.perception.trackers.rigid_flow.appearance_model import ObjectLook, ObservedPoints
+from poil_drake.perception.trackers.rigid_flow.appearance_model import (
+    AppearanceModel,
+    ObservedPoints,
+)
 
-CONFIG = LookConfig(tolerance=0.002)
+CONFIG = AppearanceConfig(tolerance=0.002)
 SPACING, SIZE = 0.002, 80
 RADIUS = 0.07
 
 
 @pytest.fixture(scope="module")
 def half_space():
-    """A look by which all of x > 0 is vacant, in the object's frame."""
+    """A appearance by which all of x > 0 is vacant, in the object's frame."""
     corner = -0.5 * SPACING * SIZE
     x = corner + (np.arange(SIZE) + 0.5) * SPACING
-    vacancy = np.broadcast_to(np.maximum(x, 0.0)[:, None, None], (SIZE,) * 3)
-    return ObjectLook(
+    free_space_depth = np.broadcast_to(np.maximum(x, 0.0)[:, None, None], (SIZE,) * 3)
+    return AppearanceModel(
         sureness=np.zeros((1, 1, 1), np.float32),
-        vacancy=vacancy.astype(np.float32).copy(),
+        free_space_depth=free_space_depth.astype(np.float32).copy(),
         corner=corner,
         spacing=SPACING,
         backgrounds=(),
     )
 
 
-def added(look, points_O, X_WO=None):
+def added(appearance, points_O, X_WO=None):
     X_WO = np.eye(4) if X_WO is None else X_WO
     points = points_O @ X_WO[:3, :3].T + X_WO[:3, 3]
     equations = NormalEquations()
     around = ObservedPoints(points, np.ones(len(points)))
-    add_vacancy_term(equations, look, around, X_WO, RADIUS, CONFIG)
+    add_free_space_term(equations, appearance, around, X_WO, RADIUS, CONFIG)
     return equations
 
 

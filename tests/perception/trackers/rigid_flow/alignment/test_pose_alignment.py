@@ -60,7 +60,9 @@ def aligned(mug_scene):
         points = transform_points(start, model.points)
         views = zip(shot.frame.cameras, shot.frame.images, strict=True)
         windows = [make_window(i, c, im, points, config.window) for i, (c, im) in enumerate(views)]
-        around = observe(model.look, shot.frame, start[None, :3, 3], model.radius, config.look)
+        around = observe(
+            model.appearance, shot.frame, start[None, :3, 3], model.radius, config.appearance
+        )
         return align(model, windows, around, predicted, config), X_WO
 
     return run
