@@ -14,7 +14,8 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import Absent
-from poil_drake.systems.tracking.point_tracker import PointTracker, PointTrackerConfig
+from poil_drake.systems.capture_timing import CaptureTiming
+from poil_drake.systems.tracking.point_tracker import PointTracker
 
 PERIOD = 1 / 8
 AFTER = 1 / 1024  # long enough after an event to see what it did
@@ -89,7 +90,9 @@ class TrackerBench(SystemBench):
     def __init__(
         self,
         *,
-        config: PointTrackerConfig,
+        timing: CaptureTiming | None = None,
+        min_interval: float = 0.0,
+        once: bool = False,
         tracker: object | None = None,
         scene: Scene | None = None,
         with_stamps: bool = False,
@@ -105,7 +108,9 @@ class TrackerBench(SystemBench):
             cameras=[CAMERA],
             num_points=N,
             query_points=query_points,
-            config=config,
+            timing=timing,
+            min_interval=min_interval,
+            once=once,
             stopwatch=stopwatch,
         )
         builder.AddSystem(dut)

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, Scene, SummingTracker
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.capture_timing import Replay, SimulatedDelay, Worker
 from poil_drake.systems.statuses import TrackerStatus
-from poil_drake.systems.tracking.point_tracker import PointTrackerConfig
-from poil_drake.systems.tracking.recorded_schedule import RecordedSchedule
 
 
 def test_before_the_first_event_nothing_is_tracked(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig())
+    bench = make_bench()
 
     assert bench.read("status") == TrackerStatus.WAITING
     assert bench.points.stamp == -np.inf
@@ -24,13 +22,11 @@ def test_before_the_first_event_nothing_is_tracked(make_bench: MakeBench) -> Non
     assert bench.read("frame") is ABSENT
 
 
-@pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("latency", [1 / 64, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 0.3])
 def test_each_capture_is_released_exactly_its_latency_later(
-    make_bench: MakeBench, latency: float, parallel: bool
+    make_bench: MakeBench, latency: float
 ) -> None:
-    config = PointTrackerConfig(period=PERIOD, latency=latency, parallel=parallel)
-    bench = make_bench(config=config)
+    bench = make_bench(timing=SimulatedDelay(period=PERIOD, latency=latency))
     previous = -np.inf
 
     for tick in range(4):
@@ -45,8 +41,8 @@ def test_each_capture_is_released_exactly_its_latency_later(
 
 
 def test_with_an_offset_everything_comes_that_much_later(make_bench: MakeBench) -> None:
-    config = PointTrackerConfig(period=PERIOD, offset=3 / 32, latency=3 / 16)
-    bench = make_bench(config=config)
+    timing = SimulatedDelay(period=PERIOD, offset=3 / 32, latency=3 / 16)
+    bench = make_bench(timing=timing)
 
     bench.advance_to(3 / 32 + 3 / 16)
     assert bench.points.stamp == -np.inf
@@ -61,7 +57,7 @@ def test_with_an_offset_everything_comes_that_much_later(make_bench: MakeBench) 
 def test_without_latency_a_capture_is_released_at_once(
     make_bench: MakeBench, latency: float
 ) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=latency))
+    bench = make_bench(timing=SimulatedDelay(latency=latency))
 
     bench.advance_to(AFTER)
 
@@ -69,25 +65,8 @@ def test_without_latency_a_capture_is_released_at_once(
     np.testing.assert_array_equal(bench.points.positions, QUERY)
 
 
-@pytest.mark.parametrize("latency", [0.0, 1 / 16, 1 / 8, 0.3])
-def test_the_outcome_is_the_same_with_and_without_a_worker(
-    make_bench: MakeBench, latency: float
-) -> None:
-    alone, beside = (
-        make_bench(config=PointTrackerConfig(latency=latency, parallel=parallel))
-        for parallel in (False, True)
-    )
-
-    for time in np.arange(AFTER, 2.0, 1 / 32):
-        alone.advance_to(time)
-        beside.advance_to(time)
-
-        assert alone.points.stamp == beside.points.stamp
-        np.testing.assert_array_equal(alone.points.positions, beside.points.positions)
-
-
 def test_images_are_looked_at_once_per_capture(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+    bench = make_bench(timing=SimulatedDelay(latency=1 / 16))
 
     for time in np.arange(AFTER, 0.5, 1 / 64):
         bench.advance_to(time)
@@ -97,7 +76,7 @@ def test_images_are_looked_at_once_per_capture(make_bench: MakeBench) -> None:
 
 def test_a_frozen_camera_is_not_tracked(make_bench: MakeBench) -> None:
     bench = make_bench(
-        config=PointTrackerConfig(latency=0.0), scene=Scene(frozen_from=0.25), with_stamps=True
+        timing=SimulatedDelay(latency=0.0), scene=Scene(frozen_from=0.25), with_stamps=True
     )
 
     bench.advance_to(1.0)
@@ -106,12 +85,12 @@ def test_a_frozen_camera_is_not_tracked(make_bench: MakeBench) -> None:
 
 
 def test_nothing_feeds_through(make_bench: MakeBench) -> None:
-    assert not make_bench(config=PointTrackerConfig()).dut.HasAnyDirectFeedthrough()
+    assert not make_bench().dut.HasAnyDirectFeedthrough()
 
 
 def test_a_stopwatch_counts_the_work(make_bench: MakeBench) -> None:
     stopwatch = Stopwatch()
-    bench = make_bench(config=PointTrackerConfig(latency=0.0), stopwatch=stopwatch)
+    bench = make_bench(timing=SimulatedDelay(latency=0.0), stopwatch=stopwatch)
 
     bench.advance_to(0.3)
 
@@ -131,8 +110,8 @@ class PausedTracker(SummingTracker):
 
 def test_on_hardware_a_late_result_is_late_and_blocks_nothing(make_bench: MakeBench) -> None:
     tracker = PausedTracker()
-    config = PointTrackerConfig(latency=1 / 64, blocking=False, poll_period=1 / 256)
-    bench = make_bench(config=config, tracker=tracker)
+    timing = Worker(period=1 / 8, poll_period=1 / 256)
+    bench = make_bench(timing=timing, tracker=tracker)
 
     bench.advance_to(0.5 + AFTER)  # would never come back if it waited for the tracker
     status = bench.read("status")
@@ -147,8 +126,8 @@ def test_on_hardware_a_late_result_is_late_and_blocks_nothing(make_bench: MakeBe
 
 
 def test_images_may_be_looked_for_more_often_than_they_are_tracked(make_bench: MakeBench) -> None:
-    config = PointTrackerConfig(period=1 / 64, latency=0.0, min_interval=0.1)
-    bench = make_bench(config=config, with_stamps=True)
+    timing = SimulatedDelay(period=1 / 64, latency=0.0)
+    bench = make_bench(timing=timing, min_interval=0.1, with_stamps=True)
 
     bench.advance_to(0.5)
 
@@ -157,8 +136,8 @@ def test_images_may_be_looked_for_more_often_than_they_are_tracked(make_bench: M
 
 
 def test_points_may_be_looked_for_only_until_they_are_found(make_bench: MakeBench) -> None:
-    config = PointTrackerConfig(latency=0.0, once=True)
-    bench = make_bench(config=config, masks=ABSENT, with_stamps=True)
+    timing = SimulatedDelay(latency=0.0)
+    bench = make_bench(timing=timing, once=True, masks=ABSENT, with_stamps=True)
     bench.advance_to(2 * PERIOD + AFTER)
     assert bench.read("status") == TrackerStatus.WAITING
     bench.fix(masks=MASKS)
@@ -170,13 +149,8 @@ def test_points_may_be_looked_for_only_until_they_are_found(make_bench: MakeBenc
     assert bench.scene.looks == [0.0, PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
-def test_a_tracker_that_is_not_awaited_runs_in_parallel() -> None:
-    with pytest.raises(InvalidValueError, match="parallel"):
-        PointTrackerConfig(blocking=False, parallel=False)
-
-
 def test_the_times_of_captures_and_releases_are_told(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=0.1875))
+    bench = make_bench(timing=SimulatedDelay(latency=0.1875))
     told = []
     for time in (0.0, 0.1875, 0.25, 0.3125):
         bench.advance_to(time + AFTER)
@@ -200,11 +174,10 @@ class SlowTracker(SummingTracker):
 
 def test_a_replay_captures_and_releases_when_the_run_did(make_bench: MakeBench) -> None:
     # Captures in unequal steps, and the second one was never released.
-    schedule = RecordedSchedule(
-        captures=(1 / 64, 10 / 64, 20 / 64), releases=((9 / 64, 0), (31 / 64, 2))
+    timing = Replay(
+        captured=(1 / 64, 10 / 64, 20 / 64), released=((9 / 64, 0), (31 / 64, 2)), period=1 / 64
     )
-    config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
-    bench = make_bench(config=config, tracker=SlowTracker(), with_stamps=True)
+    bench = make_bench(timing=timing, tracker=SlowTracker(), with_stamps=True)
     stamps = []
     for tick in range(33):
         bench.advance_to(tick / 64 + AFTER)
@@ -215,19 +188,11 @@ def test_a_replay_captures_and_releases_when_the_run_did(make_bench: MakeBench) 
 
 
 def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
-    schedule = RecordedSchedule(captures=(0.125, 0.25), releases=((0.1875, 0), (0.3125, 1)))
-    config = PointTrackerConfig(period=1 / 64, poll_period=1 / 64, recorded=schedule)
-    bench = make_bench(config=config, scene=Scene(frozen_from=0.125), with_stamps=True)
+    timing = Replay(captured=(0.125, 0.25), released=((0.1875, 0), (0.3125, 1)), period=1 / 64)
+    bench = make_bench(timing=timing, scene=Scene(frozen_from=0.125), with_stamps=True)
 
     bench.advance_to(0.5)
 
     # The image of the second capture is not there, so that its track is that of the first.
     assert bench.scene.looks == [0.125]
     assert bench.points.stamp == 0.125
-
-
-def test_a_replay_is_awaited() -> None:
-    schedule = RecordedSchedule(captures=(), releases=())
-
-    with pytest.raises(InvalidValueError, match="blocking"):
-        PointTrackerConfig(recorded=schedule, blocking=False)

@@ -13,11 +13,7 @@ from poil_drake.diagrams.loop.logging_and_visualization import (
     AddLoggingAndVisualization,
     PublishSchedules,
 )
-from poil_drake.diagrams.loop.perception import (
-    AddGroundTruthTracker,
-    AddPerception,
-    AddRecordedTracker,
-)
+from poil_drake.diagrams.loop.perception import AddPerception
 from poil_drake.diagrams.loop.wires import ConnectByName
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -125,7 +121,6 @@ def MakeClosedLoop(
         PoilError: if the station, the detector or the tracker cannot be built.
     """
     builder = DiagramBuilder()
-    truth = scenario.poil.tracker == GROUND_TRUTH
     speed = scenario.poil.hardware.speed if hardware else 1.0
     schedules = PublishSchedules(
         scenario, log=log is not None, meshcat=meshcat is not None, album=album is not None
@@ -138,13 +133,10 @@ def MakeClosedLoop(
             meshcat=meshcat,
             hardware=hardware,
             dry_run=dry_run,
-            cameras=not truth,
+            cameras=scenario.poil.tracker != GROUND_TRUTH,
             stopwatch=stopwatch,
         )
     builder.AddNamedSystem("station", station)
-    tracks = None if station.recorded is None else station.recorded.tracks
-    if not truth and tracks is None:
-        RequireLabels(station)
     parts: dict[str, Any] = {"station": station}
     given: dict[str, Any] = {
         "builder": builder,
@@ -153,6 +145,9 @@ def MakeClosedLoop(
         "station": station,
     }
     try:
+        tracker = station.MakeImagelessTracker(plan)
+        if tracker is None:
+            RequireLabels(station)
         station.Start()
         parts |= AddControl(
             builder=builder,
@@ -165,14 +160,10 @@ def MakeClosedLoop(
             stop_switch=stop_switch,
             stopwatch=stopwatch,
         )
-        if tracks is not None:
-            parts["tracker"] = AddRecordedTracker(
-                builder=builder, scenario=scenario, plan=plan, tracks=tracks
-            )
-        elif truth:
-            parts["tracker"] = AddGroundTruthTracker(**given)
+        if tracker is not None:
+            parts["tracker"] = builder.AddNamedSystem("tracker", tracker)
         else:
-            parts |= AddPerception(**given, hardware=hardware, dry_run=dry_run, stopwatch=stopwatch)
+            parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
         parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=album)
         ConnectByName(builder, parts)
         AddDisturbances(builder=builder, pulses=disturbances, parts=parts)

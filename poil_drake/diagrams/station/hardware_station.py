@@ -26,6 +26,7 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
+from poil_drake.diagrams.station.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.station.hardware_view import HardwareView
 from poil_drake.diagrams.station.mailbox_problems import MailboxProblems
 from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
@@ -36,6 +37,7 @@ from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
+from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import LcmNetwork
@@ -188,6 +190,21 @@ class HardwareStation(Station):
     def config(self) -> HardwareConfig:
         """How the robot is reached."""
         return self._config
+
+    @property
+    def tracker_timing(self) -> Worker:
+        """See `Station.tracker_timing`.
+
+        Captures come after the command of their control period, and in every other one: the log,
+        which takes as long, is written in those between.
+        """
+        period = self._scenario.poil.rates.control
+        return Worker(period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period)
+
+    @property
+    def detector_timing(self) -> Worker:
+        """See `Station.detector_timing`."""
+        return self.tracker_timing
 
     @property
     def clock(self) -> Clock:

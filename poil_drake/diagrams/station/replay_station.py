@@ -7,14 +7,15 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from poil_drake.diagrams.loop.recorded_perception import PerceptionOf, RecordedPerception
 from poil_drake.diagrams.replay.contents import IsSparse
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
+from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.timestamps import to_seconds
 from poil_drake.recording.run_log.layout import (
@@ -30,6 +31,7 @@ from poil_drake.recording.run_log.logged_images import ImageReader
 from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
+from poil_drake.systems.capture_timing import Replay
 from poil_drake.systems.panda.recorded_robot import (
     HAND,
     JOINTS,
@@ -37,6 +39,7 @@ from poil_drake.systems.panda.recorded_robot import (
     RecordedClock,
     RecordedRobot,
 )
+from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 _ROUNDING = 1e-6
 
@@ -92,7 +95,10 @@ class ReplayStation(Station):
         self._kind = run.metadata.get(STATION_KEY, SIMULATED)
         status = run.numbers[ROBOT_STATUS_TOPIC]
         self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
-        self._perception = PerceptionOf(run, repeat_tracks=repeat_tracks)
+        self._repeat_tracks = repeat_tracks
+        self._tracker_timing, self._detector_timing = RecordedTimings(
+            run, period=scenario.poil.rates.control
+        )
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(scenario.poil.rates.plant)
         self._scene_graph = SceneGraph()
@@ -176,9 +182,24 @@ class ReplayStation(Station):
         return float(np.floor(look / period + _ROUNDING) * period)
 
     @property
-    def recorded(self) -> RecordedPerception:
-        """See `Station.recorded`."""
-        return self._perception
+    def tracker_timing(self) -> Replay:
+        """See `Station.tracker_timing`: that of the run."""
+        return self._tracker_timing
+
+    @property
+    def detector_timing(self) -> Replay:
+        """See `Station.detector_timing`: that of the run."""
+        return self._detector_timing
+
+    def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
+        """See `Station.MakeImagelessTracker`: the run's own tracks, if they are repeated."""
+        if not self._repeat_tracks:
+            return None
+        return RecordedTracker(
+            tracks=RecordedTracks(self._run),
+            num_points=len(plan.target_points),
+            period=self._scenario.poil.rates.control,
+        )
 
     @property
     def clock(self) -> RecordedClock | None:

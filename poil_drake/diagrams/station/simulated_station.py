@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -25,10 +26,16 @@ from poil_drake.diagrams.station.cameras.cameras import (
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
+from poil_drake.systems.capture_timing import SimulatedDelay
 from poil_drake.systems.panda.velocity_driver import PandaDriver
+from poil_drake.systems.tracking.ground_truth_tracker import (
+    GroundTruthTracker,
+    GroundTruthTrackerConfig,
+)
 
 
 class SimulatedStation(Station):
@@ -85,6 +92,7 @@ class SimulatedStation(Station):
         builder = DiagramBuilder()
         poil = scenario.poil
         self._scenario = scenario
+        self._capture_offset = 0.0
         self._camera_process: CameraProcess | None = None
         self._delayed_cameras: DelayedCameras | None = None
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
@@ -143,7 +151,8 @@ class SimulatedStation(Station):
                 seed=scenario.random_seed,
             )
             return
-        self._camera_delay = delay
+        # Images that appear at one instant can be captured from the next control period on.
+        self._capture_offset = delay + scenario.poil.rates.control
         self._camera_process = CameraProcess(scenario, package_xmls)
         self._delayed_cameras = AddDelayedCameras(
             builder=builder,
@@ -155,6 +164,33 @@ class SimulatedStation(Station):
             stopwatch=stopwatch,
         )
         self._camera_models = self._delayed_cameras.cameras
+
+    @property
+    def tracker_timing(self) -> SimulatedDelay:
+        """See `Station.tracker_timing`."""
+        return replace(
+            self.detector_timing,
+            # Of the images' capture.
+            latency=max(self._scenario.poil.latency - self._capture_offset, 0.0),
+        )
+
+    @property
+    def detector_timing(self) -> SimulatedDelay:
+        """See `Station.detector_timing`: in simulation, results are known at once."""
+        period = self._scenario.poil.rates.tracker
+        return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
+
+    def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
+        """See `Station.MakeImagelessTracker`: the labelled baseline, if the scenario wants it."""
+        poil = self._scenario.poil
+        if poil.tracker != GROUND_TRUTH:
+            return None
+        return GroundTruthTracker(
+            body_index=self.object_body().index(),
+            num_points=len(plan.target_points),
+            query_points=plan.target_points,
+            config=GroundTruthTrackerConfig(period=poil.rates.tracker, latency=poil.latency),
+        )
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """Returns what each camera sees now, (H, W) each; `CaptureFrame` makes a frame of it.

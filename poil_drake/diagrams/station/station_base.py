@@ -7,12 +7,15 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, LeafSystem
 
-from poil_drake.diagrams.loop.recorded_perception import RecordedPerception
+from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.hardware_checks import ground_truth_error
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import BASE_LINK
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.systems.capture_timing import CaptureTiming
 
 
 class Station(Diagram):
@@ -27,7 +30,6 @@ class Station(Diagram):
     _scene_graph: SceneGraph
     _label_ids: Mapping[str, tuple[int, ...]]
     _camera_models: tuple[CameraModel, ...] = ()
-    _camera_delay: float = 0.0
 
     def __enter__(self) -> Self:
         try:
@@ -62,14 +64,27 @@ class Station(Diagram):
         return self._camera_models
 
     @property
-    def recorded(self) -> RecordedPerception | None:
-        """What of the perception is to be repeated, where the station replays a run; else None."""
-        return None
+    def tracker_timing(self) -> CaptureTiming:
+        """When a tracker of the station's images captures and releases."""
+        raise NotImplementedError
 
     @property
-    def camera_delay(self) -> float:
-        """From the capture of the exported images to their appearance, where it is fixed [s]."""
-        return self._camera_delay
+    def detector_timing(self) -> CaptureTiming:
+        """When a detector in the station's images captures and releases."""
+        raise NotImplementedError
+
+    def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
+        """Returns a tracker that needs no images, None where images are to be tracked.
+
+        Args:
+            plan: Its points are followed.
+
+        Raises:
+            ScenarioError: if the scenario wants the ground truth, but the station has none.
+        """
+        if self._scenario.poil.tracker == GROUND_TRUTH:
+            raise ground_truth_error()
+        return None
 
     @property
     def clock(self) -> Callable[[], float] | None:

@@ -1,25 +1,20 @@
-"""Cameras whose images appear a while after their capture, and are rendered meanwhile."""
+"""Cameras whose images appear some time after their capture, and are rendered in between."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
-from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.runtime.background_thread import Background
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.cameras.drake_images import plane_image, rgba_image
-from poil_drake.systems.tracking.release_schedule import Captured, ReleaseSchedule
+from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
+from poil_drake.systems.capture_and_release import CaptureAndRelease
+from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 
 
 class SceneRenderer(Protocol):
@@ -40,17 +35,15 @@ class SceneRenderer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Capture(SharedOnCopy):
-    """What was captured.
+class _Rendered:
+    """The images of a capture.
 
     Attributes:
-        time: When [s].
-        images: The images, once they are ready.
-        labels: Returns the label images; they are rendered with the first call.
+        images: The images.
+        labels: Returns the label images; renders them at the first call.
     """
 
-    time: float
-    images: Future[tuple[RgbdImage, ...]]
+    images: tuple[RgbdImage, ...]
     labels: Callable[[], tuple[np.ndarray, ...]]
 
 
@@ -68,18 +61,18 @@ class DelayedCameras(LeafSystem):
         - <camera>.label_image
         - <camera>.image_time
 
-    The delay is that of a real camera, from exposure to delivery; the simulation goes on meanwhile,
-    while the images are rendered elsewhere, and is held up when they are due before they are ready.
-    So what comes out, and when, does not depend on how fast anything is. Drake's `RgbdSensorAsync`
-    does the same with a thread. Every capture is rendered, whether somebody looks or not.
+    The delay is that of a real camera, from exposure to delivery. The images are rendered elsewhere
+    while the simulation goes on; it waits for images that are due before they are ready, so what
+    comes out does not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
+    with a thread. Every capture is rendered, whether it is used or not.
 
-    Input: `plant_state` (nq + nv,), of which the positions are taken. Where they are not finite,
+    Input: `plant_state` (nq + nv,), of which the positions are used. If they are not finite,
     nothing is captured, and the last images stay.
 
     Outputs, for each camera: `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F [m], 0 where
-    invalid), `label_image` (ImageLabel16I, rendered when somebody looks, which is slow) and
-    `image_time` (1,), the time of the capture [s]. Until the first image is due, images are empty
-    and times NaN. Every output is a function of the state.
+    invalid), `label_image` (ImageLabel16I, rendered when evaluated, which is slow) and `image_time`
+    (1,), the time of the capture [s]. Until the first image is due, images are empty and times NaN.
+    Every output is a function of the state.
 
     Captures are unrestricted updates at multiples of the period, and see the state of the plant at
     that time; images change in unrestricted updates a delay later.
@@ -99,35 +92,38 @@ class DelayedCameras(LeafSystem):
         """Constructs the system.
 
         Args:
-            renderer: What renders.
-            cameras: The cameras' models, in the order in which it gives their images.
+            renderer: Renders the images.
+            cameras: The cameras' models, in the order of its images.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
-            period: From one capture to the next [s].
-            delay: From a capture to its images [s].
-            stopwatch: Where to note how long images take ("rendering", beside the simulation) and
-                waiting for them ("waiting").
+            period: Time from one capture to the next [s].
+            delay: Time from a capture to its images [s].
+            stopwatch: Gets the time that images take ("rendering", beside the simulation) and the
+                time spent waiting for them ("waiting").
 
         Raises:
             InvalidValueError: if there is no delay.
         """
         super().__init__()
-        if not (delay > 0.0 and not ReleaseSchedule(period=period, latency=delay).immediate):
+        timing = SimulatedDelay(period=period, latency=delay) if delay > 0.0 else None
+        if timing is None or timing.release_event is None:
             raise InvalidValueError(
                 f"DelayedCameras.delay is {delay} s.",
                 remedy="It must be positive; use RgbdSensor for cameras without a delay.",
             )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
         self._cameras, self._num_positions = tuple(cameras), num_positions
-        self._schedule = ReleaseSchedule(period=period, latency=delay)
-        self._background = Background("cameras' thread")
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
-        self._queue = self.DeclareAbstractState(Value(()))
-        self._shown = self.DeclareAbstractState(Value(ABSENT))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._capture)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, delay, self._release)
+        self._rendered = CaptureAndRelease(
+            system=self,
+            timing=timing,
+            nothing=None,
+            begin=self._begin,
+            thread="cameras' thread",
+            stopwatch=stopwatch,
+        )
         for view, camera in enumerate(self._cameras):
             self._declare_outputs(view, camera.name)
 
@@ -138,70 +134,46 @@ class DelayedCameras(LeafSystem):
 
     def close(self) -> None:
         """Ends the thread that waits for images. No capture may follow."""
-        self._background.close()
+        self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:
-        known = {self.abstract_state_ticket(self._shown)}
+        def shown(context: Context) -> _Rendered | None:
+            return self._rendered.result(context)
 
-        def rgb(capture: _Capture) -> ImageRgba8U:
-            return rgba_image(capture.images.result()[view].rgb)
+        def image(context: Context) -> RgbdImage | None:
+            rendered = shown(context)
+            return None if rendered is None else rendered.images[view]
 
-        def depth(capture: _Capture) -> ImageDepth32F:
-            return plane_image(ImageDepth32F, capture.images.result()[view].depth)
+        def label(context: Context) -> np.ndarray | None:
+            rendered = shown(context)
+            return None if rendered is None else rendered.labels()[view]
 
-        def label(capture: _Capture) -> ImageLabel16I:
-            return plane_image(ImageLabel16I, capture.labels()[view])
+        def time(context: Context) -> float:
+            return np.nan if shown(context) is None else self._rendered.capture_time(context)
 
-        def calc_time(context: Context, output: BasicVector) -> None:
-            capture = self._shown_capture(context)
-            output.SetAtIndex(0, np.nan if capture is None else capture.time)
+        DeclareCameraOutputs(
+            self,
+            name,
+            image=image,
+            time=time,
+            label=label,
+            prerequisites=self._rendered.tickets,
+        )
 
-        for kind, empty, convert in (
-            ("rgb_image", ImageRgba8U, rgb),
-            ("depth_image", ImageDepth32F, depth),
-            ("label_image", ImageLabel16I, label),
-        ):
-
-            def allocate(empty: Any = empty) -> AbstractValue:
-                return Value(empty())
-
-            def calc(
-                context: Context, output: AbstractValue, empty: Any = empty, convert: Any = convert
-            ) -> None:
-                capture = self._shown_capture(context)
-                output.set_value(empty() if capture is None else convert(capture))
-
-            self.DeclareAbstractOutputPort(f"{name}.{kind}", allocate, calc, known)
-        self.DeclareVectorOutputPort(f"{name}.image_time", 1, calc_time, known)
-
-    def _shown_capture(self, context: Context) -> _Capture | None:
-        """Returns what is shown; its images are ready."""
-        shown = context.get_abstract_state(self._shown).get_value()
-        return shown if isinstance(shown, _Capture) else None
-
-    def _capture(self, context: Context, state: State) -> None:
+    def _begin(
+        self, context: Context, state: State, previous: Captured | None
+    ) -> Callable[[], _Rendered] | None:
         positions = self._plant_state.Eval(context)[: self._num_positions].copy()
         if not all_finite(positions):
-            return
+            return None
         time, renderer = context.get_time(), self._renderer
 
-        def render() -> tuple[RgbdImage, ...]:
+        @cache
+        def labels() -> tuple[np.ndarray, ...]:
+            return self._rendered.submit(lambda: renderer.render_labels(positions, time)).result()
+
+        def render() -> _Rendered:
             with self._stopwatch.measure("rendering"):
-                return renderer.render(positions, time)
+                return _Rendered(renderer.render(positions, time), labels)
 
-        def render_labels() -> tuple[np.ndarray, ...]:
-            return self._background.submit(renderer.render_labels, positions, time).result()
-
-        capture = _Capture(time, self._background.submit(render), cache(render_labels))
-        queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
-        queue = self._schedule.added(queue, time, capture)
-        state.get_mutable_abstract_state(self._queue).set_value(queue)
-
-    def _release(self, context: Context, state: State) -> None:
-        queue = context.get_abstract_state(self._queue).get_value()
-        due = self._schedule.due(queue, context.get_time())
-        if due is None:
-            return
-        with self._stopwatch.measure("waiting"):
-            due.item.images.result()
-        state.get_mutable_abstract_state(self._shown).set_value(due.item)
+        return render

@@ -1,29 +1,33 @@
-"""A stand-in for the point tracker that reads the object's pose out of the simulator."""
+"""A stand-in for the point tracker that reads the object's pose from the simulator."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.capture_and_release import CaptureAndRelease
+from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 from poil_drake.systems.statuses import TrackerStatus
-from poil_drake.systems.tracking.release_schedule import Captured, ReleaseSchedule
+from poil_drake.systems.tracking.tracker_outputs import DeclareTrackerOutputs
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruthTrackerConfig:
-    """How good this tracker is.
+    """Rate and quality of this tracker.
 
     Attributes:
-        period: From one capture to the next [s]; that of the tracker it stands in for.
-        latency: From a capture to the release of its result [s]. 0: released at once.
-        noise: Standard deviation of each coordinate, independent in points and time [m].
+        period: Time from one capture to the next [s].
+        latency: Time from a capture to the release of its result [s]; 0: released at once.
+        noise: Standard deviation of each coordinate, independent across points and time [m].
         point_dropout: Probability that a point is not observed in a frame.
         frame_dropout: Probability that the object is lost in a frame.
         seed: Seed of noise and dropouts.
@@ -45,22 +49,20 @@ class GroundTruthTrackerConfig:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class _Report(SharedOnCopy):
+class _Report(NamedTuple):
     points: TrackedPoints
     status: TrackerStatus
-    captured: float = -np.inf
 
 
 def observe(
     points: np.ndarray, stamp: float, tick: int, config: GroundTruthTrackerConfig
 ) -> TrackedPoints:
-    """Returns true points (N, 3) [m, world] as this tracker sees them.
+    """Returns true points (N, 3) [m, world] as this tracker observes them.
 
-    The same seed and tick give the same noise, whatever happened before.
+    Noise is a function of the seed and the tick alone.
 
     Args:
-        points: (N, 3) where they are [m, world].
+        points: (N, 3) the true points [m, world].
         stamp: Time of capture [s].
         tick: Number of the capture.
         config: Noise and dropouts.
@@ -73,7 +75,7 @@ def observe(
 
 
 class GroundTruthTracker(LeafSystem):
-    """Reports where the points truly are, at a tracker's rate and latency: a labelled baseline.
+    """Reports the true points at a tracker's rate and latency: a labelled baseline.
 
     .. pydrake_system::
 
@@ -86,11 +88,11 @@ class GroundTruthTracker(LeafSystem):
         - status
         - times
 
-    Inputs: `body_poses`, the simulator's poses of all bodies; `query_points` (3N,) row-major, where
-    the points are at first [m, world], NaN until known (may stay unconnected when the constructor
-    gets them). At the first capture that knows them they are fixed to the body. Outputs are as
-    `PointTracker`'s, functions of the state alone: before the first release `tracked_points` are
-    lost with a stamp of minus infinity and `status` is WAITING; `status` is LOST where no point was
+    Inputs: `body_poses`, the simulator's poses of all bodies; `query_points` (3N,) row-major, the
+    points at the start [m, world], NaN until known (optional if the constructor gets them). At the
+    first capture at which they are known they are fixed to the body. Outputs are those of
+    `PointTracker`, functions of the state alone: before the first release `tracked_points` are lost
+    with a stamp of minus infinity and `status` is WAITING; `status` is LOST where no point was
     observed.
     """
 
@@ -106,14 +108,13 @@ class GroundTruthTracker(LeafSystem):
 
         Args:
             body_index: The object's body in `body_poses`.
-            num_points: How many points are followed, N.
-            query_points: (N, 3) where they are at first [m, world]; None: the port says.
+            num_points: Number of points, N.
+            query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
             config: Rate, latency, noise.
         """
         super().__init__()
         self._body_index = body_index
         self._config = config or GroundTruthTrackerConfig()
-        self._schedule = ReleaseSchedule(period=self._config.period, latency=self._config.latency)
         self._given_query = query_points
         if query_points is not None:
             self._given_query = frozen_array(
@@ -123,31 +124,22 @@ class GroundTruthTracker(LeafSystem):
             "body_poses", AbstractValue.Make([RigidTransform()])
         )
         self._query = self.DeclareVectorInputPort("query_points", 3 * num_points)
-        nothing = _Report(TrackedPoints.lost(num_points, -np.inf), TrackerStatus.WAITING)
         self._body_points = self.DeclareDiscreteState(np.full(3 * num_points, np.nan))
-        self._queue = self.DeclareAbstractState(Value(()))
-        self._released = self.DeclareAbstractState(Value(nothing))
-        self._times = self.DeclareDiscreteState(np.full(3, -np.inf))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._config.period, 0.0, self._capture)
-        if not self._schedule.immediate:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(
-                self._config.period, self._config.latency, self._release
-            )
-        released = {self.abstract_state_ticket(self._released)}
-        self.DeclareAbstractOutputPort(
-            "tracked_points", lambda: Value(nothing.points), self._calc_points, released
+        nothing = _Report(TrackedPoints.lost(num_points, -np.inf), TrackerStatus.WAITING)
+        reports = CaptureAndRelease(
+            system=self,
+            timing=SimulatedDelay(period=self._config.period, latency=self._config.latency),
+            nothing=nothing,
+            begin=self._begin,
         )
-        self.DeclareVectorOutputPort("status", 1, self._calc_status, released)
-        self.DeclareStateOutputPort("times", self._times)
+        DeclareTrackerOutputs(
+            self, report=reports.result, num_points=num_points, prerequisites=reports.tickets
+        )
+        reports.DeclareTimesPort()
 
-    def _calc_points(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(context.get_abstract_state(self._released).get_value().points)
-
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        status = context.get_abstract_state(self._released).get_value().status
-        output.SetAtIndex(0, float(status))
-
-    def _capture(self, context: Context, state: State) -> None:
+    def _begin(
+        self, context: Context, state: State, previous: Captured | None
+    ) -> Callable[[], _Report] | None:
         X_WB = self._poses.Eval(context)[self._body_index].GetAsMatrix4()
         p_B = context.get_discrete_state(self._body_points).value().reshape(-1, 3)
         if not np.all(np.isfinite(p_B)):
@@ -155,29 +147,12 @@ class GroundTruthTracker(LeafSystem):
             if self._query.HasValue(context):
                 query = self._query.Eval(context).reshape(-1, 3)
             if query is None or not np.all(np.isfinite(query)):
-                return
+                return None
             p_B = transform_points(inverse(X_WB), query)
             state.get_mutable_discrete_state(self._body_points).SetFromVector(p_B.ravel())
         time = context.get_time()
-        tick = self._schedule.capture_tick(time)
+        tick = round(time / self._config.period)
         points = observe(transform_points(X_WB, p_B), time, tick, self._config)
         seen = bool(np.any(points.confidence > 0.0))
-        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST, time)
-        queue: tuple[Captured, ...] = context.get_abstract_state(self._queue).get_value()
-        queue = self._schedule.added(queue, time, report)
-        state.get_mutable_abstract_state(self._queue).set_value(queue)
-        state.get_mutable_discrete_state(self._times).SetAtIndex(0, time)
-        if self._schedule.immediate:
-            self._show(report, context, state)
-
-    def _release(self, context: Context, state: State) -> None:
-        queue = context.get_abstract_state(self._queue).get_value()
-        due = self._schedule.due(queue, context.get_time())
-        if due is not None:
-            self._show(due.item, context, state)
-
-    def _show(self, report: _Report, context: Context, state: State) -> None:
-        state.get_mutable_abstract_state(self._released).set_value(report)
-        times = state.get_mutable_discrete_state(self._times)
-        times.SetAtIndex(1, context.get_time())
-        times.SetAtIndex(2, report.captured)
+        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST)
+        return lambda: report

@@ -16,6 +16,7 @@ from short_skill import short_plan
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
+from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.tracking.point_tracker import PointTracker
@@ -34,14 +35,14 @@ class Event(NamedTuple):
     seen: float
 
 
-WATCHED: dict[str, tuple[type[LeafSystem], str, str]] = {
-    "expose": (DelayedCameras, "_capture", ""),
-    "show": (DelayedCameras, "_release", ""),
-    "detect": (PartDetector, "_update", "left.image_time"),
-    "look": (PointTracker, "_capture", "left.image_time"),
-    "release": (PointTracker, "_release", ""),
-    "propagate": (FkPropagator, "_update", "tracked_points"),
-    "move": (FkPropagator, "_update", "image_time"),
+# System, handler, and the input port whose value is noted.
+WATCHED = {
+    (DelayedCameras, "_capture"): ("expose", ""),
+    (DelayedCameras, "_release"): ("show", ""),
+    (PartDetector, "_capture"): ("detect", "left.image_time"),
+    (PointTracker, "_capture"): ("look", "left.image_time"),
+    (PointTracker, "_release"): ("release", ""),
+    (FkPropagator, "_update"): ("propagate", "tracked_points"),
 }
 
 
@@ -50,22 +51,32 @@ def events() -> list[Event]:
     """What happened in the first half second of a loop."""
     noted: list[Event] = []
     with pytest.MonkeyPatch.context() as patch:
-        for who, (system, method, port) in WATCHED.items():
-            patch.setattr(system, method, _noting(noted, who, getattr(system, method), port))
+        for owner, method in (
+            (CaptureAndRelease, "_capture"),
+            (CaptureAndRelease, "_release"),
+            (FkPropagator, "_update"),
+        ):
+            patch.setattr(owner, method, _noting(noted, owner, method))
         loop = MakeClosedLoop(ChooseScenario(), short_plan())
         Simulator(loop.diagram).AdvanceTo(0.5)
         loop.Close()
     return noted
 
 
-def _noting(
-    noted: list[Event], who: str, handler: Callable[..., None], port: str
-) -> Callable[..., None]:
-    def note(self: LeafSystem, context: Context, *state: Any) -> None:
-        value = self.GetInputPort(port).Eval(context) if port else np.array([np.nan])
-        seen = value[0] if isinstance(value, np.ndarray) else value.stamp
-        noted.append(Event(context.get_time(), who, float(seen)))
-        handler(self, context, *state)
+def _noting(noted: list[Event], owner: type, method: str) -> Callable[..., None]:
+    handler = getattr(owner, method)
+
+    def seen_at(system: LeafSystem, port: str, context: Context) -> float:
+        value = system.GetInputPort(port).Eval(context) if port else np.array([np.nan])
+        return float(value[0] if isinstance(value, np.ndarray) else value.stamp)
+
+    def note(self: Any, context: Context, state: Any) -> None:
+        system = self._system if owner is CaptureAndRelease else self
+        who, port = WATCHED[type(system), method]
+        noted.append(Event(context.get_time(), who, seen_at(system, port, context)))
+        if who == "propagate":
+            noted.append(Event(context.get_time(), "move", seen_at(self, "image_time", context)))
+        handler(self, context, state)
 
     return note
 

@@ -11,9 +11,9 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.capture_timing import Replay, SimulatedDelay, Worker
 from poil_drake.systems.detection.part_detector import PartDetector, find_part
 from poil_drake.systems.statuses import DetectorStatus
-from poil_drake.systems.tracking.recorded_schedule import RecordedSchedule
 
 PERIOD = 1 / 8
 W, H = 32, 24
@@ -61,7 +61,6 @@ def make_bench(detector: MiddleDetector, **options: object) -> SystemBench:
         cameras=[CAMERA],
         object_label="mug",
         part_label="handle",
-        period=PERIOD,
         fusion=FUSION,
         **options,
     )
@@ -185,7 +184,7 @@ def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDete
 
 
 def test_with_an_offset_it_looks_that_much_later(detector: MiddleDetector) -> None:
-    bench = make_bench(detector, offset=3 / 32)
+    bench = make_bench(detector, timing=SimulatedDelay(offset=3 / 32, latency=0.0))
 
     bench.advance_to(3 / 32)
     assert bench.read("status") == DetectorStatus.WAITING
@@ -224,7 +223,7 @@ class PausedDetector(MiddleDetector):
 
 def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
     detector = PausedDetector()
-    bench = make_bench(detector, blocking=False)
+    bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
     bench.fix(request=0.0)
 
     bench.advance_to(0.5)  # would never come back if it waited for the detector
@@ -240,7 +239,7 @@ def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
 
 def test_the_times_and_the_frame_of_a_search_are_told() -> None:
     detector = PausedDetector()
-    bench = make_bench(detector, blocking=False)
+    bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
     before = bench.read("frame")
 
     bench.advance_to(2.5 * PERIOD)
@@ -258,8 +257,8 @@ def test_the_times_and_the_frame_of_a_search_are_told() -> None:
 
 
 def test_a_replay_searches_and_answers_when_the_run_did(detector: MiddleDetector) -> None:
-    schedule = RecordedSchedule(captures=(0.25, 0.5), releases=((0.4375, 0), (0.8, 1)))
-    bench = make_bench(detector, recorded=schedule)
+    timing = Replay(captured=(0.25, 0.5), released=((0.4375, 0), (0.8, 1)), period=PERIOD)
+    bench = make_bench(detector, timing=timing)
     seen = []
     for tick in range(8):
         bench.advance_to((tick + 0.5) * PERIOD)

@@ -5,12 +5,12 @@ import pytest
 from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, SummingTracker
 
 from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.capture_timing import SimulatedDelay
 from poil_drake.systems.statuses import TrackerStatus
-from poil_drake.systems.tracking.point_tracker import PointTrackerConfig
 
 
 def test_points_are_those_of_the_tracker_fed_by_hand(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+    bench = make_bench(timing=SimulatedDelay(latency=1 / 16))
 
     bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
 
@@ -21,7 +21,7 @@ def test_points_are_those_of_the_tracker_fed_by_hand(make_bench: MakeBench) -> N
 
 
 def test_the_frame_is_that_of_the_last_capture(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+    bench = make_bench(timing=SimulatedDelay(latency=1 / 16))
 
     bench.advance_to(PERIOD + AFTER)
 
@@ -32,7 +32,7 @@ def test_the_frame_is_that_of_the_last_capture(make_bench: MakeBench) -> None:
 
 
 def test_a_motion_that_is_no_number_is_no_prior(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=0.0), moving=np.nan)
+    bench = make_bench(timing=SimulatedDelay(latency=0.0), moving=np.nan)
 
     bench.advance_to(PERIOD + AFTER)
 
@@ -41,7 +41,7 @@ def test_a_motion_that_is_no_number_is_no_prior(make_bench: MakeBench) -> None:
 
 
 def test_it_waits_for_the_detector(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=0.0), masks=ABSENT)
+    bench = make_bench(timing=SimulatedDelay(latency=0.0), masks=ABSENT)
     bench.advance_to(PERIOD + AFTER)
     assert bench.read("status") == TrackerStatus.WAITING
     assert np.all(bench.points.confidence == 0.0)
@@ -54,7 +54,7 @@ def test_it_waits_for_the_detector(make_bench: MakeBench) -> None:
 
 
 def test_query_points_may_come_through_the_port(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=0.0), query_points=None)
+    bench = make_bench(timing=SimulatedDelay(latency=0.0), query_points=None)
     bench.fix(query_points=np.full(3 * N, np.nan))
     bench.advance_to(AFTER)
     assert bench.read("status") == TrackerStatus.WAITING
@@ -68,7 +68,7 @@ def test_query_points_may_come_through_the_port(make_bench: MakeBench) -> None:
 def test_a_loss_passes_through(make_bench: MakeBench) -> None:
     tracker = SummingTracker()
     tracker.lost_at = frozenset({PERIOD})
-    bench = make_bench(config=PointTrackerConfig(latency=1 / 16), tracker=tracker)
+    bench = make_bench(timing=SimulatedDelay(latency=1 / 16), tracker=tracker)
 
     bench.advance_to(PERIOD + 1 / 16 + AFTER)
     status, points = bench.read("status"), bench.points
@@ -80,18 +80,17 @@ def test_a_loss_passes_through(make_bench: MakeBench) -> None:
     assert bench.read("status") == TrackerStatus.TRACKING
 
 
-@pytest.mark.parametrize("parallel", [False, True])
-def test_a_trackers_own_error_ends_the_simulation(make_bench: MakeBench, parallel: bool) -> None:
+def test_a_trackers_own_error_ends_the_simulation(make_bench: MakeBench) -> None:
     tracker = SummingTracker()
     tracker.step = lambda state, frame, prior: 1 / 0
-    bench = make_bench(config=PointTrackerConfig(parallel=parallel), tracker=tracker)
+    bench = make_bench(tracker=tracker)
 
     with pytest.raises(ZeroDivisionError):
         bench.advance_to(1.0)
 
 
 def test_two_contexts_of_one_tracker_do_not_mix(make_bench: MakeBench) -> None:
-    bench = make_bench(config=PointTrackerConfig(latency=1 / 16))
+    bench = make_bench(timing=SimulatedDelay(latency=1 / 16))
     bench.advance_to(0.5)
     first = bench.points.positions
     context = bench.simulator.get_mutable_context()

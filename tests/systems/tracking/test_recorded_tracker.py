@@ -8,7 +8,7 @@ from poil_drake.systems.tracking.recorded_tracker import RecordedTrack, Recorded
 
 def make_track(captured, released, status=TrackerStatus.TRACKING):
     track = TrackedPoints(captured + np.eye(3), np.ones(3), captured)
-    return RecordedTrack(captured=captured, released=released, track=track, status=status)
+    return RecordedTrack(captured=captured, released=released, points=track, status=status)
 
 
 def test_tracks_are_released_when_they_were():

@@ -82,7 +82,8 @@ def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) 
     ]
     delayed.Close()
 
-    assert (delayed.camera_delay, prompt.camera_delay) == (3 / 32, 0.0)
+    offsets = [station.tracker_timing.offset for station in (delayed, prompt)]
+    assert offsets == [3 / 32 + 1 / 256, 0.0]
     assert frames[0].label_ids == frames[1].label_ids
     for a, b in zip(*(frame.images for frame in frames), strict=True):
         np.testing.assert_array_equal(a.rgb, b.rgb)

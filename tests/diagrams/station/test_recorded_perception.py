@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.loop.recorded_perception import PerceptionOf
+from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
 from poil_drake.errors import RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log.recorded_run import LoggedTrack, RecordedRun
@@ -39,21 +39,19 @@ def make_run(*, statuses=((0.25, 1.0), (0.5, 2.0)), said=(NAN, NAN), early=0.0):
 
 
 def test_the_schedules_are_those_of_the_log():
-    dut = PerceptionOf(make_run(), repeat_tracks=False)
+    tracker, detector = RecordedTimings(make_run(), period=1 / 256)
 
-    assert list(dut.tracking.captures) == [0.0, 0.125, 0.25]
+    assert list(tracker.captured) == [0.0, 0.125, 0.25]
     # What was captured at 0.125 s was never released.
-    assert list(dut.tracking.releases) == [(0.1875, 0), (0.4375, 2)]
-    assert list(dut.detection.captures) == [0.0625]
-    assert list(dut.detection.releases) == [(0.0625, 0)]
-    assert dut.tracks is None
+    assert list(tracker.released) == [(0.1875, 0), (0.4375, 2)]
+    assert list(detector.captured) == [0.0625]
+    assert list(detector.released) == [(0.0625, 0)]
 
 
 def test_tracks_are_repeated_with_their_times_and_statuses():
-    dut = PerceptionOf(make_run(), repeat_tracks=True)
+    tracks = RecordedTracks(make_run())
 
-    assert dut.tracks is not None
-    assert [(t.captured, t.released, t.status) for t in dut.tracks] == [
+    assert [(t.captured, t.released, t.status) for t in tracks] == [
         (0.0, 0.1875, TrackerStatus.TRACKING),
         (0.25, 0.4375, TrackerStatus.LOST),
     ]
@@ -62,23 +60,21 @@ def test_tracks_are_repeated_with_their_times_and_statuses():
 def test_a_status_that_was_logged_with_the_track_counts_more_than_the_next():
     run = make_run(said=(TrackerStatus.LOST, TrackerStatus.TRACKING))
 
-    dut = PerceptionOf(run, repeat_tracks=True)
+    tracks = RecordedTracks(run)
 
-    assert dut.tracks is not None
-    assert [t.status for t in dut.tracks] == [TrackerStatus.LOST, TrackerStatus.TRACKING]
+    assert [t.status for t in tracks] == [TrackerStatus.LOST, TrackerStatus.TRACKING]
 
 
 def test_times_that_cannot_be_are_named_with_their_topic():
-    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* not captured yet"):
-        PerceptionOf(make_run(early=0.2), repeat_tracks=False)
+    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* before its capture"):
+        RecordedTimings(make_run(early=0.2), period=1 / 256)
 
 
 @pytest.mark.parametrize("statuses", [(), ((0.25, NAN), (0.5, NAN)), ((0.25, 9.0), (0.5, -1.0))])
 def test_statuses_that_are_not_known_follow_from_what_was_seen(statuses):
-    dut = PerceptionOf(make_run(statuses=statuses), repeat_tracks=True)
+    tracks = RecordedTracks(make_run(statuses=statuses))
 
-    assert dut.tracks is not None
-    assert [t.status for t in dut.tracks] == [TrackerStatus.TRACKING, TrackerStatus.LOST]
+    assert [t.status for t in tracks] == [TrackerStatus.TRACKING, TrackerStatus.LOST]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.875])
@@ -88,13 +84,12 @@ def test_frames_are_captured_where_in_their_periods_they_were(share, period):
     run = make_run()
     run.numbers["/tracker/times"] = Series.of([(t, [t, NAN, NAN, NAN]) for t in begun], 4)
 
-    dut = PerceptionOf(run, repeat_tracks=False)
-
-    assert dut.offset(period) == share * period
+    for timing in RecordedTimings(run, period=period):
+        assert timing.offset == share * period
 
 
 def test_without_captures_nothing_is_late():
     run = make_run()
     run.numbers |= {topic: Series.of([], 4) for topic in ("/tracker/times", "/detector/times")}
 
-    assert PerceptionOf(run, repeat_tracks=False).offset(1 / 256) == 0.0
+    assert RecordedTimings(run, period=1 / 256)[0].offset == 0.0

@@ -1,0 +1,99 @@
+"""The perception of a recorded run: when it captured and released, and its tracks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from poil_drake.errors import InvalidValueError, RunLogError
+from poil_drake.recording.run_log.layout import (
+    DETECTOR_TIMES_TOPIC,
+    TRACKER_STATUS_TOPIC,
+    TRACKER_TIMES_TOPIC,
+)
+from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, RecordedRun
+from poil_drake.recording.run_log.series import Series
+from poil_drake.systems.capture_timing import Replay
+from poil_drake.systems.statuses import TrackerStatus
+from poil_drake.systems.tracking.recorded_tracker import RecordedTrack
+
+_DECIMALS = 9
+"""Significant decimals of a share of the control period, given the rounding of times."""
+
+
+def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[Replay, Replay]:
+    """Returns when the tracker and the detector of a recorded run captured and released.
+
+    Args:
+        run: The run.
+        period: The control period [s].
+
+    Raises:
+        RunLogError: if a result was released before its capture.
+    """
+    captured = [_captured(run, topic) for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)]
+    offset = _offset(captured[0] or captured[1], period)
+    return (
+        _timing(run, TRACKER_TIMES_TOPIC, captured[0], period, offset),
+        _timing(run, DETECTOR_TIMES_TOPIC, captured[1], period, offset),
+    )
+
+
+def _captured(run: RecordedRun, topic: str) -> list[float]:
+    times = run.numbers[topic].values[:, 0]
+    return np.unique(times[np.isfinite(times)]).tolist()
+
+
+def _offset(captured: Sequence[float], period: float) -> float:
+    """Returns how long after the beginning of a control period most captures happened [s]."""
+    if not captured:
+        return 0.0
+    shares = np.round(np.array(captured) / period % 1.0, _DECIMALS) % 1.0
+    values, counts = np.unique(shares, return_counts=True)
+    return float(values[np.argmax(counts)] * period)
+
+
+def _timing(
+    run: RecordedRun, topic: str, captured: Sequence[float], period: float, offset: float
+) -> Replay:
+    _, released, of = run.numbers[topic].values[:, :3].T
+    known = np.isfinite(released) & np.isfinite(of)
+    releases = sorted(set(zip(released[known].tolist(), of[known].tolist(), strict=True)))
+    try:
+        return Replay.of(captured, releases, period=period, offset=offset)
+    except InvalidValueError as error:
+        raise RunLogError(f"{run.path}, topic {topic}: {error.problem}", remedy=REMEDY) from error
+
+
+def RecordedTracks(run: RecordedRun) -> tuple[RecordedTrack, ...]:
+    """Returns what the tracker of a recorded run said, in the order of its releases."""
+    times, statuses = run.numbers[TRACKER_TIMES_TOPIC], run.numbers[TRACKER_STATUS_TOPIC]
+    found = []
+    for logged in run.tracks:
+        _, released, captured, number = times.at(logged.time).tolist()
+        if np.isfinite(released):
+            found.append(
+                RecordedTrack(
+                    captured=captured,
+                    released=released,
+                    points=logged.track,
+                    status=_status(logged, number, statuses),
+                )
+            )
+    return tuple(sorted(found, key=lambda track: track.released))
+
+
+def _status(logged: LoggedTrack, number: float, statuses: Series) -> TrackerStatus:
+    """Returns the tracker's status of a track.
+
+    Args:
+        logged: The track.
+        number: The status that was logged with its times; NaN in logs of older versions.
+        statuses: The status that was logged periodically, of which the next sample counts.
+    """
+    later = int(np.searchsorted(statuses.times, logged.time))
+    next_number = statuses.values[later, 0] if later < len(statuses) else np.nan
+    for found in (number, next_number):
+        if found in set(TrackerStatus):
+            return TrackerStatus(int(found))
+    seen = bool(np.any(logged.track.confidence > 0.0))
+    return TrackerStatus.TRACKING if seen else TrackerStatus.LOST

@@ -1,0 +1,82 @@
+"""The output ports of a system that shows cameras' images."""
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
+
+from poil_drake.perception.images import RgbdImage
+
+
+def DeclareCameraOutputs(
+    system: LeafSystem,
+    camera: str,
+    *,
+    image: Callable[[Context], RgbdImage | None],
+    time: Callable[[Context], float],
+    label: Callable[[Context], np.ndarray | None] | None,
+    prerequisites: set[Any],
+) -> None:
+    """Declares `<camera>.rgb_image`, `.depth_image`, `.label_image` and `.image_time`.
+
+    Images are empty while there is none.
+
+    Args:
+        system: Gets the ports.
+        camera: The camera's name.
+        image: Returns the image that is shown, None for none.
+        time: Returns the time of its capture [s].
+        label: Returns the label image (H, W), None for none; without it there is no label port.
+        prerequisites: What all of these depend on.
+    """
+
+    def declare(kind: str, empty: Any, fill: Callable[[Context, Any], bool]) -> None:
+        def calc(context: Context, output: AbstractValue) -> None:
+            if not fill(context, output.get_mutable_value()):
+                output.get_mutable_value().resize(0, 0)
+
+        system.DeclareAbstractOutputPort(
+            f"{camera}.{kind}", lambda: Value(empty()), calc, prerequisites
+        )
+
+    def fill_rgb(context: Context, output: ImageRgba8U) -> bool:
+        shown = image(context)
+        if shown is not None:
+            _resize(output, shown.rgb.shape)
+            cv2.cvtColor(shown.rgb, cv2.COLOR_RGB2RGBA, dst=output.mutable_data)
+        return shown is not None
+
+    def fill_depth(context: Context, output: ImageDepth32F) -> bool:
+        shown = image(context)
+        return _fill_plane(output, None if shown is None else shown.depth)
+
+    declare("rgb_image", ImageRgba8U, fill_rgb)
+    declare("depth_image", ImageDepth32F, fill_depth)
+    if label is not None:
+        declare(
+            "label_image",
+            ImageLabel16I,
+            lambda context, output: _fill_plane(output, label(context)),
+        )
+
+    def calc_time(context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, time(context))
+
+    system.DeclareVectorOutputPort(f"{camera}.image_time", 1, calc_time, prerequisites)
+
+
+def _fill_plane(output: Any, pixels: np.ndarray | None) -> bool:
+    if pixels is not None:
+        _resize(output, pixels.shape)
+        output.mutable_data[:, :, 0] = pixels
+    return pixels is not None
+
+
+def _resize(image: Any, shape: tuple[int, ...]) -> None:
+    height, width = shape[:2]
+    if (image.width(), image.height()) != (width, height):
+        image.resize(width, height)

@@ -1,0 +1,132 @@
+"""Work that a system begins at a capture, and whose result it shows at a release."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, LeafSystem, State
+
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.runtime.background_thread import Background
+from poil_drake.runtime.stopwatch import Stopwatch
+from poil_drake.systems.capture_timing import Captured, CaptureTiming, Queue
+
+Work = Callable[[], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class _Released(SharedOnCopy):
+    """The result that is shown, and the number of its capture."""
+
+    tick: int
+    result: Any
+
+
+class CaptureAndRelease:
+    """Adds captures, the work they begin, and the release of its results to a system.
+
+    Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
+    state is in the context.
+    """
+
+    def __init__(
+        self,
+        *,
+        system: LeafSystem,
+        timing: CaptureTiming,
+        nothing: Any,
+        begin: Callable[[Context, State, Captured | None], Work | None],
+        wanted: Callable[[Context, Captured | None], bool] = lambda context, previous: True,
+        thread: str | None = None,
+        stopwatch: Stopwatch | None = None,
+    ):
+        """Declares state and events on a system.
+
+        Args:
+            system: The system.
+            timing: When to capture and when to release.
+            nothing: The result before the first release.
+            begin: Takes what the work needs out of the context and returns the work, or None where
+                there is nothing to capture. Its last argument is the previous capture.
+            wanted: Returns whether there is something new to capture.
+            thread: Name of a thread for the work; None: the work is done at the capture.
+            stopwatch: Gets the time spent waiting for results ("waiting").
+        """
+        self._timing, self._begin, self._wanted = timing, begin, wanted
+        self._stopwatch = stopwatch or Stopwatch()
+        self._background = None if thread is None else Background(thread)
+        self._queue = system.DeclareAbstractState(Value(()))
+        self._released = system.DeclareAbstractState(Value(_Released(-1, nothing)))
+        self._times = system.DeclareDiscreteState(np.full(3, -np.inf))
+        self._tickets = {
+            system.abstract_state_ticket(self._released),
+            system.discrete_state_ticket(self._times),
+        }
+        self._system = system
+        system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.capture_event, self._capture)
+        if timing.release_event is not None:
+            system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
+
+    @property
+    def tickets(self) -> set[Any]:
+        """Prerequisites of outputs that show a result."""
+        return self._tickets
+
+    def result(self, context: Context) -> Any:
+        """Returns the result that was released last."""
+        return context.get_abstract_state(self._released).get_value().result
+
+    def capture_time(self, context: Context) -> float:
+        """Returns the time of the capture [s] of that result; minus infinity before the first."""
+        return float(context.get_discrete_state(self._times)[2])
+
+    def DeclareTimesPort(self) -> None:
+        """Declares the output port `times` (3,) [s].
+
+        It is the time of the last capture, of the last release, and of the capture whose result
+        that was; minus infinity before.
+        """
+        self._system.DeclareStateOutputPort("times", self._times)
+
+    def close(self) -> None:
+        """Finishes the work in hand and ends the thread. No capture may follow."""
+        if self._background is not None:
+            self._background.close()
+
+    def submit(self, work: Work) -> Future[Any]:
+        """Begins work: on the thread, or, without one, done at once."""
+        if self._background is not None:
+            return self._background.submit(work)
+        future: Future[Any] = Future()
+        future.set_result(work())
+        return future
+
+    def _capture(self, context: Context, state: State) -> None:
+        queue: Queue = context.get_abstract_state(self._queue).get_value()
+        time, previous = context.get_time(), queue[-1] if queue else None
+        if self._timing.captures(queue, time, wanted=self._wanted(context, previous)):
+            work = self._begin(context, state, previous)
+            if work is not None:
+                queue = self._timing.added(queue, time, self.submit(work))
+                state.get_mutable_abstract_state(self._queue).set_value(queue)
+                state.get_mutable_discrete_state(self._times).SetAtIndex(0, time)
+        self._release_due(queue, context, state)
+
+    def _release(self, context: Context, state: State) -> None:
+        queue = context.get_abstract_state(self._queue).get_value()
+        self._release_due(queue, context, state)
+
+    def _release_due(self, queue: Queue, context: Context, state: State) -> None:
+        due = self._timing.due(queue, context.get_time())
+        released: _Released = context.get_abstract_state(self._released).get_value()
+        if due is None or due.tick <= released.tick:
+            return
+        with self._stopwatch.measure("waiting"):
+            result = due.result.result()
+        state.get_mutable_abstract_state(self._released).set_value(_Released(due.tick, result))
+        times = state.get_mutable_discrete_state(self._times)
+        times.SetAtIndex(1, context.get_time())
+        times.SetAtIndex(2, due.time)

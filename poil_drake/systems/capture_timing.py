@@ -1,0 +1,250 @@
+"""When a capture happens and when its result is known: simulated, on hardware, or in a replay."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy
+
+_SAME = 1e-6
+"""Event times closer than this fraction of a period are the same instant."""
+
+_ROUNDING = 1e-6
+"""Recorded times closer than this [s] are the same: far less than any control period."""
+
+
+@dataclass(frozen=True, eq=False)
+class Captured(SharedOnCopy):
+    """A capture whose result may still be released. Copies of a context share it.
+
+    Attributes:
+        tick: Number of the capture.
+        time: When it happened [s].
+        result: What comes of it.
+    """
+
+    tick: int
+    time: float
+    result: Future[Any]
+
+
+Queue = tuple[Captured, ...]
+"""Captures in order of time; the last one is always the newest."""
+
+
+class CaptureTiming(Protocol):
+    """Decides when captures happen and when their results are released.
+
+    It holds no state: the captures so far are its argument.
+    """
+
+    @property
+    def capture_event(self) -> tuple[float, float]:
+        """Period and offset [s] of the event that may capture."""
+
+    @property
+    def release_event(self) -> tuple[float, float] | None:
+        """Period and offset [s] of the event that releases; None: captures release at once."""
+
+    def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
+        """Returns whether to capture at this event.
+
+        Args:
+            queue: The captures so far.
+            time: Now [s].
+            wanted: Whether the system has something new to capture.
+        """
+
+    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
+        """Returns the queue after a capture at `time` [s]; drops what will not be released."""
+
+    def due(self, queue: Queue, time: float) -> Captured | None:
+        """Returns the newest capture whose result is to be known at `time` [s], if any.
+
+        Its result may have to be waited for.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedDelay:
+    """Captures every `period`; releases each result exactly `latency` later, and waits for it.
+
+    What is known when does not depend on how fast the work is done.
+
+    Attributes:
+        period: Time from one capture to the next [s].
+        latency: Time from a capture to its release [s]; it may exceed the period.
+        offset: Time of the first capture [s].
+    """
+
+    period: float = 1 / 8
+    latency: float = 1 / 16
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.period > 0.0 and self.latency >= 0.0 and self.offset >= 0.0):
+            raise InvalidValueError(
+                f"The period is {self.period} s, the latency {self.latency} s and the offset "
+                f"{self.offset} s.",
+                remedy="Give a positive period, and a latency and an offset of 0 or more.",
+            )
+
+    @property
+    def capture_event(self) -> tuple[float, float]:
+        """See `CaptureTiming`."""
+        return self.period, self.offset
+
+    @property
+    def release_event(self) -> tuple[float, float] | None:
+        """See `CaptureTiming`."""
+        if self.latency < _SAME * self.period:
+            return None
+        return self.period, self.offset + self.latency
+
+    def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
+        """See `CaptureTiming`."""
+        return wanted
+
+    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
+        """See `CaptureTiming`."""
+        tick = round((time - self.offset) / self.period)
+        # A capture due right now stays: at one instant, captures may run before releases.
+        kept = tuple(entry for entry in queue[:-1] if entry.tick >= self._tick_due(time))
+        return (*kept, *queue[-1:], Captured(tick, time, result))
+
+    def due(self, queue: Queue, time: float) -> Captured | None:
+        """See `CaptureTiming`."""
+        tick = self._tick_due(time)
+        return next((entry for entry in reversed(queue) if entry.tick <= tick), None)
+
+    def _tick_due(self, time: float) -> int:
+        return math.floor((time - self.offset - self.latency) / self.period + _SAME)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worker:
+    """Captures whenever the last result is there; releases results as they come, never waiting.
+
+    For hardware, where the loop must not be held up: frames that come while the worker is busy are
+    skipped.
+
+    Attributes:
+        period: How often to see whether there is something new to capture [s].
+        offset: When to see that first [s].
+        poll_period: How often to see whether a result has come [s].
+    """
+
+    period: float = 1 / 128
+    offset: float = 0.0
+    poll_period: float = 1 / 256
+
+    @property
+    def capture_event(self) -> tuple[float, float]:
+        """See `CaptureTiming`."""
+        return self.period, self.offset
+
+    @property
+    def release_event(self) -> tuple[float, float] | None:
+        """See `CaptureTiming`."""
+        return self.poll_period, 0.0
+
+    def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
+        """See `CaptureTiming`."""
+        return wanted and (not queue or queue[-1].result.done())
+
+    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
+        """See `CaptureTiming`."""
+        tick = queue[-1].tick + 1 if queue else 0
+        return (*queue[-1:], Captured(tick, time, result))
+
+    def due(self, queue: Queue, time: float) -> Captured | None:
+        """See `CaptureTiming`."""
+        return next((entry for entry in reversed(queue) if entry.result.done()), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """Captures and releases when a recorded run did, however long the work takes now.
+
+    Attributes:
+        captured: When each capture happened [s], ascending.
+        released: When each result was released [s], ascending, and the number of its capture. Not
+            every capture needs a release.
+        period: How often to see whether something is due [s]: the control period.
+        offset: Time of captures within that period [s].
+    """
+
+    captured: Sequence[float]
+    released: Sequence[tuple[float, int]]
+    period: float = 1 / 256
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        times = [time for time, _ in self.released]
+        ascending = list(self.captured) == sorted(self.captured) and times == sorted(times)
+        causal = all(
+            0 <= tick < len(self.captured) and time >= self.captured[tick] - _ROUNDING
+            for time, tick in self.released
+        )
+        if not ascending or not causal:
+            raise InvalidValueError(
+                f"A recording of {len(self.captured)} captures and {len(self.released)} releases "
+                "is not in order of time, or releases a result before its capture.",
+                remedy="Give both in order of time, and the number of the capture with a release.",
+            )
+
+    @classmethod
+    def of(
+        cls,
+        captured: Sequence[float],
+        released: Sequence[tuple[float, float]],
+        *,
+        period: float,
+        offset: float,
+    ) -> Self:
+        """Makes the timing from releases given as (time, time of the capture) [s].
+
+        Leaves out releases of unknown captures: a recording may begin late.
+        """
+        numbered = []
+        for time, capture in released:
+            tick = bisect_right(captured, capture + _ROUNDING) - 1
+            if tick >= 0 and abs(captured[tick] - capture) < _ROUNDING:
+                numbered.append((time, tick))
+        return cls(captured=tuple(captured), released=tuple(numbered), period=period, offset=offset)
+
+    @property
+    def capture_event(self) -> tuple[float, float]:
+        """See `CaptureTiming`."""
+        return self.period, self.offset
+
+    @property
+    def release_event(self) -> tuple[float, float] | None:
+        """See `CaptureTiming`."""
+        return self.period, 0.0
+
+    def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
+        """See `CaptureTiming`; the recording decides, whatever is wanted."""
+        return self._tick(time) > (queue[-1].tick if queue else -1)
+
+    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
+        """See `CaptureTiming`."""
+        awaited = {tick for released, tick in self.released if released > time - _ROUNDING}
+        kept = tuple(entry for entry in queue[:-1] if entry.tick in awaited)
+        return (*kept, *queue[-1:], Captured(self._tick(time), time, result))
+
+    def due(self, queue: Queue, time: float) -> Captured | None:
+        """See `CaptureTiming`."""
+        index = bisect_right(self.released, (time + _ROUNDING, len(self.captured))) - 1
+        if index < 0:
+            return None
+        tick = self.released[index][1]
+        return next((entry for entry in queue if entry.tick == tick), None)
+
+    def _tick(self, time: float) -> int:
+        """Returns the number of the last capture at or before `time` [s]; -1 before the first."""
+        return bisect_right(self.captured, time + _ROUNDING) - 1

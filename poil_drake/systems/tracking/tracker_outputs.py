@@ -1,0 +1,53 @@
+"""The output ports that all trackers share."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.statuses import TrackerStatus
+
+
+class TrackerReport(Protocol):
+    """What a tracker says at a release."""
+
+    @property
+    def points(self) -> TrackedPoints:
+        """The points."""
+
+    @property
+    def status(self) -> TrackerStatus:
+        """Whether the tracker follows the object."""
+
+
+def DeclareTrackerOutputs(
+    system: LeafSystem,
+    *,
+    report: Callable[[Context], TrackerReport],
+    num_points: int,
+    prerequisites: set[Any],
+) -> None:
+    """Declares the output ports `tracked_points` and `status` on a tracker.
+
+    Args:
+        system: The tracker.
+        report: Returns what it said last.
+        num_points: Number of points, N.
+        prerequisites: What the report depends on.
+    """
+
+    def calc_points(context: Context, output: AbstractValue) -> None:
+        output.set_value(report(context).points)
+
+    def calc_status(context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, float(report(context).status))
+
+    system.DeclareAbstractOutputPort(
+        "tracked_points",
+        lambda: Value(TrackedPoints.lost(num_points, -float("inf"))),
+        calc_points,
+        prerequisites,
+    )
+    system.DeclareVectorOutputPort("status", 1, calc_status, prerequisites)
