@@ -167,7 +167,7 @@ class Worker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay:
+class RecordedTiming:
     """Captures and releases when a recorded run did, however long the work takes now.
 
     Attributes:

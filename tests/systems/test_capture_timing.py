@@ -5,7 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.systems.capture_timing import Captured, Queue, Replay, SimulatedDelay, Worker
+from poil_drake.systems.capture_timing import (
+    Captured,
+    Queue,
+    RecordedTiming,
+    SimulatedDelay,
+    Worker,
+)
 
 
 def done(value: object = None) -> Future:
@@ -116,11 +122,11 @@ RELEASED = [(0.25, 0), (0.7, 2)]
 
 
 @pytest.fixture
-def replay() -> Replay:
-    return Replay(captured=CAPTURED, released=RELEASED)
+def replay() -> RecordedTiming:
+    return RecordedTiming(captured=CAPTURED, released=RELEASED)
 
 
-def test_a_replay_captures_each_recorded_frame_once(replay: Replay) -> None:
+def test_a_replay_captures_each_recorded_frame_once(replay: RecordedTiming) -> None:
     queue, captured = (), []
     for time in (0.0, 0.125, 0.29, 0.3, 0.31, 9.0):
         if replay.captures(queue, time, wanted=False):
@@ -130,7 +136,7 @@ def test_a_replay_captures_each_recorded_frame_once(replay: Replay) -> None:
     assert captured == [(0.125, 0), (0.3, 1), (9.0, 2)]
 
 
-def test_a_replay_releases_what_was_released_last(replay: Replay) -> None:
+def test_a_replay_releases_what_was_released_last(replay: RecordedTiming) -> None:
     queue = tuple(Captured(tick, time, done(tick)) for tick, time in enumerate(CAPTURED))
 
     found = [replay.due(queue, time) for time in (0.2, 0.25, 0.69, 0.7, 9.0)]
@@ -138,7 +144,7 @@ def test_a_replay_releases_what_was_released_last(replay: Replay) -> None:
     assert [value(entry) for entry in found] == [None, 0, 0, 2, 2]
 
 
-def test_a_replay_keeps_what_is_still_to_be_released(replay: Replay) -> None:
+def test_a_replay_keeps_what_is_still_to_be_released(replay: RecordedTiming) -> None:
     queue: Queue = ()
     for time in CAPTURED:
         queue = replay.added(queue, time, done())
@@ -148,7 +154,9 @@ def test_a_replay_keeps_what_is_still_to_be_released(replay: Replay) -> None:
 
 
 def test_a_replay_skips_releases_of_unknown_captures() -> None:
-    dut = Replay.of(CAPTURED, [(0.25, 0.125), (0.4, 0.2), (0.7, 0.55)], period=0.1, offset=0.0)
+    dut = RecordedTiming.of(
+        CAPTURED, [(0.25, 0.125), (0.4, 0.2), (0.7, 0.55)], period=0.1, offset=0.0
+    )
 
     # Nothing was captured at 0.2 s, as in a recording that begins late.
     assert dut.released == ((0.25, 0), (0.7, 2))
@@ -167,4 +175,4 @@ def test_impossible_recordings_are_refused(
     captured: list[float], released: list[tuple[float, int]]
 ) -> None:
     with pytest.raises(InvalidValueError, match="in order of time"):
-        Replay(captured=captured, released=released)
+        RecordedTiming(captured=captured, released=released)

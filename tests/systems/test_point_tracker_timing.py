@@ -9,7 +9,7 @@ from point_tracker_bench import AFTER, MASKS, PERIOD, QUERY, MakeBench, N, Scene
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.capture_timing import Replay, SimulatedDelay, Worker
+from poil_drake.systems.capture_timing import RecordedTiming, SimulatedDelay, Worker
 from poil_drake.systems.statuses import TrackerStatus
 
 
@@ -174,7 +174,7 @@ class SlowTracker(SummingTracker):
 
 def test_a_replay_captures_and_releases_when_the_run_did(make_bench: MakeBench) -> None:
     # Captures in unequal steps, and the second one was never released.
-    timing = Replay(
+    timing = RecordedTiming(
         captured=(1 / 64, 10 / 64, 20 / 64), released=((9 / 64, 0), (31 / 64, 2)), period=1 / 64
     )
     bench = make_bench(timing=timing, tracker=SlowTracker(), with_stamps=True)
@@ -188,7 +188,9 @@ def test_a_replay_captures_and_releases_when_the_run_did(make_bench: MakeBench) 
 
 
 def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
-    timing = Replay(captured=(0.125, 0.25), released=((0.1875, 0), (0.3125, 1)), period=1 / 64)
+    timing = RecordedTiming(
+        captured=(0.125, 0.25), released=((0.1875, 0), (0.3125, 1)), period=1 / 64
+    )
     bench = make_bench(timing=timing, scene=Scene(frozen_from=0.125), with_stamps=True)
 
     bench.advance_to(0.5)

@@ -12,7 +12,7 @@ from poil_drake.recording.run_log.layout import (
 )
 from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, RecordedRun
 from poil_drake.recording.run_log.series import Series
-from poil_drake.systems.capture_timing import Replay
+from poil_drake.systems.capture_timing import RecordedTiming
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTrack
 
@@ -20,7 +20,7 @@ _DECIMALS = 9
 """Significant decimals of a share of the control period, given the rounding of times."""
 
 
-def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[Replay, Replay]:
+def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[RecordedTiming, RecordedTiming]:
     """Returns when the tracker and the detector of a recorded run captured and released.
 
     Args:
@@ -54,12 +54,12 @@ def _offset(captured: Sequence[float], period: float) -> float:
 
 def _timing(
     run: RecordedRun, topic: str, captured: Sequence[float], period: float, offset: float
-) -> Replay:
+) -> RecordedTiming:
     _, released, of = run.numbers[topic].values[:, :3].T
     known = np.isfinite(released) & np.isfinite(of)
     releases = sorted(set(zip(released[known].tolist(), of[known].tolist(), strict=True)))
     try:
-        return Replay.of(captured, releases, period=period, offset=offset)
+        return RecordedTiming.of(captured, releases, period=period, offset=offset)
     except InvalidValueError as error:
         raise RunLogError(f"{run.path}, topic {topic}: {error.problem}", remedy=REMEDY) from error
 

@@ -31,7 +31,7 @@ from poil_drake.recording.run_log.logged_images import ImageReader
 from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
-from poil_drake.systems.capture_timing import Replay
+from poil_drake.systems.capture_timing import RecordedTiming
 from poil_drake.systems.panda.recorded_robot import (
     HAND,
     JOINTS,
@@ -182,12 +182,12 @@ class ReplayStation(Station):
         return float(np.floor(look / period + _ROUNDING) * period)
 
     @property
-    def tracker_timing(self) -> Replay:
+    def tracker_timing(self) -> RecordedTiming:
         """See `Station.tracker_timing`: that of the run."""
         return self._tracker_timing
 
     @property
-    def detector_timing(self) -> Replay:
+    def detector_timing(self) -> RecordedTiming:
         """See `Station.detector_timing`: that of the run."""
         return self._detector_timing
 

@@ -11,7 +11,7 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.capture_timing import Replay, SimulatedDelay, Worker
+from poil_drake.systems.capture_timing import RecordedTiming, SimulatedDelay, Worker
 from poil_drake.systems.detection.part_detector import PartDetector, find_part
 from poil_drake.systems.statuses import DetectorStatus
 
@@ -257,7 +257,7 @@ def test_the_times_and_the_frame_of_a_search_are_told() -> None:
 
 
 def test_a_replay_searches_and_answers_when_the_run_did(detector: MiddleDetector) -> None:
-    timing = Replay(captured=(0.25, 0.5), released=((0.4375, 0), (0.8, 1)), period=PERIOD)
+    timing = RecordedTiming(captured=(0.25, 0.5), released=((0.4375, 0), (0.8, 1)), period=PERIOD)
     bench = make_bench(detector, timing=timing)
     seen = []
     for tick in range(8):
