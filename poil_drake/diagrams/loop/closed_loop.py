@@ -32,9 +32,7 @@ from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.safety.supervisor import SafetySupervisor
 from poil_drake.systems.skill.sequencer import SkillSequencer
 from poil_drake.systems.skill.stop_requests import StopRequests, StopSwitch
-from poil_drake.systems.tracking.ground_truth_tracker import GroundTruthTracker
 from poil_drake.systems.tracking.point_tracker import PointTracker
-from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +45,8 @@ class ClosedLoop:
     Attributes:
         diagram: The whole, ready for a Simulator.
         station: The robot and its surroundings.
-        detector: Finds the part; None with the ground-truth tracker, or recorded tracks.
-        tracker: `PointTracker`, `GroundTruthTracker` or, in a replay, `RecordedTracker`.
+        detector: Finds the part; None if the tracker needs no detector.
+        tracker: `PointTracker`, `GroundTruthTracker`, in a replay `RecordedTracker`, or the user's.
         propagator: Brings the tracked points up to now.
         controller: Point-set BCSDM.
         inverse_kinematics: From the gripper's twist to joint velocities.
@@ -62,7 +60,7 @@ class ClosedLoop:
     diagram: Diagram
     station: Station
     detector: PartDetector | None
-    tracker: PointTracker | GroundTruthTracker | RecordedTracker
+    tracker: LeafSystem
     propagator: FkPropagator
     controller: PointSetBcsdm
     inverse_kinematics: DifferentialIk
@@ -89,6 +87,7 @@ def MakeClosedLoop(
     plan: ExecutionPlan,
     *,
     station: Station | None = None,
+    tracker: LeafSystem | None = None,
     meshcat: Meshcat | None = None,
     hardware: bool = False,
     dry_run: bool = False,
@@ -104,6 +103,10 @@ def MakeClosedLoop(
         scenario: The station and the task.
         plan: What `transfer` and grasp selection found.
         station: The robot and its surroundings; None: made of the scenario.
+        tracker: Takes the place of detector and tracker; None: those of the scenario. It needs the
+            output ports of `PointTracker` except `frame`. Its input ports `body_poses` (in
+            simulation), `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image`
+            and `.image_time` are connected, if it has them.
         meshcat: Shows the scene, the points and the reference there.
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
@@ -145,7 +148,8 @@ def MakeClosedLoop(
         "station": station,
     }
     try:
-        tracker = station.MakeImagelessTracker(plan)
+        if tracker is None:
+            tracker = station.MakeImagelessTracker(plan)
         if tracker is None:
             RequireLabels(station)
         station.Start()

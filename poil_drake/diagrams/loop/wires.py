@@ -42,13 +42,16 @@ LOOP_WIRES = [
     ("sequencer.hand.width", "station.hand.width"),
 ]
 
-PERCEPTION_WIRES = [
+DETECTOR_WIRES = [
     ("detector.masks", "tracker.masks"),
-    ("propagator.object_motion", "tracker.object_motion"),
     ("sequencer.detect_request", "detector.request"),
 ]
 
-GROUND_TRUTH_WIRES = [("station.body_poses", "tracker.body_poses")]
+TRACKER_WIRES = [
+    # From                         to the tracker's port, if it has it
+    ("station.body_poses", "body_poses"),
+    ("propagator.object_motion", "object_motion"),
+]
 
 VISUALIZER_WIRES = [
     ("tracker.tracked_points", "visualizer.tracked_points"),
@@ -121,19 +124,19 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             wires.append((f"station.{camera}.image_time", f"logger.cameras.{camera}.image_time"))
     if station.HasOutputPort("replayed_position"):
         wires.append(("station.replayed_position", "supervisor.replayed_position"))
+    tracker = parts["tracker"]
+    wires += [
+        (source, f"tracker.{port}") for source, port in TRACKER_WIRES if tracker.HasInputPort(port)
+    ]
+    for camera in station.camera_names:
+        for image in ("rgb_image", "depth_image", "label_image", "image_time"):
+            port = f"{camera}.{image}"
+            for part in ("tracker", "detector"):
+                if part in parts and parts[part].HasInputPort(port) and station.HasOutputPort(port):
+                    wires.append((f"station.{port}", f"{part}.{port}"))
     if "detector" in parts:
-        wires += PERCEPTION_WIRES
-        for camera in station.camera_names:
-            for image in ("rgb_image", "depth_image", "image_time"):
-                port = f"{camera}.{image}"
-                wires.append((f"station.{port}", f"tracker.{port}"))
-                wires.append((f"station.{port}", f"detector.{port}"))
-            if station.HasOutputPort(f"{camera}.label_image"):
-                wires.append((f"station.{camera}.label_image", f"detector.{camera}.label_image"))
-        first = station.camera_names[0]
-        wires.append((f"station.{first}.image_time", "propagator.image_time"))
-    elif parts["tracker"].HasInputPort("body_poses"):
-        wires += GROUND_TRUTH_WIRES
+        wires += DETECTOR_WIRES
+        wires.append((f"station.{station.camera_names[0]}.image_time", "propagator.image_time"))
     if "visualizer" in parts:
         wires += VISUALIZER_WIRES
     if "logger" in parts:
