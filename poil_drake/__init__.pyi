@@ -7,6 +7,7 @@ from .diagrams.loop.closed_loop import MakeClosedLoop as MakeClosedLoop
 from .diagrams.replay.replay import Replay as Replay
 from .diagrams.run.html_recording import HtmlRecording as HtmlRecording
 from .diagrams.run.html_recording import MakeMeshcat as MakeMeshcat
+from .diagrams.run.output_paths import OutputPaths as OutputPaths
 from .diagrams.run.planning import PlanScenario as PlanScenario
 from .diagrams.run.skill_run import ExecutePlan as ExecutePlan
 from .diagrams.run.skill_run import RunSkill as RunSkill
@@ -15,6 +16,7 @@ from .diagrams.scenario.load import default_scenario_file as default_scenario_fi
 from .diagrams.scenario.scenario import Scenario as Scenario
 from .diagrams.station.station import CaptureFrame as CaptureFrame
 from .diagrams.station.station import MakeStation as MakeStation
+from .diagrams.station.station_base import Station as Station
 from .errors import PoilError as PoilError
 from .grasping.execution_plan import ExecutionPlan as ExecutionPlan
 from .recording.demonstration.demonstration import LoadDemonstration as LoadDemonstration

@@ -1,1 +1,5 @@
 """Grasp candidates, feasibility of their rollouts, approach paths. No pydrake."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Drake LeafSystems: ports, state and events around the pure floors."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

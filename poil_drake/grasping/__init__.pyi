@@ -1,0 +1,1 @@
+from .execution_plan import ExecutionPlan as ExecutionPlan

@@ -1,0 +1,3 @@
+from .panda_kinematics import PandaModel as PandaModel
+from .posture_guard import PostureGuard as PostureGuard
+from .velocity_limiter import VelocityLimiter as VelocityLimiter
