@@ -33,7 +33,7 @@ from poil_drake.diagrams.run.real_time_loop import (
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import StationError
 from poil_drake.grasping.execution_plan import ExecutionPlan

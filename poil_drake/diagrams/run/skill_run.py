@@ -31,8 +31,8 @@ from poil_drake.diagrams.run.shutdown import Brake, Resting
 from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
 from poil_drake.diagrams.run.simulator import MakeSimulator
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware_checks import CheckHardwareRun
-from poil_drake.diagrams.station.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
+from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.station.station import (
     HardwareStation,
     MakeStation,

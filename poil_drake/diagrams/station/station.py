@@ -8,8 +8,8 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeFrame
-from poil_drake.diagrams.station.hardware_checks import label_error
-from poil_drake.diagrams.station.hardware_station import HardwareStation
+from poil_drake.diagrams.station.hardware.hardware_checks import label_error
+from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation
 from poil_drake.diagrams.station.simulated_station import SimulatedStation
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem
 
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware_checks import ground_truth_error
+from poil_drake.diagrams.station.hardware.hardware_checks import ground_truth_error
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import BASE_LINK
 from poil_drake.perception.images import CameraModel, RgbdImage

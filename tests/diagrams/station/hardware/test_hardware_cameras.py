@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.station import hardware_station
+from poil_drake.diagrams.station.hardware import hardware_station
 from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.images import RgbdImage

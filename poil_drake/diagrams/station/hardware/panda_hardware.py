@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.diagrams.station.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmPump, MessageNetwork

@@ -8,7 +8,7 @@ from system_bench import SystemBench
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.driver_station import MakeDriverStation
-from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
+from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.ik.arm_plant import MakePandaKinematics

@@ -26,10 +26,10 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
-from poil_drake.diagrams.station.hardware_schedule import IMAGES_SHARE
-from poil_drake.diagrams.station.hardware_view import HardwareView
-from poil_drake.diagrams.station.mailbox_problems import MailboxProblems
-from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
+from poil_drake.diagrams.station.hardware.hardware_schedule import IMAGES_SHARE
+from poil_drake.diagrams.station.hardware.hardware_view import HardwareView
+from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
+from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
 from poil_drake.errors import StationError

@@ -1,0 +1,1 @@
+"""The station of the real robot: LCM, capture threads, checks."""
