@@ -39,8 +39,8 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 class ClosedLoop:
     """The closed loop and its named parts.
 
-    With a tracker of images, processes work beside the simulation: `Close` it after the run, or use
-    it as a `with` block.
+    With a tracker of images, processes run beside the simulation: `Close` the loop after the run,
+    or use it as a `with` block.
 
     Attributes:
         diagram: The whole, ready for a Simulator.
@@ -51,10 +51,10 @@ class ClosedLoop:
         controller: Point-set BCSDM.
         inverse_kinematics: From the gripper's twist to joint velocities.
         sequencer: The skill's phases.
-        motion: What moves the arm in each phase.
-        supervisor: What stands between that and the robot.
-        stop_requests: Counts who asks it to stop the arm.
-        speed: Share of the usual speed at which all motions are made.
+        motion: Moves the arm in each phase.
+        supervisor: Checks and limits every command to the robot.
+        stop_requests: Counts requests to stop the arm.
+        speed: Factor on the speed of all motions.
     """
 
     diagram: Diagram
@@ -77,7 +77,7 @@ class ClosedLoop:
         self.Close()
 
     def Close(self) -> None:
-        """Ends the tracker's and the cameras' processes. Nothing can be simulated after that."""
+        """Ends the tracker's and the cameras' processes. The loop cannot be used afterwards."""
         _close(self.station, self.tracker, self.detector)
         self.stop_requests.close()
 
@@ -101,7 +101,7 @@ def MakeClosedLoop(
 
     Args:
         scenario: The station and the task.
-        plan: What `transfer` and grasp selection found.
+        plan: The result of transfer and grasp selection.
         station: The robot and its surroundings; None: made of the scenario.
         tracker: Takes the place of detector and tracker; None: those of the scenario. It needs the
             output ports of `PointTracker` except `frame`. Its input ports `body_poses` (in
@@ -111,11 +111,11 @@ def MakeClosedLoop(
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
             robot and the object really are.
-        log: Where to log every signal and the images. Whoever opened it closes it after the run.
-        album: Where to keep pictures of the run.
+        log: Gets every signal and the images; the caller closes it after the run.
+        album: Gets pictures of the run.
         disturbances: Pushes on bodies of the simulated plant.
-        stop_switch: What stops the arm, besides the button on the page of `meshcat`.
-        stopwatch: Where to note how long rendering, tracking, control and publishing take.
+        stop_switch: Stops the arm, as does the button on the page of `meshcat`.
+        stopwatch: Gets the time that rendering, tracking, control and publishing take.
 
     Returns:
         The loop, which is to be closed after the run.

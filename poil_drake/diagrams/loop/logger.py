@@ -1,4 +1,4 @@
-"""The closed loop's logger: what of the loop is logged, and what its numbers mean."""
+"""The closed loop's logger: which signals are logged, and the texts of their numbers."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -35,9 +35,9 @@ def MakeLoopLogger(
 
     Args:
         scenario: The station and the task.
-        plan: What is executed.
-        log: Where to write.
-        station: Whose bodies may be pushed, and whose cameras' times are logged.
+        plan: The plan that is executed.
+        log: Gets the messages.
+        station: Has the bodies that may be pushed, and the cameras whose times are logged.
     """
     plant = station.plant()
     period, offset = RobotLogSchedule(scenario)
@@ -68,8 +68,8 @@ def MakeLoopLogger(
 def RobotLogSchedule(scenario: Scenario) -> tuple[float, float]:
     """Returns the period and the offset [s] at which the robot's signals are logged.
 
-    Each sample shows what the updates at the beginning of its control period saw: the plant is
-    stepped before them, and steps again a time step later.
+    Each sample shows the inputs of the updates at the beginning of its control period: the plant
+    steps before them, and again a time step later.
     """
     rates = scenario.poil.rates
     return rates.control, 0.0 if rates.plant == rates.control else rates.plant

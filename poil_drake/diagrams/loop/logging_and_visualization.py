@@ -1,4 +1,4 @@
-"""What shows and records a run of the closed loop, and what disturbs it."""
+"""Adds the systems that log, show and disturb a run of the closed loop."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,16 +31,16 @@ def AddLoggingAndVisualization(
     log: RunLogWriter | None,
     album: SnapshotAlbum | None,
 ) -> dict[str, LeafSystem]:
-    """Adds what shows and records the run, by name; nothing in the loop depends on it.
+    """Adds visualizer, logger and snapshots, and returns them by name; no other system uses them.
 
     Args:
         builder: Gets the systems.
         scenario: The station and the task.
-        plan: What is executed.
-        station: What is looked at.
+        plan: The plan that is executed.
+        station: The station.
         meshcat: None: no visualizer.
         log: None: no logger.
-        album: None, or the ground truth for a tracker: no pictures.
+        album: None, or a ground-truth tracker: no pictures.
     """
     parts: dict[str, LeafSystem] = {}
     if meshcat is not None:

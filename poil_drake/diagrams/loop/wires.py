@@ -114,7 +114,7 @@ SNAPSHOT_WIRES = [
 
 
 def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
-    """Connects the loop's parts, as far as they are there, by the names of their ports."""
+    """Connects those parts of the loop that exist, by the names of their ports."""
     wires = list(LOOP_WIRES)
     station = parts["station"]
     for camera in station.camera_names:

@@ -1,4 +1,4 @@
-"""Whether the cameras of a replay stand where they stood in the run."""
+"""Compares the cameras of a replay with those of the run."""
 
 from collections.abc import Sequence
 
@@ -9,20 +9,20 @@ from poil_drake.perception.images import CameraModel
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 _SAME_LENGTH = 1e-5
-"""Positions that differ by less [m] are the same: less than a camera's errors by far."""
+"""Positions closer than this [m] are equal: far less than a camera's errors."""
 
 _SAME_ANGLE = 1e-5
-"""The same for angles [rad]: a tenth of a millimetre at ten metres."""
+"""Angles closer than this [rad] are equal: a tenth of a millimetre at ten metres."""
 
 _SAME_PIXELS = 1e-3
-"""The same for focal lengths and principal points [px]."""
+"""Focal lengths and principal points closer than this [px] are equal."""
 
 
 def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
-    """Returns how cameras differ from what the log says of them, a clause for each that does.
+    """Returns how cameras differ from those in the log, a clause for each that does.
 
-    Models and calibrations may have changed since the run, or be those of another machine. Of a
-    camera of which the log says nothing, nothing is said.
+    Models and calibrations may have changed since the run, or come from another machine. Cameras
+    missing from the log are skipped.
 
     Args:
         run: The run.

@@ -1,4 +1,4 @@
-"""What the log of a run must hold to be replayed, and what to know where it lacks something."""
+"""Checks that a run's log is complete enough to be replayed, and remarks on what it lacks."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,25 +27,24 @@ from poil_drake.recording.run_log.layout import (
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 SPARSE = 1.5
-"""A period longer than the control period by this factor misses what the controller saw."""
+"""Logs with a period longer than this multiple of the control period miss samples."""
 
 _LATEST_START = 4.0
-"""How many periods of the logger after the time 0 the first sample may be: the first few may be
-lost where a disk is slow."""
+"""Latest time of the first sample, in periods of the logger: a slow disk may lose the first few."""
 
 _LONGEST_GAP = 60.0
-"""How long there may be no sample [s]; no disk is that slow, and a replay lives through it all."""
+"""Longest gap between samples [s]; no disk is that slow, and a replay simulates every gap."""
 
 
 class _Topic(NamedTuple):
-    """What a replay needs of a topic.
+    """A signal that a replay needs.
 
     Attributes:
         topic: The topic.
-        what: What it says, in words.
-        needed: Whether a run needs it, by what else is in its log.
+        what: Name of the signal.
+        needed: Whether this run's replay needs it.
         there: Whether the log has it.
-        looking: Whether it is needed only where images are looked at again.
+        looking: Whether it is needed only where images are tracked again.
     """
 
     topic: str
@@ -60,7 +59,7 @@ def _always(run: RecordedRun) -> bool:
 
 
 def _begun(run: RecordedRun) -> bool:
-    """Whether the robot and the points were known, so that the skill went on."""
+    """Whether the skill went on because robot and points were known."""
     return any(phase.name not in ("wait", "fault") for phase in run.phases)
 
 
@@ -106,7 +105,7 @@ _TOPICS = (
 
 
 def RequireAttachments(run: RecordedRun) -> None:
-    """Checks that a log says what was run.
+    """Checks that a log holds scenario and plan.
 
     Raises:
         RunLogError: if it does not.
@@ -120,11 +119,11 @@ def RequireAttachments(run: RecordedRun) -> None:
 
 
 def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
-    """Checks that a log holds the signals without which nothing would move in a replay.
+    """Checks that a log holds the signals without which a replay would not move.
 
     Args:
         run: The run.
-        repeat_tracks: Whether its tracks are repeated, so that nobody looks at images.
+        repeat_tracks: Whether its tracks are repeated, so that images are not needed.
 
     Raises:
         RunLogError: if one is missing, with its topic.
@@ -136,14 +135,14 @@ def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
 
 
 def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
-    """Checks that a log begins at the time 0 and goes on from there.
+    """Checks that a log begins at the time 0 and has no long gap.
 
     Args:
         run: The run.
         scenario: Its periods.
 
     Raises:
-        RunLogError: if it begins later, or has a gap that no run has.
+        RunLogError: if it begins later, or has a gap.
     """
     times = run.joints.times
     edges = np.append(min(0.0, times[0]), times)
@@ -161,12 +160,12 @@ def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
 
 
 def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
-    """Checks that a log has what detector and tracker look at.
+    """Checks that a log has the images for detector and tracker.
 
     Args:
         run: The run.
-        scenario: The cameras that are looked through, and the detector.
-        remedy: What to do without images.
+        scenario: Names the cameras and the detector.
+        remedy: The advice if there are none.
 
     Raises:
         RunLogError: if it has no images of a camera, or no label images that are needed.
@@ -183,17 +182,17 @@ def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
 
 
 def IsSparse(run: RecordedRun, scenario: Scenario) -> bool:
-    """Returns whether a log misses some of what the controller saw of the robot."""
+    """Returns whether a log misses samples of the robot's signals."""
     return run.joints.period > SPARSE * scenario.poil.rates.control
 
 
 def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tuple[str, ...]:
-    """Returns what to know about a log, a clause each.
+    """Returns remarks on a log, a clause each.
 
     Args:
         run: The run.
-        scenario: What it was made with.
-        repeat_tracks: Whether its tracks are repeated, so that nobody looks at images.
+        scenario: The run's scenario.
+        repeat_tracks: Whether its tracks are repeated, so that images are not needed.
     """
     notes = []
     if original := run.metadata.get(REPLAY_OF_KEY):
@@ -206,7 +205,7 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
             "between"
         )
     if dropped := run.metadata.get("dropped_messages"):
-        notes.append(f"the log lacks {dropped} messages that its disk was too slow for")
+        notes.append(f"the log lacks {dropped} messages, as its disk was too slow")
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
     if not simulated and not _knows(ROBOT_STATUS_TOPIC, 3)(run):
         notes.append(
@@ -216,7 +215,7 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
     momentary = simulated and CameraDelay(scenario.cameras) == 0.0
     if not repeat_tracks and not momentary and not run.camera_times:
         notes.append(
-            f"the log lacks {CAMERAS_STATUS_TOPIC}: when images came at which nobody looked is not "
+            f"the log lacks {CAMERAS_STATUS_TOPIC}: the times of images that were not used are not "
             "known"
         )
     versions = version_metadata()

@@ -1,4 +1,4 @@
-"""Replays a recorded run: the same diagram again, with the sensors' messages out of its log."""
+"""Replays a recorded run: the same diagram, with the sensors' messages of its log."""
 
 import hashlib
 import math
@@ -49,23 +49,23 @@ def Replay(
 ) -> ReplaySummary:
     """Replays a run as fast as it can, and compares what it commanded with what is commanded now.
 
-    The robot's signals are those of the log, whatever is commanded now: differences do not grow
-    over time. Perception looks, and answers, when it did in the run.
+    The robot's signals are those of the log, whatever is commanded now, so differences do not grow
+    over time. Perception captures and releases at the times of the run.
 
     Args:
-        path: The log of the run, also of one that was killed.
-        tracker: In place of the run's: a tracker of images, or `RECORDED`, which repeats the run's
-            tracks. None: as the run; the tracks of the simulator's truth are repeated.
-        scenario_text: YAML laid over the run's scenario, to see what another setting would do.
-        outputs: Where the log, the picture and the figures of the replay go.
-        tolerances: What counts as the same; None: `CONTROL_TOLERANCES` where tracks are repeated,
-            else `PERCEPTION_TOLERANCES` at the run's speed.
+        path: The log of the run, which may have been killed.
+        tracker: A tracker of images, or `RECORDED`, which repeats the run's tracks. None: that of
+            the run; for the ground truth, its recorded tracks.
+        scenario_text: YAML laid over the run's scenario, to try other settings.
+        outputs: Paths of the replay's log, picture and figures.
+        tolerances: Differences that count as equal; None: `CONTROL_TOLERANCES` where tracks are
+            repeated, else `PERCEPTION_TOLERANCES` at the run's speed.
         show_progress: Whether to draw a progress bar.
 
     Raises:
-        RunLogError: when the log is missing or damaged, or lacks what is needed.
-        OutputError: when an output cannot be written; all older ones are still there then.
-        PoilError: when the loop cannot be built with these settings.
+        RunLogError: if the log is missing, damaged or incomplete.
+        OutputError: if an output cannot be written; older outputs are kept then.
+        PoilError: if the loop cannot be built with these settings.
     """
     path, outputs = Path(path), outputs or OutputPaths()
     outputs.check(inputs=(path,))
@@ -143,7 +143,7 @@ def _run(
 
 
 def _origin(setup: ReplaySetup) -> dict[str, str]:
-    """Returns what the log of a replay says of where it comes from."""
+    """Returns the metadata that link the log of a replay to its run."""
     with setup.run.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {
@@ -176,7 +176,7 @@ def _advance(
 
 
 def _stops(run: RecordedRun, period: float) -> list[float]:
-    """Returns when stops were asked for [s]: the control ticks that saw them, one for each."""
+    """Returns the control tick [s] that saw each stop request."""
     series, asked = run.numbers[STOPS_TOPIC], 0.0
     ticks: list[float] = []
     for logged, requests in zip(series.times, series.values[:, 0], strict=True):

@@ -1,4 +1,4 @@
-"""What is to be replayed, and with what: out of a run's log, and what a user wants otherwise."""
+"""Sets up a replay from a run's log and the user's changes."""
 
 import tempfile
 from dataclasses import dataclass, replace
@@ -38,18 +38,18 @@ RECORDED = "recorded"
 
 @dataclass(frozen=True, kw_only=True)
 class ReplaySetup:
-    """What is replayed, and with what.
+    """The run, and the settings of its replay.
 
     Attributes:
         run: The recorded run.
         scenario: The scenario of the replay.
         plan: The plan that was executed.
-        tracker: What follows the points: a tracker of images, or `RECORDED`.
-        changed: Whether the replay is made with other settings than the run.
-        scenario_text: What was laid over the run's scenario; empty for nothing.
-        tolerances: What counts as the same.
-        cameras_moved: Whether its cameras are to stand elsewhere than they did.
-        notes: What to know about the log, a clause each.
+        tracker: A tracker of images, or `RECORDED`.
+        changed: Whether the settings differ from the run's.
+        scenario_text: YAML that was laid over the run's scenario, or empty.
+        tolerances: Differences that count as equal.
+        cameras_moved: Whether the user moved its cameras.
+        notes: Remarks on the log, a clause each.
     """
 
     run: RecordedRun
@@ -64,23 +64,23 @@ class ReplaySetup:
 
     @property
     def station(self) -> str:
-        """What executed the plan: `SIMULATED`, `HARDWARE` or `DRY_RUN`."""
+        """The run's station: `SIMULATED`, `HARDWARE` or `DRY_RUN`."""
         return self.run.metadata.get(STATION_KEY, SIMULATED)
 
 
 def SetUpReplay(
     path: Path, *, tracker: str | None = None, scenario_text: str | None = None
 ) -> ReplaySetup:
-    """Returns what a replay needs, after checking that the log has it.
+    """Returns the setup of a replay, after checking that the log is complete.
 
     Args:
         path: The log.
-        tracker: In place of the run's; None: the run's.
+        tracker: Replaces the run's tracker; None: that of the run.
         scenario_text: YAML laid over the run's scenario.
 
     Raises:
-        RunLogError: when the log is missing or damaged, or lacks what is needed.
-        PoilError: when there is no such tracker, detector or setting.
+        RunLogError: if the log is missing, damaged or incomplete.
+        PoilError: if there is no such tracker, detector or setting.
     """
     run = load_recorded_run(path, joint_names=ARM_JOINTS)
     RequireAttachments(run)
@@ -93,7 +93,7 @@ def SetUpReplay(
     if used == GROUND_TRUTH:
         if recorded.poil.tracker != GROUND_TRUTH:
             raise RunLogError(
-                f"A log does not hold the truth, which the tracker '{GROUND_TRUTH}' tells.",
+                f"The tracker '{GROUND_TRUTH}' needs the simulator, which a log does not hold.",
                 remedy=f"Choose a tracker of images, or '{RECORDED}'.",
             )
         used = RECORDED
@@ -121,7 +121,7 @@ def SetUpReplay(
 
 
 def _recorded_scenario(run: RecordedRun) -> Scenario:
-    """Returns the scenario that the run was made with."""
+    """Returns the scenario of the run."""
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
         file.write_text(run.scenario_text or "", encoding="utf-8")
@@ -144,18 +144,18 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
 
 
 def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
-    """Returns what counts as the same, unless somebody says otherwise."""
+    """Returns the default tolerances."""
     if tracker == RECORDED:
         return CONTROL_TOLERANCES
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
     tolerances = PERCEPTION_TOLERANCES.at_speed(1.0 if simulated else recorded.poil.hardware.speed)
-    # Where the log lacks samples, what points do not move is not the same, either.
+    # With missing samples, the signals that the points do not affect differ as well.
     lacking = IsSparse(run, recorded) or "dropped_messages" in run.metadata
     return replace(tolerances, elsewhere=None) if lacking else tolerances
 
 
 def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
-    """Checks that nothing is asked for that the times in the log decide.
+    """Checks that the user did not change a setting that the log's times fix.
 
     Raises:
         ScenarioError: if something is.
@@ -171,7 +171,7 @@ def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
 
 
 def _times(scenario: Scenario) -> dict[str, float]:
-    """Returns the settings of which the log holds the consequences [s], by their keys."""
+    """Returns the settings that the log's times fix [s], by their keys."""
     poil = scenario.poil
     return {
         "poil.rates.plant": poil.rates.plant,
@@ -183,6 +183,6 @@ def _times(scenario: Scenario) -> dict[str, float]:
 
 
 def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
-    """Returns whether a user has put cameras elsewhere than they stood in the run."""
+    """Returns whether the user moved cameras."""
     nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
     return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

@@ -26,10 +26,10 @@ class DriverStation:
     Attributes:
         diagram: The whole, ready for a Simulator.
         station: The simulated robot and its surroundings.
-        driver: The arm's end of the network.
-        hand: The hand's end of the network.
-        feed: The cameras' end of the network; None without cameras.
-        renderer: What renders for them.
+        driver: Receives the arm's commands and sends its status.
+        hand: The same for the hand.
+        feed: Sends the cameras' images; None without cameras.
+        renderer: Renders their images.
     """
 
     diagram: Diagram
@@ -42,7 +42,7 @@ class DriverStation:
     def Close(self) -> None:
         """Ends the cameras' thread and process, if there are any."""
         if self.feed is not None and self.renderer is not None:
-            # First the thread that asks, then the process that answers.
+            # First the thread that sends requests, then the process that answers them.
             self.feed.close()
             self.renderer.close()
 
@@ -57,15 +57,15 @@ def MakeDriverStation(
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
-    """Builds a simulated robot that obeys and reports over LCM as the real one does.
+    """Builds a simulated robot that is commanded and reports over LCM, as the real one.
 
     Args:
-        scenario: What stands where.
+        scenario: The models and the cameras.
         lcm: The network; its subscriptions are handled between the steps.
-        channels: Where what is said; None for the Franka driver's own.
-        config: How the driver behaves; None for the defaults.
-        cameras: Whether to send images of the scenario's cameras, those that the hardware station
-            reads from LCM. The result is to be closed then.
+        channels: Names of the channels; None: those of the Franka driver.
+        config: The driver's behaviour; None for the defaults.
+        cameras: Whether to send images of those cameras that the hardware station reads from LCM.
+            The result must be closed then.
         meshcat: Shows the simulated scene there.
         clock: The driver's time [s since the epoch].
 

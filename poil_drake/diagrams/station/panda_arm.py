@@ -19,12 +19,12 @@ HAND_DRIVER = "hand_driver"
 def SetControllerGains(
     *, plant: MultibodyPlant, robot: ModelInstanceIndex, config: PandaDriver
 ) -> None:
-    """Gives the robot's actuators their controllers, and takes gravity from the robot.
+    """Sets the gains of the robot's actuators, and disables gravity on the robot.
 
-    To be called before `plant.Finalize()`: only then may controllers be set.
+    Call this before `plant.Finalize()`: gains cannot be set afterwards.
 
     Raises:
-        StationError: when the model has not the Panda's actuators.
+        StationError: if the model lacks one of the Panda's actuators.
     """
     gains = {
         name: PdControllerGains(p=p, d=d)
@@ -38,7 +38,7 @@ def SetControllerGains(
                 remedy="Use package://poil_drake_panda/panda.urdf, or a model with its joints.",
             )
         plant.GetJointActuatorByName(name, robot).set_controller_gains(gain)
-    # The real robot compensates its own weight.
+    # As the real robot compensates its weight.
     plant.set_gravity_enabled(robot, False)
 
 
@@ -63,7 +63,7 @@ def AddPandaDrivers(
 ) -> None:
     """Adds and connects the arm's and the hand's drivers, and exports their ports.
 
-    To be called after `plant.Finalize()`. With a robot named `panda`, exports the inputs
+    Call this after `plant.Finalize()`. With a robot named `panda`, exports the inputs
     `panda.velocity`, `panda.velocity_time`, `hand.width` and the outputs
     `panda.position_measured`, `panda.velocity_measured`, `panda.torque_external`, `panda.status`,
     `hand.width_measured`.

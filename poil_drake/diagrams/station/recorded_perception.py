@@ -65,7 +65,7 @@ def _timing(
 
 
 def RecordedTracks(run: RecordedRun) -> tuple[RecordedTrack, ...]:
-    """Returns what the tracker of a recorded run said, in the order of its releases."""
+    """Returns the tracks of a recorded run in the order of their releases."""
     times, statuses = run.numbers[TRACKER_TIMES_TOPIC], run.numbers[TRACKER_STATUS_TOPIC]
     found = []
     for logged in run.tracks:

@@ -70,10 +70,10 @@ class ReplayStation(Station):
         - replayed_position
 
     The ports are those of `HardwareStation`, and `replayed_position` (7,) [rad], the posture that
-    was commanded in the run. The inputs may be connected and are ignored; the
-    outputs are what the log says at the time of the context (see `RecordedRobot` and
-    `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` is there for cameras
-    of which the log has any.
+    was commanded in the run. The inputs are ignored; the
+    outputs are those of the log at the time of the context (see `RecordedRobot` and
+    `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` exists for cameras of
+    which the log has label images.
 
     As there, the scenario's models tell where the robot's base and the cameras stand.
     """
@@ -82,13 +82,12 @@ class ReplayStation(Station):
         """Constructs the station.
 
         Args:
-            scenario: What the run was made with, or what it is to be replayed with.
+            scenario: The run's scenario, or the one to replay it with.
             run: The recorded run.
-            repeat_tracks: Whether the run's tracks are repeated, rather than made anew from its
-                images.
+            repeat_tracks: Whether to repeat the run's tracks instead of tracking its images.
 
         Raises:
-            PoilError: when the scenario's models do not fit together.
+            PoilError: if the scenario's models are inconsistent.
         """
         super().__init__()
         self._scenario, self._run = scenario, run
@@ -121,7 +120,7 @@ class ReplayStation(Station):
         if self._kind == DRY_RUN:
             leading = _DRY_RUN_LEADS
         if self._kind == DRY_RUN or IsSparse(run, self._scenario):
-            # Before the robot is known, nothing is; its first measurements pass right through.
+            # The first measurements of the robot pass right through.
             joints, width = _known_early(joints), _known_early(width)
         robot = builder.AddNamedSystem(
             "robot",
@@ -160,7 +159,7 @@ class ReplayStation(Station):
         if simulated:
             shown_from = [stamp + delay for stamp in stamps]
         else:
-            shown_from = [self._seen_at(image) for image in images]
+            shown_from = [self._shown_at(image) for image in images]
         times = self._run.camera_times.get(model.name, Series.of([], 1))
         return RecordedCamera(
             name=model.name,
@@ -171,15 +170,15 @@ class ReplayStation(Station):
             times=None if simulated and delay == 0.0 else times,
         )
 
-    def _seen_at(self, image: LoggedImages) -> float:
-        """Returns the control tick [s] at which an image was there before somebody looked at it."""
-        looks = [
+    def _shown_at(self, image: LoggedImages) -> float:
+        """Returns the control tick [s] at which an image appeared, before its first use."""
+        uses = [
             self._run.numbers[topic].at(image.time)[0]
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
         ]
-        look = image.time if np.isnan(looks).all() else np.nanmax(looks)
+        use = image.time if np.isnan(uses).all() else np.nanmax(uses)
         period = self._scenario.poil.rates.control
-        return float(np.floor(look / period + _ROUNDING) * period)
+        return float(np.floor(use / period + _ROUNDING) * period)
 
     @property
     def tracker_timing(self) -> RecordedTiming:
@@ -213,9 +212,9 @@ class ReplayStation(Station):
 
 
 def _known_early(series: Series) -> Series:
-    """Returns a series that is known a sample before the first one that is finite.
+    """Returns a series whose first finite sample comes one sample earlier.
 
-    Where there is none before it, it is known from the beginning.
+    If it is the first sample, it holds from the beginning.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

@@ -64,15 +64,15 @@ class SimulatedStation(Station):
         - contact_results
         - plant_state
 
-    All inputs may be left unconnected: the arm and hand then hold still. Joint vectors are (7,),
-    [rad], [rad/s], [N m]; `panda.torque_external` is what contacts do to the joints. `hand.width`
-    is [m]. `panda` stands for the robot's name in the scenario.
+    All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), [rad],
+    [rad/s], [N m]; `panda.torque_external` is the effect of contacts on the joints. `hand.width` is
+    [m]. `panda` stands for the robot's name in the scenario.
 
-    Images are of the moment when somebody looks, and rendered then, unless the cameras have an
-    `output_delay`. With one they are captured at the tracker's rate, rendered by a process of
-    their own, and appear that much later; before the first they are empty (see `DelayedCameras`).
-    That process knows the plant's positions only (see `CameraProcess`). It starts with the first
-    capture, or with `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
+    Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
+    With one they are captured at the tracker's rate, rendered by a separate process, and appear
+    that much later; before the first they are empty (see `DelayedCameras`). That process receives
+    the plant's positions only (see `CameraProcess`). It starts with the first capture, or with
+    `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
     `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
@@ -181,7 +181,7 @@ class SimulatedStation(Station):
         return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
-        """See `Station.MakeImagelessTracker`: the labelled baseline, if the scenario wants it."""
+        """See `Station.MakeImagelessTracker`: the labelled baseline, if the scenario names it."""
         poil = self._scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None
@@ -221,12 +221,12 @@ class SimulatedStation(Station):
         return np.array(port.Eval(context))
 
     def Start(self) -> None:
-        """Starts the process that renders for delayed cameras, early, without waiting for it."""
+        """Starts the process of delayed cameras, without waiting for it."""
         if self._camera_process is not None:
             self._camera_process.start()
 
     def WarmUp(self) -> None:
-        """Waits until delayed cameras are ready to render at their usual pace.
+        """Waits until delayed cameras render at their usual pace.
 
         Raises:
             PoilError: if they cannot be used.
@@ -235,9 +235,9 @@ class SimulatedStation(Station):
             self._camera_process.warm_up()
 
     def Close(self) -> None:
-        """Ends the process of delayed cameras. Nothing can be simulated after that."""
+        """Ends the process of delayed cameras. The station cannot be used afterwards."""
         if self._camera_process is not None and self._delayed_cameras is not None:
-            # First the thread that asks, then the process that answers.
+            # First the thread that sends requests, then the process that answers them.
             self._delayed_cameras.close()
             self._camera_process.close()
 

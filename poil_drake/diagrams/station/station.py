@@ -44,23 +44,23 @@ def MakeStation(
     """Builds the station of a scenario.
 
     Args:
-        scenario: What stands where, and how it behaves.
+        scenario: The models, the cameras and the task.
         meshcat: Shows the scene there.
-        hardware: Whether the robot is the real one: a `HardwareStation`, else a
-            `SimulatedStation`. Its ports are the same, but for what only a simulation knows.
-        dry_run: On hardware: whether nothing is sent to the robot, and a `KinematicRobot` moves.
-        cameras: False leaves out cameras and renderer altogether, for speed.
-        ignore_output_delay: Whether images are of the moment, whatever the cameras' `output_delay`:
-            for a look around without a simulation.
+        hardware: Whether to make a `HardwareStation` instead of a `SimulatedStation`. The ports are
+            the same, except those that only a simulation has.
+        dry_run: On hardware: whether to send nothing and move a `KinematicRobot` instead.
+        cameras: False leaves out cameras and renderer, for speed.
+        ignore_output_delay: Whether images are rendered when evaluated, whatever the cameras'
+            `output_delay`: for pictures without a simulation.
         package_xmls: Further `package.xml` files, for directives with `package://...`.
-        stopwatch: Where delayed cameras note how long they render, and are waited for.
+        stopwatch: Gets the time that delayed cameras render, and are waited for.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 
     Raises:
-        ScenarioError: when the scenario does not fit together.
-        StationError: when the station cannot be built.
-        MissingDependencyError: when the Panda's description is not installed.
+        ScenarioError: if the scenario is inconsistent.
+        StationError: if the station cannot be built.
+        MissingDependencyError: if the Panda's description is not installed.
     """
     if hardware:
         return HardwareStation(
@@ -75,8 +75,8 @@ def MakeStation(
     callbacks = (parser_preload_callback, parser_prefinalize_callback)
     if cameras and not ignore_output_delay and any(callbacks) and CameraDelay(scenario.cameras):
         raise StationError(
-            "A station whose cameras have an output_delay got a parser callback, of which the "
-            "process that renders would not know.",
+            "Parser callbacks are not supported with delayed cameras (output_delay), which another "
+            "process renders.",
             remedy="Set the cameras' output_delay to 0, or use ignore_output_delay=True.",
         )
     return SimulatedStation(
@@ -92,10 +92,10 @@ def MakeStation(
 
 
 def RequireLabels(station: Station) -> None:
-    """Checks that a detector which reads label images gets them from every camera.
+    """Checks that every camera gives label images, if the detector reads them.
 
     Raises:
-        ScenarioError: naming a camera that gives none.
+        ScenarioError: naming a camera that does not.
     """
     poil = station.scenario.poil
     for name in station.camera_names:
@@ -104,12 +104,12 @@ def RequireLabels(station: Station) -> None:
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
-    """Takes a picture with every camera now, whether they delay their images or not.
+    """Takes a picture with every camera now, regardless of their delay.
 
     Args:
         station: The station.
         context: The station's own context, not that of a diagram around it.
-        labels: Whether to render the label images, too. They cost as much as the others.
+        labels: Whether to render label images, which takes as long as the others.
 
     Raises:
         StationError: when the station has no cameras.

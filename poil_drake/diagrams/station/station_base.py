@@ -1,4 +1,4 @@
-"""What every station has, simulated or real."""
+"""The interface of all stations: simulated, real or replayed."""
 
 from collections.abc import Callable, Mapping
 from typing import Self
@@ -21,8 +21,8 @@ from poil_drake.systems.capture_timing import CaptureTiming
 class Station(Diagram):
     """A robot, its hand and its cameras behind named ports: see `MakeStation`.
 
-    After it was built, `Start` starts what works beside it, `WarmUp` waits for that, and `Close`
-    ends it; or use it as a `with` block, which does all three.
+    `Start` starts the threads and processes beside it, `WarmUp` waits until they are ready, and
+    `Close` ends them; a `with` block does all three.
     """
 
     _scenario: Scenario
@@ -45,22 +45,22 @@ class Station(Diagram):
 
     @property
     def scenario(self) -> Scenario:
-        """What the station was built from."""
+        """The scenario of the station."""
         return self._scenario
 
     @property
     def label_ids(self) -> Mapping[str, tuple[int, ...]]:
-        """Which labels stand for what in label images: "mug", "mug/handle", "rack", ..."""
+        """Render labels by name: "mug", "mug/handle", "rack", ..."""
         return self._label_ids
 
     @property
     def camera_names(self) -> tuple[str, ...]:
-        """The names of the cameras; empty when the station was built without."""
+        """The names of the cameras; empty if the station was built without."""
         return tuple(camera.name for camera in self._camera_models)
 
     @property
     def camera_models(self) -> tuple[CameraModel, ...]:
-        """The cameras' models; they do not move."""
+        """The cameras' models; cameras do not move."""
         return self._camera_models
 
     @property
@@ -80,7 +80,7 @@ class Station(Diagram):
             plan: Its points are followed.
 
         Raises:
-            ScenarioError: if the scenario wants the ground truth, but the station has none.
+            ScenarioError: if the scenario names the ground truth, but the station has none.
         """
         if self._scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
@@ -88,7 +88,7 @@ class Station(Diagram):
 
     @property
     def clock(self) -> Callable[[], float] | None:
-        """Shows how long nobody advanced the context [s]; None where only its own time counts."""
+        """The clock [s] that also runs while the context does not advance; None in simulation."""
         return None
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
@@ -96,10 +96,10 @@ class Station(Diagram):
 
         Args:
             context: The station's own context.
-            labels: Whether to have the label images, too.
+            labels: Whether to include label images.
 
         Raises:
-            StationError: if there are no images to be had.
+            StationError: if there are no images.
         """
         raise NotImplementedError
 
@@ -112,30 +112,30 @@ class Station(Diagram):
         raise NotImplementedError
 
     def Start(self) -> None:
-        """Starts what works beside the station, without waiting for it."""
+        """Starts the threads and processes beside the station, without waiting for them."""
 
     def WarmUp(self) -> None:
-        """Waits until what was started is ready.
+        """Waits until they are ready.
 
         Raises:
-            PoilError: if it cannot be used.
+            PoilError: if one cannot be used.
         """
 
     def Close(self) -> None:
-        """Ends what was started. The station is of no use after that."""
+        """Ends them. The station cannot be used afterwards."""
 
     def Rest(self) -> None:
-        """Brings the robot to rest, whatever the loop does, and waits for that."""
+        """Brings the robot to rest, independently of the loop, and waits for that."""
 
     def HandleMessages(self) -> None:
-        """Takes in what others have sent, so that the next update knows it."""
+        """Handles received messages, so that the next update sees them."""
 
     def Problems(self) -> tuple[str, ...]:
-        """Returns what is wrong with the parts that work beside the station, a sentence each."""
+        """Returns the problems of its threads, processes and networks, a sentence each."""
         return ()
 
     def plant(self) -> MultibodyPlant:
-        """Returns the simulated plant; on hardware, the model that it was made from."""
+        """Returns the simulated plant; on hardware, a plant of the scenario's models."""
         return self._plant
 
     def scene_graph(self) -> SceneGraph:
@@ -143,7 +143,7 @@ class Station(Diagram):
         return self._scene_graph
 
     def robot_base_pose(self) -> RigidTransform:
-        """Returns X_WB, the pose of the robot's base, which does not move."""
+        """Returns X_WB, the pose of the robot's fixed base."""
         plant = self._plant
         robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
         return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())

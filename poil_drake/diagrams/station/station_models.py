@@ -1,4 +1,4 @@
-"""The models of a station, as its scenario names them."""
+"""Adds the models of a scenario to the plant of a station."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ from poil_drake.diagrams.station.panda_arm import SetControllerGains
 from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 PrefinalizeCallback = Callable[[Parser], None]
-"""Told of the parser while models can still be added."""
+"""Called with the parser while models can still be added."""
 
 
 def AddStationModels(
@@ -36,18 +36,18 @@ def AddStationModels(
     Args:
         plant: The plant.
         scene_graph: Its scene graph.
-        scenario: What to add, and how it stands at first.
+        scenario: Names the models and their initial positions.
         package_xmls: Further `package.xml` files, for directives with `package://...`.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 
     Returns:
-        Which render labels stand for what: "mug", "mug/handle", "rack", ...
+        Render labels by name: "mug", "mug/handle", "rack", ...
 
     Raises:
-        ScenarioError: when the scenario does not fit together.
-        StationError: when the robot is no Panda.
-        MissingDependencyError: when the Panda's description is not installed.
+        ScenarioError: if the scenario is inconsistent.
+        StationError: if the robot is not a Panda.
+        MissingDependencyError: if the Panda's description is not installed.
     """
     poil = scenario.poil
     parser = Parser(plant)

@@ -1,4 +1,4 @@
-"""Where object and robot of a station are, to be read and to be set."""
+"""Reads and sets the poses of a simulated station's object and robot."""
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -15,7 +15,7 @@ def GetObjectPose(station: Station, context: Context) -> RigidTransform:
 
 
 def SetObjectPose(station: Station, context: Context, X_WO: RigidTransform) -> None:
-    """Puts the object's base body at X_WO, at rest, in the station's context."""
+    """Sets the pose of the object's base body to X_WO, at rest, in the station's context."""
     plant, body = station.plant(), station.object_body()
     plant_context = station.GetMutableSubsystemContext(plant, context)
     plant.SetFreeBodyPose(plant_context, body, X_WO)
@@ -29,9 +29,9 @@ def SetObjectPose(station: Station, context: Context, X_WO: RigidTransform) -> N
 def SetRobotPosition(
     station: Station, context: Context, q: np.ndarray, *, width: float | None = None
 ) -> None:
-    """Puts the arm at joint positions q (7,) [rad] and the hand at a width [m], at rest.
+    """Sets the arm's joint positions q (7,) [rad] and the hand's width [m], at rest.
 
-    The drivers are reset, too, so that the robot stays there.
+    Resets the drivers as well, so that the robot stays there.
     """
     plant = station.plant()
     robot = plant.GetModelInstanceByName(station.scenario.poil.robot)

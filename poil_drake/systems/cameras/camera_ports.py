@@ -1,4 +1,4 @@
-"""The image input ports of a system that looks through cameras."""
+"""The image input ports of a system that uses cameras."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,15 +13,14 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 
 class CameraPorts:
-    """Declares image ports on a system and takes frames from them.
+    """Declares image ports on a system and reads frames from them.
 
     For each camera the system gets the ports `<name>.rgb_image` (ImageRgba8U) and
     `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), both to be connected, and
-    `<name>.image_time` (1,) [s], which may stay unconnected: the images are then taken to be of the
-    moment they are looked at. With labels there is also `<name>.label_image` (ImageLabel16I), which
-    may stay unconnected too.
+    `<name>.image_time` (1,) [s], which is optional: without it, images are of the time of their
+    evaluation. With labels there is also `<name>.label_image` (ImageLabel16I), also optional.
 
-    An evaluation of these ports renders images in simulation, which is dear: only events do it.
+    Evaluate these ports in events only: in simulation this renders images, which is slow.
     """
 
     def __init__(
@@ -34,7 +33,7 @@ class CameraPorts:
         """Declares the ports.
 
         Args:
-            system: The system that gets them.
+            system: Gets the ports.
             cameras: The cameras' models; their names begin the ports' names.
             label_ids: What the labels stand for (see `MultiViewFrame`); None: no label ports.
         """
@@ -57,9 +56,9 @@ class CameraPorts:
         return self._cameras
 
     def stamp(self, context: Context) -> float:
-        """Returns the time of capture [s] of the frame that is there, without looking at images.
+        """Returns the time of capture [s] of the present frame, without evaluating images.
 
-        It is the oldest of its images'; NaN while one is not there yet, and now where times are not
+        It is that of the oldest image; NaN while an image is missing, and now if times are not
         connected.
         """
         ports = [self._system.GetInputPort(f"{camera.name}.image_time") for camera in self._cameras]
@@ -69,7 +68,7 @@ class CameraPorts:
     def labels_empty(self, context: Context) -> bool:
         """Returns whether label images are connected, but one of them is empty now.
 
-        Where images come with labels only now and then, this costs less than a capture.
+        This costs less than a capture, for sources that send labels only sometimes.
         """
         if not self._with_labels:
             return False
@@ -77,9 +76,9 @@ class CameraPorts:
         return any(label is not None and label.size == 0 for label in labels)
 
     def capture(self, context: Context) -> MultiViewFrame | None:
-        """Returns what the cameras show now, copied out of Drake.
+        """Returns the cameras' present images, copied from Drake.
 
-        Depth that is not finite becomes 0. None while a camera has not delivered an image yet.
+        Non-finite depth becomes 0. Returns None while a camera has no image yet.
 
         Raises:
             StationError: if an image port is not connected.
@@ -106,7 +105,7 @@ class CameraPorts:
         if rgba.size == 0 or depth.size == 0:
             return None
         label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
-        if label is not None and label.size == 0:  # Not every image comes with labels.
+        if label is not None and label.size == 0:  # This image has no labels.
             label = None
         time = self._system.GetInputPort(f"{camera}.image_time")
         stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
@@ -118,20 +117,20 @@ class CameraPorts:
         )
 
     def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
-        """Returns Drake's own array of an image (H, W, channels), or None if not connected."""
+        """Returns Drake's array of an image (H, W, channels), or None if not connected."""
         port = self._system.GetInputPort(port_name)
         return port.Eval(context).data if port.HasValue(context) else None
 
 
 def copied_rgb(rgba: np.ndarray) -> np.ndarray:
-    """Returns the colours (H, W, 3) uint8, read-only, of Drake's own array (H, W, 4)."""
+    """Returns the colours (H, W, 3) uint8, read-only, of Drake's array (H, W, 4)."""
     rgb = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
     rgb.flags.writeable = False
     return rgb
 
 
 def copied_depth(depth: np.ndarray) -> np.ndarray:
-    """Returns (H, W) float32 [m], read-only, of Drake's (H, W, 1) array; not finite becomes 0."""
+    """Returns (H, W) float32 [m], read-only, of Drake's (H, W, 1) array; non-finite becomes 0."""
     copy = depth[:, :, 0].copy()
     finite = np.isfinite(copy)
     if not finite.all():

@@ -1,4 +1,4 @@
-"""Makes a rendered depth image look like a real camera's."""
+"""Adds a stereo camera's noise to a rendered depth image."""
 
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
@@ -8,7 +8,7 @@ from poil_drake.perception.depth_noise import StereoDepthNoiseConfig, apply_ster
 
 
 class DepthNoiseSystem(LeafSystem):
-    """Adds a stereo camera's errors to a depth image; what was not measured becomes 0.
+    """Adds a stereo camera's errors to a depth image; unmeasured depth becomes 0.
 
     .. pydrake_system::
 
@@ -18,10 +18,9 @@ class DepthNoiseSystem(LeafSystem):
         output_ports:
         - noisy_depth_image
 
-    Both ports carry ImageDepth32F [m]. The noise depends on nothing but the image, the seed, the
-    camera's index and the time, so looking twice at one time shows the same. It is computed only
-    when somebody looks: there is nothing before the first image, nothing to grow stale, and a depth
-    that is NaN or infinite becomes 0.
+    Both ports carry ImageDepth32F [m]. The noise is a function of the image, the seed, the camera's
+    index and the time. The output is computed when evaluated, so it is never stale; NaN or infinite
+    depth becomes 0.
     """
 
     def __init__(

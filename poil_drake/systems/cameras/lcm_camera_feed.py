@@ -1,4 +1,4 @@
-"""A simulated robot's cameras on the network."""
+"""Sends the images of a simulated robot's cameras over LCM."""
 
 import time
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ class LcmCameraFeed(LeafSystem):
         - plant_state
 
     `plant_state` (nq + nv,) is the plant's. Each period it is captured in a publish event and
-    rendered on a thread, whose images go out with the time of the capture by the clock. Nothing
-    waits for them: while images are still being rendered, captures are left out, as by a camera
-    that drops frames. Label images, which cost as much as the others, come along every
-    `label_every`-th time. `close` ends the thread.
+    rendered on a thread, which sends the images stamped by the clock at the capture. The simulation
+    does not wait: captures are skipped while images are being rendered, as by a camera that drops
+    frames. Label images, which take as long as the others, are sent every `label_every`-th time.
+    `close` ends the thread.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class LcmCameraFeed(LeafSystem):
         """Constructs the feed.
 
         Args:
-            renderer: What renders.
-            cameras: The cameras' names, in the order in which it gives their images.
-            channels: Where to send the images of each.
+            renderer: Renders the images.
+            cameras: The cameras' names, in the order of its images.
+            channels: The channel of each camera's images.
             url: The LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
             period: From one capture to the next [s].
-            label_every: How often labels come along.
+            label_every: Every so many captures have labels.
             clock: The time now [s since the epoch].
         """
         super().__init__()
@@ -69,14 +69,14 @@ class LcmCameraFeed(LeafSystem):
         self.DeclarePeriodicPublishEvent(period, 0.0, self._capture)
 
     def close(self) -> None:
-        """Ends the thread, after the images in hand."""
+        """Ends the thread after the images in hand."""
         self._background.close()
 
     def _capture(self, context: Context) -> None:
         if self._work is not None:
             if not self._work.done():
                 return
-            self._work.result()  # Raises what the thread met.
+            self._work.result()  # Raises the thread's error, if any.
         positions = self._state.Eval(context)[: self._num_positions].copy()
         labels = self._captures % self._label_every == 0
         self._captures += 1

@@ -1,4 +1,4 @@
-"""A camera whose images come over LCM: another process reads it, or simulates it."""
+"""A camera whose images arrive over LCM from a process that reads or simulates it."""
 
 from poil_drake.errors import CaptureError
 from poil_drake.perception.images import RgbdImage
@@ -6,25 +6,25 @@ from poil_drake.systems.cameras.lcm_image_messages import decode_images
 from poil_drake.systems.lcm.network import LcmNetwork
 
 _WAITING = 4
-"""Images that wait to be looked at, which should be one at most."""
+"""Capacity of the queue of unread images, which should hold one at most."""
 
 _PATIENCE = 100
-"""How long to wait for an image [ms]; LCM lets other threads run meanwhile."""
+"""How long to wait for an image [ms]; other threads run meanwhile."""
 
 
 class LcmImageDevice:
     """Takes the newest image of a channel; a `CaptureDevice`.
 
-    It opens a network of its own, so that images are read and decoded on the thread that asks for
-    them and not where the robot is commanded. Stamps are the sender's.
+    It opens its own network, so that images are read and decoded on the calling thread, not on the
+    one that commands the robot. Stamps are the sender's.
     """
 
     def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
-        """Remembers what to read; nothing is opened.
+        """Stores the settings; opens nothing.
 
         Args:
             url: The LCM network.
-            channel: Where the images come from.
+            channel: The channel of the images.
             size: (height, width) of the images [px].
         """
         self._url, self._channel, self._size = url, channel, size

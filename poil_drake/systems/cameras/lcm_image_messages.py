@@ -1,5 +1,6 @@
 """RGB-D images as LCM messages, in the `lcmt_image_array` of Drake's own cameras."""
 
+import io
 import struct
 import zlib
 from typing import Any
@@ -7,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 from drake import lcmt_image, lcmt_image_array
+from PIL import Image
 
 from poil_drake.errors import NoImageError
 from poil_drake.perception.capture.depth_metres import depth_in_metres
 from poil_drake.perception.images import RgbdImage
-from poil_drake.systems.cameras.encoded_image_size import encoded_image_size
 
 _COLOUR = {
     # Pixel format: channels, and how OpenCV turns them into RGB
@@ -28,7 +29,7 @@ _DTYPES: dict[int, np.dtype] = {
 }
 _MILLIMETRE = 1e-3
 _MOST_IMAGES = 8
-_REMEDY = "Send lcmt_image_array messages as Drake's cameras do, and keep others off the channel."
+_REMEDY = "Send lcmt_image_array messages as Drake's cameras do, and nothing else on the channel."
 
 
 def encode_images(image: RgbdImage, *, camera: str) -> bytes:
@@ -37,7 +38,7 @@ def encode_images(image: RgbdImage, *, camera: str) -> bytes:
     Colour as RGB, depth as 32-bit floats [m], and the label image where there is one.
 
     Args:
-        image: What to send; its stamp is by the clock of those who read it [s since the epoch].
+        image: The image; its stamp is by the readers' clock [s since the epoch].
         camera: The camera's name.
     """
     message = lcmt_image_array()
@@ -67,16 +68,16 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
         size: (height, width) [px] of every image in it.
 
     Raises:
-        NoImageError: if it is none, or holds no colour or no depth image of that size.
+        NoImageError: if it is invalid, or lacks a colour or depth image of that size.
     """
     try:
-        said = lcmt_image_array.decode(message)
+        array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
         raise _unusable(f"{len(message)} bytes are no lcmt_image_array ({error})") from error
-    if len(said.images) > _MOST_IMAGES:
-        raise _unusable(f"a message holds {len(said.images)} images")
+    if len(array.images) > _MOST_IMAGES:
+        raise _unusable(f"a message holds {len(array.images)} images")
     rgb = depth = label = None
-    for image in said.images:
+    for image in array.images:
         if image.pixel_format in _COLOUR:
             channels, conversion = _COLOUR[image.pixel_format]
             pixels = _pixels(image, size, channels)
@@ -87,7 +88,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
             label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
     if rgb is None or rgb.dtype != np.uint8 or depth is None:
         raise _unusable("a message holds no 8-bit colour image, or no depth image")
-    return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * said.header.utime, label=label)
+    return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * array.header.utime, label=label)
 
 
 def _image(pixels: np.ndarray, pixel_format: int, channel_type: int) -> lcmt_image:
@@ -128,7 +129,7 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
 
 def _inflated(data: bytes, size: int) -> bytes:
     try:
-        # No more than is wanted, whatever somebody packed into it.
+        # One byte more than needed, however much the data unfolds to.
         return zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as error:
         raise _unusable(f"an image is no zlib data ({error})") from error
@@ -142,8 +143,8 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
         raise _unusable(f"an image is compressed by method {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
         raise _unusable("a compressed image is longer than one that is not")
-    # Before it is decoded: a few bytes of zlib data may stand for very many pixels.
-    said = encoded_image_size(image.data)
+    # Before decoding: a few bytes may stand for very many pixels.
+    said = _encoded_size(image.data)
     if said != shape[:2]:
         found = "no size" if said is None else f"{said[1]} x {said[0]} pixels"
         raise _unusable(f"a JPEG or PNG image has {found}, not {shape[1]} x {shape[0]} pixels")
@@ -154,7 +155,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     if pixels is None or pixels.dtype != dtype or pixels.size != np.prod(shape):
         raise _unusable("a JPEG or PNG image cannot be decoded, or has other channels")
     pixels = pixels.reshape(shape)
-    # OpenCV turns the colours of files into BGR, whatever they were called.
+    # OpenCV decodes files to BGR.
     if shape[2] == 3 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGB:
         return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
     if shape[2] == 4 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGBA:
@@ -162,7 +163,16 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     return pixels
 
 
+def _encoded_size(data: bytes) -> tuple[int, int] | None:
+    """Returns (height, width) [px] from the header of a PNG or JPEG; None if it has none."""
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
+            return image.height, image.width
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None
+
+
 def _unusable(what: str) -> NoImageError:
     return NoImageError(
-        f"What came on the camera's channel cannot be used: {what}.", remedy=_REMEDY
+        f"A message on the camera's channel cannot be used: {what}.", remedy=_REMEDY
     )

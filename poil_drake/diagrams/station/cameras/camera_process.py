@@ -1,4 +1,4 @@
-"""Renders a station's cameras in a process of its own, beside the simulation."""
+"""Renders a station's cameras in a separate process, beside the simulation."""
 
 import threading
 from collections.abc import Sequence
@@ -15,18 +15,17 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class CameraProcess:
-    """Renders what a station's cameras show: a `SceneRenderer`.
+    """Renders the images of a station's cameras: a `SceneRenderer`.
 
-    The process builds the station of the same scenario once more, puts it at the positions that it
-    is given, and renders; the images are those of the station itself, to the last bit. It knows of
-    nothing but positions: what is changed otherwise in a station's context or scene graph does not
-    show. It is a process, as the renderer of Drake that needs no display, VTK, crashes on a thread,
-    and as rendering on a CPU then leaves the interpreter to the simulation. It begins with the
-    first images, or with `start`.
+    The process builds a second station from the same scenario, sets the given positions and
+    renders; the images equal those of the station itself to the last bit. It receives positions
+    only: other changes in the station's context or scene graph do not show. A process is needed
+    because VTK, Drake's renderer that needs no display, crashes on a thread; it also leaves the
+    interpreter to the simulation. It starts with the first images, or with `start`.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
-        """Remembers what to render; nothing is started.
+        """Stores the setup; starts nothing.
 
         Args:
             scenario: The station's.
@@ -40,17 +39,17 @@ class CameraProcess:
 
     @property
     def pid(self) -> int | None:
-        """The process's number; None while there is none."""
+        """Number of the process; None while there is none."""
         return None if self._worker is None else self._worker.pid
 
     def start(self) -> None:
-        """Starts the process, if it does not run yet; does not wait until it is ready."""
+        """Starts the process if it is not running; does not wait for it."""
         if self._worker is None and not self._closed:
             setup = (self._scenario, self._package_xmls)
             self._worker = WorkerProcess(f"{__package__}.camera_worker", setup)
 
     def warm_up(self) -> None:
-        """Waits until the next images take no longer than any other.
+        """Waits until the process renders at its usual pace.
 
         Raises:
             PoilError: if the cameras cannot be used.
@@ -78,7 +77,7 @@ class CameraProcess:
         return tuple(self._ask("render labels", positions, time))
 
     def close(self) -> None:
-        """Ends the process, after what it is doing. Nothing can be rendered after that."""
+        """Ends the process after its present work. Nothing can be rendered afterwards."""
         with self._turn:
             self._closed = True
             if self._worker is not None:

@@ -24,7 +24,7 @@ class CameraService:
         """
         text, package_xmls = setup
         scenario = LoadScenario(data=text)
-        # What is on the scenario's networks is the business of the station itself.
+        # Only the station itself uses the scenario's networks.
         silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
         scenario = dataclasses.replace(scenario, lcm_buses=silent)
         self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)

@@ -39,8 +39,8 @@ def AddCameras(
 ) -> tuple[CameraModel, ...]:
     """Adds the cameras, and noise on their depth, and exports their images, which never delay.
 
-    Nothing renders by itself: an image is rendered when somebody evaluates its port, so consumers
-    sample in their own periodic events.
+    An image is rendered when its port is evaluated, so consumers sample in their own periodic
+    events.
 
     Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
     invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], which is now.
@@ -90,10 +90,10 @@ def AddDelayedCameras(
 
     Args:
         builder: Gets the cameras.
-        plant: What they look at.
+        plant: The plant they see.
         cameras: Their configuration.
-        lcm_buses: The networks; none of them gets the images.
-        renderer: What renders.
+        lcm_buses: The networks; images are not sent to them.
+        renderer: Renders the images.
         period: From one capture to the next [s].
         stopwatch: See `DelayedCameras`.
 
@@ -166,7 +166,7 @@ def MakeCameraModels(
 
 
 def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: LcmBuses) -> None:
-    """Adds a camera that does not delay, whatever its configuration says of that."""
+    """Adds a camera, ignoring its `output_delay`."""
     config = copy.copy(config)
     config.output_delay = 0.0
     lcm = None
@@ -181,9 +181,9 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
 
 
 def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
-    """Lets Drake make the cameras before an empty scene: what it does not take shows here.
+    """Builds the cameras in an empty scene, so that Drake's errors appear now.
 
-    Otherwise it would show in the process that renders, long after the station was built.
+    Otherwise they would appear in the process that renders, long after the station was built.
     """
     builder = DiagramBuilder()
     AddMultibodyPlantSceneGraph(builder, time_step=0.0)
@@ -224,12 +224,9 @@ def _check_camera(name: str, config: CameraConfig) -> None:
 
 
 def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
-    """Returns X_WB, the pose of a camera's body, after checking that it stays where it is.
-
-    Those who look through it know its pose once.
-    """
+    """Returns X_WB, the pose of a camera's body, after checking that it cannot move."""
     path = f"cameras.{name}.X_PB"
-    # The camera's own poses: of its colour and its depth image in its body.
+    # X_BC and X_BD: of the colour and the depth camera in the camera's body.
     poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
     base = config.X_PB.base_frame or "world"
     try:

@@ -1,4 +1,4 @@
-"""What reads each camera of the hardware station, and on which networks."""
+"""The capture devices of the hardware station's cameras, and the networks they use."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -26,8 +26,8 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
     """Returns the address of one of the scenario's LCM networks, or the usual one.
 
     Raises:
-        ScenarioError: if it is neither there nor called as by default, or its channels are to have
-            a suffix.
+        ScenarioError: if the scenario neither defines it nor uses its default name, or gives it a
+            channel suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
@@ -48,17 +48,17 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
 
 
 def ImageChannel(source: LcmImages, camera: str) -> str:
-    """Returns where the images of a camera are sent."""
+    """Returns the channel of a camera's images."""
     return source.channel or f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
 
 
 def MakeCaptureDevice(
     source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
 ) -> CaptureDevice:
-    """Returns what reads a camera.
+    """Returns the device that reads a camera.
 
     Args:
-        source: Where its images come from.
+        source: The source of its images.
         scenario: Its networks.
         camera: Its model.
         clock: The time now [s since the epoch].
@@ -78,16 +78,16 @@ def MakeCaptureDevice(
 
 
 def SendsLabels(source: CameraSource) -> bool:
-    """Returns whether label images come along with a camera's images."""
+    """Returns whether a source sends label images."""
     return isinstance(source, LcmImages | McapPlayback) and source.labels
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that every source is that of one of the scenario's cameras, and is told from others.
+    """Checks that every source belongs to one camera of the scenario, and to no other device.
 
     Raises:
-        ScenarioError: naming a camera that is none of the scenario's, or two of one kind that may
-            be the same device.
+        ScenarioError: naming a camera that the scenario does not have, or two sources that may be
+            the same device.
     """
     _check_serials(scenario.poil.hardware.cameras)
     for name in scenario.poil.hardware.cameras:

@@ -26,9 +26,9 @@ def AssignLabels(
     scene_graph: SceneGraph,
     parts: Mapping[str, Mapping[str, str]],
 ) -> dict[str, tuple[int, ...]]:
-    """Gives every model instance, and every named part, a render label of its own.
+    """Gives every model instance and every named part its own render label.
 
-    To be called before `plant.Finalize()` and before cameras are added.
+    Call this before `plant.Finalize()` and before cameras are added.
 
     Args:
         plant: The plant with all models.

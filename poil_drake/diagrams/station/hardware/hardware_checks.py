@@ -1,4 +1,4 @@
-"""What makes a scenario unfit for a run on hardware, known before anything is opened."""
+"""Checks that a scenario can run on hardware, before any device is opened."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from poil_drake.perception.detectors.registry import LABEL_IMAGE
 
 
 def CheckHardwareRun(scenario: Scenario) -> None:
-    """Checks that tracker, detector and cameras can do their work on hardware.
+    """Checks that tracker, detector and cameras can work on hardware.
 
     Raises:
         ScenarioError: if one cannot.
@@ -25,13 +25,13 @@ def CheckHardwareRun(scenario: Scenario) -> None:
             raise label_error(name)
         if isinstance(source, McapPlayback) and not Path(source.file).is_file():
             raise ScenarioError(
-                f"poil.hardware.cameras.{name} plays '{source.file}', which is not there.",
+                f"poil.hardware.cameras.{name} plays '{source.file}', which does not exist.",
                 remedy="Name a recording (.mcap).",
             )
 
 
 def ground_truth_error() -> ScenarioError:
-    """Returns the error of a tracker that reads the simulator's poses where there is none."""
+    """Returns the error of a ground-truth tracker without a simulator."""
     return ScenarioError(
         f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
         remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
@@ -42,7 +42,7 @@ def label_error(camera: str) -> ScenarioError:
     """Returns the error of a camera without label images."""
     return ScenarioError(
         f"The detector '{LABEL_IMAGE}' reads label images, which camera '{camera}' does not give.",
-        remedy="There is no detector yet that needs none. Let a segmentation node send them over "
-        f"LCM along with the images (poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a "
+        remedy="Every detector so far needs them. Have a segmentation node send them over LCM with "
+        f"the images (poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a "
         "recording that holds them (!McapPlayback).",
     )

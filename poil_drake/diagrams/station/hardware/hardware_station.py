@@ -46,20 +46,20 @@ from poil_drake.systems.panda.lcm_messages import Clock
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
-"""Between a camera's failure and the next try to open it [s of the robot's time]. A camera library
-may block Python for a second; by then the supervisor has stopped the arm."""
+"""Time from a camera's failure to the next attempt to open it [s of the robot's time]. A camera
+library may block Python for a second; by then the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
-"""How long to listen for other commands [s of the robot's time]: a dozen control periods."""
+"""How long to listen for other commanders [s of the robot's time]: a dozen control periods."""
 
 _LOOK = 0.01
-"""Between two looks whether everything is there [s]."""
+"""Time between two checks whether everything has arrived [s]."""
 
 _AHEAD = 0.02
-"""An image that is stamped farther in the future than this comes from a clock that is off [s]."""
+"""Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _REST = 1.5
-"""Rest is commanded for so many times the driver's expiry."""
+"""Rest is commanded for this multiple of the driver's expiry."""
 
 
 class HardwareStation(Station):
@@ -83,13 +83,13 @@ class HardwareStation(Station):
         - <camera>.label_image
         - <camera>.image_time
 
-    The ports are those of `SimulatedStation`, without what only a simulation knows: poses, contacts
-    and forces. `<camera>.label_image` is there only for cameras whose source sends labels along.
+    The ports are those of `SimulatedStation`, without those that only a simulation has: poses,
+    contacts and forces. `<camera>.label_image` exists for cameras whose source sends labels.
     See `AddPandaHardware` and `CapturedCameras` for what the outputs are before the first message
     or image.
 
-    In a dry run nothing is sent to the robot. What would be moves a `KinematicRobot` instead, which
-    starts where the real one stands; the arm's and the hand's measurements are its.
+    In a dry run nothing is sent to the robot. The commands move a `KinematicRobot` instead, which
+    starts at the posture of the real one and whose measurements are exported.
 
     It is to be simulated at the pace of its clock (see `RealTimeLoop`). The scenario's models tell
     where the robot's base and the cameras stand, and Meshcat shows them, the robot as it is
@@ -188,7 +188,7 @@ class HardwareStation(Station):
 
     @property
     def config(self) -> HardwareConfig:
-        """How the robot is reached."""
+        """The hardware's configuration."""
         return self._config
 
     @property
@@ -208,14 +208,14 @@ class HardwareStation(Station):
 
     @property
     def clock(self) -> Clock:
-        """See `Station.clock`: [s since the epoch], as if nobody set the clock since."""
+        """See `Station.clock`: [s since the epoch], immune to changes of the system's clock."""
         return self._steady_clock
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
 
-        Waits until every camera has an image that is newer than this call; with labels, where its
-        source sends any.
+        Waits until every camera has an image newer than this call, with labels if its source sends
+        them.
         """
         start = self._clock()
         found: dict[str, RgbdImage] = {}
@@ -234,7 +234,7 @@ class HardwareStation(Station):
         return tuple(found[name] for name in self.camera_names)
 
     def _image_of(self, name: str, *, labels: bool) -> str:
-        """Says what is waited for."""
+        """Names what is being waited for."""
         thread = self._threads[self.camera_names.index(name)]
         if labels and thread.newest is not None:
             return f"an image with labels of the camera '{name}', whose images come"
@@ -259,7 +259,7 @@ class HardwareStation(Station):
         The robot must be in its moving mode.
 
         Raises:
-            StationError: naming what did not come in time.
+            StationError: naming what did not arrive in time.
         """
         start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
         while missing := self._older_than(start):
@@ -268,7 +268,7 @@ class HardwareStation(Station):
         self._refuse_others([one.channel for one in senders if one is not None])
 
     def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
-        """Listens for a while whether somebody else commands, or another robot reports."""
+        """Listens for other commanders and other robots, and raises an error if there are any."""
         for channel in channels:
             channel.foreign = 0
         end = time.monotonic() + _LISTEN / self._config.time_scale
@@ -280,9 +280,9 @@ class HardwareStation(Station):
             time.sleep(_LOOK)
 
     def _older_than(self, time: float) -> list[str]:
-        """Returns what of all that is received is older than some time of the clock, or not there.
+        """Returns what has not arrived, or is older than a time of the clock.
 
-        The driver's clock may be behind ours by as much as it tolerates itself.
+        The driver's clock may be behind ours by as much as the driver tolerates.
         """
         self.HandleMessages()
         drivers = time - self._config.command_expiry

@@ -1,4 +1,4 @@
-"""What Meshcat shows of a real robot."""
+"""Shows a real robot in Meshcat."""
 
 from collections.abc import Sequence
 
@@ -20,18 +20,17 @@ from poil_drake.diagrams.station.station_models import AddStationModels
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 
 REAL_ROBOT_PATH = "/drake/real_robot"
-"""Where Meshcat has the real robot in a dry run."""
+"""Path of the real robot in Meshcat in a dry run."""
 
 _SHADE = 0.3
 """Opacity of the real robot in a dry run."""
 
 
 class HardwareView:
-    """Shows a scenario's models, the robot as it is measured, and not the object.
+    """Shows a scenario's models with the robot as measured, without the object.
 
-    In a dry run the robot that moves is the one of the rehearsal, and the real one stands beside
-    it; a slider on the page fades it. To be kept as long as the diagram: Drake only refers to the
-    plants.
+    In a dry run the rehearsing robot moves, and the real one is shown as well; a slider on the page
+    fades it. Keep this object as long as the diagram: Drake does not own the plants.
     """
 
     def __init__(
@@ -44,22 +43,22 @@ class HardwareView:
         meshcat: Meshcat,
         dry_run: bool,
     ):
-        """Adds the systems to a builder that has those of `AddPandaHardware`.
+        """Adds the systems to a builder that holds those of `AddPandaHardware`.
 
         Args:
-            builder: Gets them.
+            builder: Gets the systems.
             scenario: The models.
             plant: Holds them.
             scene_graph: Its scene graph.
             meshcat: Shows them.
-            dry_run: Whether what moves is a rehearsal.
+            dry_run: Whether the robot only rehearses.
         """
         self._scenario, self._plant, self._scene_graph = scenario, plant, scene_graph
         self._shade_plant: MultibodyPlant | None = None
         self._add(builder, meshcat, dry_run)
 
     def _add(self, builder: DiagramBuilder, meshcat: Meshcat, dry_run: bool) -> None:
-        """Shows the models; in a dry run also, as a shade, the robot where it really stands."""
+        """Shows the models; in a dry run also the real robot, translucent."""
         arm = builder.GetSubsystemByName("panda_status").GetOutputPort("position_measured")
         hand = builder.GetSubsystemByName("hand_status").GetOutputPort("width_measured")
         scene_graph = builder.AddNamedSystem("scene_graph", self._scene_graph)
@@ -71,7 +70,7 @@ class HardwareView:
             )
         else:
             shown = arm, hand
-        # Where the object stands is for the cameras to say.
+        # The pose of the object is unknown.
         model = self._plant.GetModelInstanceByName(self._scenario.poil.object)
         _hide(self._plant, scene_graph, [model])
         self._pose(builder, "posture", scene_graph, *shown)
@@ -104,7 +103,7 @@ class HardwareView:
         hand: OutputPort,
         plant: MultibodyPlant | None = None,
     ) -> None:
-        """Lets a scene show the robot where two ports say, all else at its default."""
+        """Poses the robot in a scene by two ports; other models keep their default poses."""
         plant = plant or self._plant
         robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
         posture = builder.AddNamedSystem(name, MeasuredPosture(plant=plant, robot=robot))
@@ -118,7 +117,7 @@ class HardwareView:
     def _real_robot_scene(
         self, builder: DiagramBuilder, arm: OutputPort, hand: OutputPort
     ) -> SceneGraph:
-        """Adds a second scene, with nothing in it but the robot where it is measured."""
+        """Adds a second scene that holds only the robot as measured."""
         scene_graph = SceneGraph()
         plant = MultibodyPlant(self._scenario.poil.rates.plant)
         plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -126,7 +125,7 @@ class HardwareView:
         robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
         others = (ModelInstanceIndex(k) for k in range(plant.num_model_instances()))
         _hide(plant, scene_graph, [model for model in others if model != robot])
-        self._shade_plant = plant  # Drake keeps a reference to it only.
+        self._shade_plant = plant  # Drake does not own it.
         builder.AddNamedSystem("real_robot_scene", scene_graph)
         self._pose(builder, "real_posture", scene_graph, arm, hand, plant)
         return scene_graph
@@ -135,7 +134,7 @@ class HardwareView:
 def _hide(
     plant: MultibodyPlant, scene_graph: SceneGraph, models: Sequence[ModelInstanceIndex]
 ) -> None:
-    """Takes away what visualizers would show of some models."""
+    """Removes some models from visualizers."""
     inspector = scene_graph.model_inspector()
     for model in models:
         for body in plant.GetBodyIndices(model):

@@ -1,20 +1,20 @@
-"""What was wrong with the messages of a channel, in words."""
+"""Describes problems with the messages of a channel."""
 
 from typing import Any
 
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 
 _DAYS = 1e6
-"""Clocks that differ by more [s] are not only out of step."""
+"""Clocks that differ by more than this [s] count different things."""
 
 
 def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
-    """Returns what was wrong with the messages of a channel, a sentence each.
+    """Returns the problems with the messages of a channel, a sentence each.
 
     Args:
-        mailbox: Where they arrive.
+        mailbox: Receives them.
         channel: The channel's name.
-        tolerance: How far the sender's clock may be off ours [s].
+        tolerance: How far the sender's clock may differ from ours [s].
     """
     found = []
     if mailbox.malformed:
@@ -23,7 +23,7 @@ def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) ->
         found.append(f"{mailbox.late} messages on {channel} came late or twice")
     if abs(mailbox.offset) > _DAYS:
         found.append(
-            f"the messages on {channel} come from a clock of another kind: is the time scale "
+            f"the messages on {channel} are stamped by a different clock: is the time scale "
             "(--time-scale) the same there?"
         )
     elif abs(mailbox.offset) > tolerance:

@@ -1,4 +1,4 @@
-"""The real Panda behind the same port names as the simulated one."""
+"""The systems that talk to the real Panda, behind the port names of the simulated one."""
 
 import time
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class PandaHardware:
     """The ends of the network that talk to the arm's and the hand's drivers.
 
     Attributes:
-        arm: Where the arm's statuses arrive.
-        hand: Where the hand's statuses arrive.
-        sender: What commands the arm; its `SendRest` is for the way out. None in a dry run.
-        hand_sender: What commands the hand. None in a dry run.
+        arm: Receives the arm's statuses.
+        hand: Receives the hand's statuses.
+        sender: Commands the arm, and brings it to rest at shutdown. None in a dry run.
+        hand_sender: Commands the hand. None in a dry run.
     """
 
     arm: LcmMailbox[PandaStatus]
@@ -55,24 +55,24 @@ def AddPandaHardware(
     clock: Clock = time.time,
     time_scale: float = 1.0,
 ) -> PandaHardware:
-    """Adds what talks to the Franka drivers, and exports the ports that the simulation has, too.
+    """Adds the systems that talk to the Franka drivers, and exports the ports of the simulation.
 
     With a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
     `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
     `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
-    `poil_drake.systems.panda.lcm_receivers` for what they are before the first status.
+    `poil_drake.systems.panda.lcm_receivers` for their values before the first status.
 
     Args:
         builder: Gets the systems.
         lcm: The network; its subscriptions are handled between the steps.
-        name: The robot's.
+        name: The robot's name.
         period: The control period [s].
-        limiter: How the arm brakes on the way out.
-        channels: Where what is said; None for the Franka driver's own.
-        dry_run: Whether nothing is sent: what would be commanded moves a `KinematicRobot`, which is
-            what the outputs show, and which starts where the real one stands.
-        expiry: For how long the driver follows a command [s].
-        stall_limit: What an update that was longer ago found is not sent any more [s].
+        limiter: Brakes the arm at shutdown.
+        channels: Names of the channels; None: those of the Franka driver.
+        dry_run: Whether nothing is sent: commands move a `KinematicRobot`, which starts at the
+            posture of the real one and whose measurements are exported.
+        expiry: How long the driver follows a command [s].
+        stall_limit: Commands of an update longer ago than this [s] are not sent.
         clock: The time now [s since the epoch].
         time_scale: Seconds of that clock per second.
     """
@@ -93,7 +93,7 @@ def AddPandaHardware(
     def update_age() -> float:
         return time_scale * (time.monotonic() - pump.handled_at)
 
-    # Behind the update, as nothing is to be sent while a simulator is initialized.
+    # After the update, as nothing must be sent while a simulator is initialized.
     offset = COMMAND_SHARE * period
     sender = builder.AddNamedSystem(
         "panda_command",
