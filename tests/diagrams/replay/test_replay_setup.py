@@ -126,7 +126,7 @@ def test_the_truth_is_not_in_a_log_of_images(tmp_path: Path) -> None:
     with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario()) as writer:
         write_samples(writer)
 
-    with pytest.raises(RunLogError, match="does not hold the truth"):
+    with pytest.raises(RunLogError, match="needs the simulator"):
         SetUpReplay(path, tracker="ground_truth")
     assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
 

@@ -165,7 +165,7 @@ def test_models_added_by_code_are_not_for_delayed_cameras(callback: str) -> None
     scenario = LoadScenario(filename=default_scenario_file())
     added = {callback: lambda parser: None}
 
-    with pytest.raises(StationError, match="would not know") as info:
+    with pytest.raises(StationError, match="not supported with delayed cameras") as info:
         MakeStation(scenario, **added)
 
     assert "ignore_output_delay=True" in info.value.remedy
