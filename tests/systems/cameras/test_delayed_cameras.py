@@ -103,22 +103,6 @@ def test_before_the_first_image_is_due_there_is_none(bench: SystemBench) -> None
         assert np.isnan(bench.read(f"{camera}.image_time")).all()
 
 
-@pytest.mark.parametrize("delay", [1 / 64, 3 / 32, 1 / 8, 3 / 16, 0.3])
-def test_each_capture_appears_exactly_its_delay_later(delay: float) -> None:
-    bench = make_bench(delay=delay)
-
-    previous = np.nan
-    for tick in range(4):
-        stamp = tick * PERIOD
-        # Time's end is before the updates of that instant.
-        bench.advance_to(stamp + delay)
-        np.testing.assert_equal(bench.read("left.image_time"), previous)
-        bench.advance_to(stamp + delay + AFTER)
-        assert bench.read("left.image_time") == stamp
-        previous = stamp
-    bench.dut.close()
-
-
 def test_images_are_of_the_moment_of_their_capture(bench: SystemBench) -> None:
     bench.advance_to(PERIOD + 3 / 32 + AFTER)
 
@@ -171,19 +155,6 @@ def test_what_is_not_a_number_is_not_rendered() -> None:
     bench.dut.close()
 
 
-def test_an_error_in_rendering_shows_when_images_are_due() -> None:
-    class Broken(Painter):
-        def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-            raise StationError("The cameras' process has ended.", remedy="See what it wrote.")
-
-    bench = make_bench(delay=1 / 16, painter=Broken())
-
-    bench.advance_to(1 / 16)
-    with pytest.raises(StationError, match="has ended"):
-        bench.advance_to(1 / 16 + AFTER)
-    bench.dut.close()
-
-
 def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: SystemBench) -> None:
     bench.advance_to(0.5)
     assert bench.read("left.rgb_image").size > 0
@@ -231,17 +202,6 @@ def test_a_consumer_gets_whole_frames_with_the_time_of_capture(bench: SystemBenc
     assert frame is not None
     assert frame.stamp == PERIOD
     assert [image.depth[0, 0] for image in frame.images] == [1.125, 2.125]
-
-
-def test_a_stopwatch_counts_rendering_and_waiting() -> None:
-    stopwatch = Stopwatch()
-    bench = make_bench(delay=1 / 16, stopwatch=stopwatch)
-
-    bench.advance_to(3 * PERIOD)
-    bench.dut.close()
-
-    assert stopwatch.durations("rendering").shape == (3,)
-    assert stopwatch.durations("waiting").shape == (3,)
 
 
 @pytest.mark.parametrize("delay", [0.0, -0.1, np.nan, 1e-17])

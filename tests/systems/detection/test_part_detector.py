@@ -11,7 +11,7 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT
-from poil_drake.systems.capture_timing import RecordedTiming, SimulatedDelay, Worker
+from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.detection.part_detector import PartDetector, find_part
 from poil_drake.systems.statuses import DetectorStatus
 
@@ -183,17 +183,6 @@ def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDete
         bench.advance_to(0.1)
 
 
-def test_with_an_offset_it_looks_that_much_later(detector: MiddleDetector) -> None:
-    bench = make_bench(detector, timing=SimulatedDelay(offset=3 / 32, latency=0.0))
-
-    bench.advance_to(3 / 32)
-    assert bench.read("status") == DetectorStatus.WAITING
-    bench.advance_to(0.5)
-
-    assert bench.read("status") == DetectorStatus.FOUND
-    assert detector.searches == [3 / 32]
-
-
 def test_images_without_labels_are_waited_for_where_labels_are_connected(
     detector: MiddleDetector,
 ) -> None:
@@ -254,19 +243,3 @@ def test_the_times_and_the_frame_of_a_search_are_told() -> None:
     assert isinstance(frame, MultiViewFrame)
     assert frame.stamp == 0.0
     assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
-
-
-def test_a_replay_searches_and_answers_when_the_run_did(detector: MiddleDetector) -> None:
-    timing = RecordedTiming(captured=(0.25, 0.5), released=((0.4375, 0), (0.8, 1)), period=PERIOD)
-    bench = make_bench(detector, timing=timing)
-    seen = []
-    for tick in range(8):
-        bench.advance_to((tick + 0.5) * PERIOD)
-        seen.append(DetectorStatus(bench.read("status")[0]).name)
-        if tick == 3:
-            bench.fix(**wall(brightness=10))
-
-    # Requests or not: the first result is taken at the first tick after 0.4375 s, and the second
-    # search, in the dark, is answered at the first one after 0.8 s.
-    assert detector.searches == [0.25, 0.5]
-    assert seen == ["WAITING"] * 4 + ["FOUND"] * 3 + ["NOT_FOUND"]

@@ -147,14 +147,3 @@ def test_nothing_feeds_through() -> None:
 def test_impossible_settings_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidValueError, match="noise"):
         GroundTruthTrackerConfig(**wrong)
-
-
-@pytest.mark.parametrize("latency", [0.0, 3 / 16])
-def test_the_times_of_captures_and_releases_are_told(latency: float) -> None:
-    bench = make_bench(GroundTruthTrackerConfig(latency=latency))
-    bench.advance_to(3 / 16 + AFTER)
-
-    times = bench.read("times")
-
-    released_of = 1 / 8 if latency == 0.0 else 0.0
-    np.testing.assert_array_equal(times, [1 / 8, released_of + latency, released_of])
