@@ -21,6 +21,7 @@ from .panda.velocity_driver import PandaVelocityDriver as PandaVelocityDriver
 from .propagation.fk_propagator import FkPropagator as FkPropagator
 from .safety.faults import SafetyConfig as SafetyConfig
 from .safety.supervisor import SafetySupervisor as SafetySupervisor
+from .skill.phases import Phase as Phase
 from .skill.sequencer import SkillSequencer as SkillSequencer
 from .skill.stop_requests import StopRequests as StopRequests
 from .skill.stop_requests import StopSwitch as StopSwitch

@@ -1,0 +1,59 @@
+"""Your own station: an obstacle beside the rack, and a look at what the arm touches.
+
+Needs a plan of `poil transfer`: python examples/own_station.py out/plan.npz
+"""
+
+import sys
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+import poil_drake as poil
+
+BOX = """
+<sdf version="1.9">
+  <model name="box">
+    <static>true</static>
+    <pose>0.75 -0.3 0.1 0 0 0.5</pose>
+    <link name="box">
+      <visual name="box"><geometry><box><size>0.1 0.1 0.2</size></box></geometry></visual>
+      <collision name="box"><geometry><box><size>0.1 0.1 0.2</size></box></geometry></collision>
+    </link>
+  </model>
+</sdf>
+"""
+
+
+def add_box(parser: Parser) -> None:
+    """Adds a box that no directive names."""
+    parser.AddModelsFromString(BOX, "sdf")
+
+
+def touched(plant: MultibodyPlant, context: Context) -> set[str]:
+    """Returns the names of the bodies that touch another one."""
+    results = plant.get_contact_results_output_port().Eval(context)
+    pairs = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
+    indices = {index for pair in pairs for index in (pair.bodyA_index(), pair.bodyB_index())}
+    return {plant.get_body(index).scoped_name().get_full() for index in indices}
+
+
+plan = poil.ExecutionPlan.load(sys.argv[1])
+# The ground truth in place of a tracker: no cameras are needed.
+scenario = poil.LoadScenario(
+    filename=poil.default_scenario_file(), data="{poil: {tracker: ground_truth}}"
+)
+station = poil.MakeStation(scenario, cameras=False, parser_prefinalize_callback=add_box)
+with poil.MakeClosedLoop(scenario, plan, station=station) as loop:
+    simulator = Simulator(loop.diagram)
+    seen: set[str] = set()
+
+    def watch(root: Context) -> EventStatus:
+        """Notes what touches something, after each step."""
+        seen.update(touched(station.plant(), station.plant().GetMyContextFromRoot(root)))
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(watch)
+    simulator.AdvanceTo(float(sys.argv[2]) if len(sys.argv) > 2 else 16.0)
+print("touched something:", ", ".join(sorted(seen)))
