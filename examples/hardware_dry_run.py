@@ -23,4 +23,4 @@ try:
 finally:
     driver.terminate()
     driver.wait()
-print(summary)
+print(summary.closing_line())

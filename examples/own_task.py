@@ -30,4 +30,4 @@ directives:
 scenario = poil.LoadScenario(filename=poil.default_scenario_file(), data=TASK)
 outputs = poil.OutputPaths.under(Path(sys.argv[1]))
 summary = poil.RunSkill(scenario, outputs=outputs, show=False)
-print(summary)
+print(summary.closing_line())

@@ -117,5 +117,5 @@ def test_a_users_own_task_succeeds(tmp_path: Path) -> None:
     )
 
     assert done.returncode == 0, done.stderr
-    assert "the mug hangs on the rack" in done.stdout
+    assert done.stdout.startswith("SUCCESS: the mug hangs on the rack")
     assert {path.name for path in (tmp_path / "own").iterdir()} >= {"demo.mcap", "run.mcap"}
