@@ -5,9 +5,7 @@ from hypothesis import strategies as st
 
 from poil_drake.control.field import twist_fit as dut
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry import triples
 from poil_drake.geometry.rigid_transform import rotation_exp, skew
-from poil_drake.geometry.triples import TripleConfig
 
 property_test = settings(derandomize=True, max_examples=100)
 seeds = st.integers(0, 2**32 - 1)
@@ -117,21 +115,6 @@ def test_no_point_is_dropped_where_plain_least_squares_leaves_none_off():
     fit = dut.fit_twist_ransac(points, velocities, config=dut.RansacConfig())
 
     assert fit.inliers.all()
-
-
-def test_drawn_triples_depend_on_the_seed_alone():
-    rng = np.random.default_rng(2)
-    points, velocities = rng.normal(size=(2, 15, 3))
-    config = dut.RansacConfig(triples=TripleConfig(trials=5))
-
-    first = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
-    triples._triples.cache_clear()
-    again = dut.fit_twist_ransac(points, velocities, config=config, seed=3)
-    others = [dut.fit_twist_ransac(points, velocities, config=config, seed=s) for s in range(3)]
-
-    for one, other in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert any(not np.array_equal(first.omega, other.omega) for other in others)
 
 
 def test_points_that_agree_are_fitted_by_plain_least_squares():
