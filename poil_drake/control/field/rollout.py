@@ -8,7 +8,7 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, p
 from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
@@ -32,13 +32,7 @@ class Rollout(SharedOnCopy):
     converged: bool
 
     def __post_init__(self) -> None:
-        times = frozen_array(self.times, name="Rollout.times", shape=("T",))
-        object.__setattr__(self, "times", times)
-        for name, shape in (("X_W", (4, 4)), ("potentials", ()), ("taus", ())):
-            array = frozen_array(
-                getattr(self, name), name=f"Rollout.{name}", shape=(times.size, *shape)
-            )
-            object.__setattr__(self, name, array)
+        freeze_fields(self, times=("T",), X_W=("T", 4, 4), potentials=("T",), taus=("T",))
 
 
 def rollout(
