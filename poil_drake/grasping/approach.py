@@ -91,4 +91,4 @@ def plan_joint_path(
             "be in, or raise ApproachConfig.iterations.",
         )
     corners = shorten_path(found, edges, config.shortcuts, np.random.default_rng(seed))
-    return round_corners(corners, edges, width=config.smoothing, resolution=config.resolution)
+    return round_corners(corners, edges, width=config.smoothing)

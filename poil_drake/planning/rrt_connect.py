@@ -1,4 +1,4 @@
-"""RRT-Connect (Kuffner and LaValle 2000) by OMPL, with edges checked all at once."""
+"""RRT-Connect (Kuffner and LaValle 2000) by OMPL, with batched checks of edges."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ import numpy as np
 from poil_drake.errors import MissingDependencyError
 from poil_drake.planning.path_shortening import IsFree
 
-State = Any  # of OMPL, which is imported where it is needed
+State = Any  # An OMPL state. OMPL is imported only where it is used.
 
 
 class SearchSpace(Protocol):
-    """How configurations are kept in OMPL."""
+    """Conversion between configurations and OMPL states."""
 
     def make(self, base: Any) -> Any:
-        """Returns the state space; `base` is the module `ompl.base`."""
+        """Returns the OMPL state space; `base` is the module `ompl.base`."""
 
     def read(self, state: State) -> np.ndarray:
         """Returns the configuration (D,) of a state."""
@@ -27,7 +27,7 @@ class SearchSpace(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class VectorSpace:
-    """Vectors within a box, such as joint positions.
+    """Vectors in a box, such as joint positions.
 
     Attributes:
         lower: (D,) lowest values.
@@ -54,7 +54,7 @@ class VectorSpace:
 
 
 def make_bounds(base: Any, lower: np.ndarray, upper: np.ndarray) -> Any:
-    """Returns a box of OMPL between two corners (D,)."""
+    """Returns the OMPL bounds of a box with two given corners (D,)."""
     bounds = base.RealVectorBounds(len(lower))
     for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
         bounds.setLow(k, low)
@@ -73,26 +73,26 @@ def rrt_connect(
     iterations: int,
     seed: int,
 ) -> np.ndarray | None:
-    """Returns the corners (K, D) of a free path from the start to the goal, or None.
+    """Returns the corners (K, D) of a free path from the start to the goal, None if none is found.
 
-    The outcome depends on the arguments alone, the seed among them, not on the machine's speed.
+    The outcome depends only on the arguments, not on the machine's speed.
 
     Args:
-        space: What is searched.
-        start: (D,) where the path begins.
-        goal: (D,) where it ends.
-        is_free: Tells which configurations are free.
-        edge_is_free: Tells whether the straight edge between two configurations (D,) is free.
+        space: The space to search.
+        start: (D,) start of the path.
+        goal: (D,) end of the path.
+        is_free: Returns which configurations are free.
+        edge_is_free: Returns whether the straight edge between two configurations (D,) is free.
         max_edge: Longest edge of the search trees, in the space's metric.
         iterations: Rounds of tree growth. Counted, not timed.
-        seed: Of the samples.
+        seed: Seed of the samples.
 
     Raises:
-        MissingDependencyError: OMPL is not installed.
+        MissingDependencyError: if OMPL is not installed.
     """
     base, geometric, util = _import_ompl()
     util.noOutputHandler()
-    # Every generator made from here on draws its seed from this one; 0 is not a valid seed.
+    # Generators created from now on draw their seeds from this one; 0 is not a valid seed.
     util.RNG.setSeed(seed + 1)
     information = _make_information(base, space, is_free, edge_is_free)
 
@@ -120,7 +120,7 @@ def _import_ompl() -> tuple[Any, Any, Any]:
         from ompl import base, geometric, util
     except ImportError as error:
         raise MissingDependencyError(
-            "OMPL, which plans the way around obstacles, is not installed.",
+            "OMPL, which plans paths around obstacles, is not installed.",
             remedy="Install it with: pip install 'ompl>=2.0'",
         ) from error
     return base, geometric, util
@@ -132,10 +132,10 @@ def _make_information(
     is_free: IsFree,
     edge_is_free: Callable[[np.ndarray, np.ndarray], bool],
 ) -> Any:
-    """Returns OMPL's `SpaceInformation`: the space, and what is free in it."""
+    """Returns OMPL's `SpaceInformation`: the space and the collision checks."""
 
     class BatchMotionValidator(base.MotionValidator):
-        """Checks an edge's configurations all at once, which is what makes Python fast enough."""
+        """Checks the configurations of an edge in one batch, which is fast enough in Python."""
 
         def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
             return edge_is_free(space.read(first), space.read(last))

@@ -49,14 +49,14 @@ def test_path_of_length_zero_stays_where_it_is(count: int):
     edges, corners = EdgeChecker(anywhere, 0.01), np.tile([0.2, 0.7], (count, 1))
 
     path = shorten_path(corners, edges, 5, np.random.default_rng(0))
-    rounded = round_corners(path, edges, width=0.4, resolution=0.01)
+    rounded = round_corners(path, edges, width=0.4)
 
     assert_allclose(path, corners)
     assert_allclose(rounded, np.broadcast_to([0.2, 0.7], rounded.shape))
 
 
 def test_rounded_path_has_no_sharp_corner_and_the_same_ends():
-    path = round_corners(CORNERS, EdgeChecker(anywhere, 0.01), width=0.4, resolution=0.01)
+    path = round_corners(CORNERS, EdgeChecker(anywhere, 0.01), width=0.4)
 
     assert_allclose(path[[0, -1]], CORNERS[[0, -1]])
     steps = np.diff(path, axis=0)
@@ -70,7 +70,7 @@ def test_corners_stay_where_there_is_no_room():
         inside = (x[:, 0] > 1e-6) & (x[:, 0] < 1 - 1e-6) & (x[:, 1] < 1 - 1e-6)
         return ~inside
 
-    path = round_corners(CORNERS, EdgeChecker(on_the_path, 0.01), width=0.4, resolution=0.01)
+    path = round_corners(CORNERS, EdgeChecker(on_the_path, 0.01), width=0.4)
 
     assert length(path) == pytest.approx(3.0)
     assert on_the_path(path).all()

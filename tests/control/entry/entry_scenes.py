@@ -1,6 +1,6 @@
-"""Small scenes made of sampled surfaces, in which the shortest way collides."""
+"""Small scenes made of sampled surfaces, in which the shortest path collides."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -68,6 +68,14 @@ class Scene:
             object_points=transform_points(X_WO, self.points),
             config=config,
         )
+
+    def points_at(self, X_WO):
+        return transform_points(X_WO, self.points)
+
+    def closed_in(self, X_WO) -> "Scene":
+        """Returns the scene with a pose of the object enclosed in a box."""
+        cage = box([0.2, 0.2, 0.2], X_WO[:3, 3] + [0, 0, 0.06])
+        return replace(self, obstacles=np.concatenate([self.obstacles, cage]))
 
     def distance(self, X_WO):
         """Returns the clearance (K,) at poses of the object, by brute force over all pairs."""
