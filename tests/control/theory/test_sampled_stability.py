@@ -33,7 +33,7 @@ def held_potential_change(W, R, h):
 
 @given(seeds)
 @property_test
-def test_limit_parts_steps_that_lower_the_potential_from_those_that_raise_it(seed):
+def test_limit_separates_steps_that_lower_the_potential_from_those_that_raise_it(seed):
     rng = np.random.default_rng(seed)
     W = random_moments(rng)
     R = random_rotations(rng, 50)
@@ -45,7 +45,7 @@ def test_limit_parts_steps_that_lower_the_potential_from_those_that_raise_it(see
     assert np.all(held_potential_change(W, R, 1.01 * limits) > 0.0)
 
 
-def test_limit_of_evenly_spread_points_is_worked_out_by_hand():
+def test_limit_of_evenly_spread_points_by_hand():
     angles = np.array([0.1, 1.0, 2.0, 3.0])
     R = rotation_exp(angles[:, None] * np.array([0.0, 0.6, 0.8]))
 
@@ -55,7 +55,7 @@ def test_limit_of_evenly_spread_points_is_worked_out_by_hand():
     )
 
 
-def test_nothing_limits_a_step_that_goes_nowhere():
+def test_a_step_without_motion_has_no_limit():
     assert dut.sampling_gain_limit(np.diag([1.0, 2.0, 3.0]), np.eye(3)) == np.inf
 
 
@@ -130,8 +130,8 @@ def test_gain_of_points_near_a_line_goes_to_a_quarter_turn():
     assert gains[-1] < 1.62
 
 
-def test_points_on_a_line_are_refused():
-    with pytest.raises(InvalidValueError, match="on a line"):
+def test_collinear_points_are_rejected():
+    with pytest.raises(InvalidValueError, match="collinear"):
         dut.largest_sampling_gain(np.diag([0.0, 0.0, 1.0]))
 
 
@@ -171,7 +171,7 @@ def test_field_lowers_the_potential_at_every_period_just_below_the_limit(eigenva
         assert np.all(np.diff(potentials) < 0.0)
 
 
-def test_field_runs_away_just_above_the_limit_of_a_compact_set():
+def test_field_diverges_just_above_the_limit_of_a_compact_set():
     body = body_with_moments((1, 2, 3))
     near = rotation_exp(np.array([1e-3, 0.0, 0.0]))
 

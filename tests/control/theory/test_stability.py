@@ -148,7 +148,7 @@ def critical_rotations_found(W, R):
 
 @given(seeds, st.booleans())
 @settings(derandomize=True, max_examples=20)
-def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, flat):
+def test_the_flow_rests_only_at_the_goal_and_three_rotations(seed, flat):
     rng = np.random.default_rng(seed)
     # Points in a plane have a singular W, but no other critical rotations.
     points = centred_points(rng) * ([0.0, 1.0, 1.0] if flat else [1.0, 1.0, 1.0])
@@ -181,7 +181,7 @@ def test_flow_of_any_points_converges_from_any_rotation(seed):
     assert np.max(rotation_angle(R)) < np.radians(0.1)
 
 
-def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_full_rate():
+def test_symmetric_points_have_a_critical_circle_that_the_flow_leaves_at_full_rate():
     W = np.diag([1.0, 2.0, 2.0])
     angles = np.linspace(0.0, np.pi, 7)
     circle = rotation_exp(np.pi * np.stack([0.0 * angles, np.cos(angles), np.sin(angles)], axis=1))
@@ -194,7 +194,7 @@ def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_ful
         )
 
 
-def test_moment_matrix_is_taken_about_the_weighted_centroid():
+def test_moment_matrix_is_about_the_weighted_centroid():
     points = np.array([[0.0, 0, 0], [3.0, 0, 0]])
 
     # Centroid at x = 1: 2 * 1^2 + 1 * 2^2.
