@@ -57,7 +57,6 @@ def plan_joint_path(
 
     Raises:
         PlanningError: An end is in collision, or no path was found.
-        MissingDependencyError: OMPL is needed and not installed.
     """
     config = config or ApproachConfig()
     edges = EdgeChecker(is_free, config.resolution)

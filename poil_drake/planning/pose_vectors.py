@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from ompl import base
 from scipy.spatial.transform import Rotation
 
 from poil_drake.geometry.rigid_transform import make_transform, quaternion
@@ -54,10 +55,10 @@ class PoseSpace:
     upper: np.ndarray
     radius: float
 
-    def make(self, base: Any) -> Any:
+    def make(self) -> Any:
         """Returns SE(3) with angles weighted by the motion of a point at the radius."""
         space = base.SE3StateSpace()
-        space.setBounds(make_bounds(base, self.lower, self.upper))
+        space.setBounds(make_bounds(self.lower, self.upper))
         # OMPL's distance between rotations is half the angle.
         space.setSubspaceWeight(1, 2.0 * self.radius)
         return space

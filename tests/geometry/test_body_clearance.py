@@ -54,7 +54,7 @@ def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
     assert np.any(height < 0.0)
 
 
-def test_without_a_ground_every_height_is_infinite(obstacles, cloud, poses):
+def test_without_a_ground_the_height_is_infinite(obstacles, cloud, poses):
     dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
 
     assert np.all(np.isinf(dut.height(poses)))
@@ -72,6 +72,6 @@ def test_radius_is_that_of_the_farthest_point(cloud, obstacles):
     assert dut.radius == pytest.approx(0.08, rel=0.02)
 
 
-def test_a_body_needs_a_surface(obstacles):
+def test_an_empty_cloud_is_rejected(obstacles):
     with pytest.raises(InvalidValueError, match="empty"):
         BodyClearance(cloud=np.empty((0, 3)), scene=SceneDistance(obstacles))
