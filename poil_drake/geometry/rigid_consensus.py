@@ -80,27 +80,17 @@ def consensus_inliers(
         weights: (N,) positive.
         config: The inlier distance.
     """
-    agreed = _agreed_by_pairs(source, target, weights, config.inlier_distance)
-    if agreed is None:
-        return ransac_inliers(source, target, weights, config=config)
-    return agreed
-
-
-def _agreed_by_pairs(
-    source: np.ndarray, target: np.ndarray, weights: np.ndarray, distance: float
-) -> np.ndarray | None:
-    """Returns the inliers if distances between pairs of points determine them, None otherwise.
-
-    Noise seldom changes the distance of two inliers by as much as one of them may be off. Where it
-    does, too few points agree, or their motion does not confirm them.
-    """
-    changed = np.abs(cdist(source, source) - cdist(target, target)) > distance
+    # Noise seldom changes the distance of two inliers by as much as one of them may be off. Where
+    # it does, too few points are kept, or their motion does not confirm them.
+    changed = np.abs(cdist(source, source) - cdist(target, target)) > config.inlier_distance
     half = 0.5 * weights.sum()
-    agreed = changed.dot(weights) < half
-    if np.count_nonzero(agreed) < 3 or weights.dot(agreed) <= half:
-        return None
-    within = motion_squares(centred_sums((source, target), weights * agreed)) <= distance**2
-    return within if within[agreed].all() else None
+    kept = changed.dot(weights) < half
+    if np.count_nonzero(kept) >= 3 and weights.dot(kept) > half:
+        squares = motion_squares(centred_sums((source, target), weights * kept))
+        inliers = squares <= config.inlier_distance**2
+        if inliers[kept].all():
+            return inliers
+    return ransac_inliers(source, target, weights, config=config)
 
 
 def ransac_inliers(

@@ -22,18 +22,17 @@ def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = 
     """
     source = np.asarray(source, dtype=float)
     target = np.asarray(target, dtype=float)
-    if source.shape[-2:] != target.shape[-2:] or source.ndim < 2 or source.shape[-1] != 3:
-        raise InvalidValueError(
-            f"kabsch() got a source of shape {source.shape} and a target of shape {target.shape}.",
-            remedy="Pass two sets (N, 3) of corresponding points.",
-        )
     w = np.ones(source.shape[-2]) if weights is None else np.asarray(weights, dtype=float)
     total = np.sum(w, axis=-1, keepdims=True)
-    if w.shape[-1:] != source.shape[-2:-1] or not (np.all(w >= 0.0) and np.all(total > 0.0)):
+    shapes = (*w.shape[-1:], 3)
+    if not source.shape[-2:] == target.shape[-2:] == shapes or not (
+        np.all(w >= 0.0) and np.all(total > 0.0)
+    ):
         raise InvalidValueError(
-            f"kabsch() got weights of shape {w.shape} for {source.shape[-2]} points, or weights "
-            "that are negative, NaN or all zero.",
-            remedy="Pass one non-negative weight for each point, at least one positive.",
+            f"kabsch() got a source of shape {source.shape}, a target of shape {target.shape} and "
+            f"weights {w}.",
+            remedy="Pass two sets (N, 3) of corresponding points and one non-negative weight for "
+            "each, at least one positive.",
         )
     if weights is not None:
         # Points that were not observed are NaN, and NaN times zero is NaN.

@@ -67,7 +67,6 @@ class EntryStart(NamedTuple):
 def required_clearance(
     known: np.ndarray | float,
     distances: np.ndarray,
-    *,
     limit: float,
     tolerance: float,
     tube_radius: float,

@@ -195,29 +195,21 @@ class EntryModel:
         (close,) = np.nonzero(~free)
         if close.size == 0:
             return free
-        tolerance = TOLERANCE + start.uncertainty
-
-        def required(known: np.ndarray | float, distances: np.ndarray, limit: float) -> np.ndarray:
-            return required_clearance(
-                known,
-                distances,
-                limit=limit,
-                tolerance=tolerance,
-                tube_radius=self._config.tube_radius,
-            )
-
+        tolerance, tube = TOLERANCE + start.uncertainty, self._config.tube_radius
         from_reference = self.displacement(X_WB[close], self.poses)
         from_start = self.displacement(X_WB[close], start.X_WB[None])[:, 0]
         distance = np.minimum(
-            required(self.clearances, from_reference, self.reach).min(axis=1),
-            required(start.clearance, from_start, self.reach),
+            required_clearance(self.clearances, from_reference, self.reach, tolerance, tube).min(
+                axis=1
+            ),
+            required_clearance(start.clearance, from_start, self.reach, tolerance, tube),
         )
-        low = required(self.heights, from_reference, margin).min(axis=1)
+        lowest = required_clearance(self.heights, from_reference, margin, tolerance, tube)
+        lowest = lowest.min(axis=1)
         if start.height < margin:
-            low = np.minimum(low, start.height - tolerance)
-        free[close] = (clearance[close] >= np.minimum(self.reach, distance)) & (
-            height[close] >= np.minimum(margin, low)
-        )
+            lowest = np.minimum(lowest, start.height - tolerance)
+        free[close] = clearance[close] >= np.minimum(self.reach, distance)
+        free[close] &= height[close] >= np.minimum(margin, lowest)
         return free
 
     def edges(self, start: EntryStart) -> EdgeChecker:

@@ -166,7 +166,7 @@ def _fit_twists(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Returns omega, v, centroid (K, 3), squared residuals (K, N), and where they are valid (K,).
 
-    The fit is `fit_twist_to_inliers` of all points. It is valid where the points determine the
+    The fit is `fit_twist` of all points. It is valid where the points determine the
     rotation by a margin that rounding cannot change.
     """
     centroid = np.einsum("kn,kni->ki", shares, points)

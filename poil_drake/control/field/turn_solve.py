@@ -23,7 +23,7 @@ def twist_turn(sums: CentredSums, min_rotation_spread: float = 0.0) -> tuple[Vec
 
     Args:
         sums: Sums of the points [m] and their velocities [m/s]; more may follow.
-        min_rotation_spread: See `fit_twist_to_inliers`.
+        min_rotation_spread: See `fit_twist`.
     """
     # The sums of r x v are the skew part of the sum of r v^T.
     (xx, xy, xz, _, s01, s02, *_), (_, yy, yz, s10, _, s12, *_), (_, _, zz, s20, s21, *_) = (
@@ -58,7 +58,7 @@ def solve_turn(
     A = tr(W) I - W for W = sum_i w_i r_i r_i^T and m = sum_i w_i r_i x v_i, with weights w_i and
     positions r_i about the centroid. A has W's axes; its eigenvalue on each is the sum of W's other
     two. Axes that the points are closer to than `min_rotation_spread` are treated as in
-    `fit_twist_to_inliers`. There is no turn about an axis on which all points lie.
+    `fit_twist`. There is no turn about an axis on which all points lie.
 
     Cramer's rule with floats takes less time than a call of LAPACK, so W is decomposed only if the
     points are too close to a line.

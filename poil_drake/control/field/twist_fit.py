@@ -67,37 +67,18 @@ class RobustTwist(NamedTuple):
 
 
 def fit_twist(
-    points: np.ndarray, velocities: np.ndarray, weights: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the twist that best fits the velocities of points (POIL eq. 3).
-
-    Minimises sum_i w_i |v + omega x (x_i - c) - v_i|^2 about the weighted centroid c, where the
-    normal equations decouple: v is the mean velocity, and A omega = sum_i w_i r_i x v_i with
-    r_i = x_i - c and A = sum_i w_i (|r_i|^2 I - r_i r_i^T). If the points do not determine omega
-    (fewer than 3, or collinear), the smallest minimiser is returned.
-
-    Args:
-        points: (N, 3) positions [m].
-        velocities: (N, 3) their velocities [m/s].
-        weights: (N,) non-negative, not all zero; None for all equal.
-
-    Returns:
-        omega: (3,) angular velocity [rad/s].
-        v: (3,) velocity of the weighted centroid [m/s].
-    """
-    w = np.ones(len(points)) if weights is None else weights
-    fit, _ = fit_twist_to_inliers(points, velocities, w)
-    return fit.omega, fit.v
-
-
-def fit_twist_to_inliers(
     points: np.ndarray,
     velocities: np.ndarray,
-    weights: np.ndarray,
+    weights: np.ndarray | None = None,
     inliers: np.ndarray | None = None,
     min_rotation_spread: float = 0.0,
 ) -> tuple[RobustTwist, np.ndarray]:
-    """Returns the twist fitted to the inliers and the squared residuals of all points.
+    """Returns the twist that best fits the velocities of the inliers, and all squared residuals.
+
+    Minimises sum_i w_i |v + omega x (x_i - c) - v_i|^2 about the weighted centroid c (POIL eq. 3),
+    where the normal equations decouple: v is the mean velocity, and A omega = sum_i w_i r_i x v_i
+    with r_i = x_i - c and A = sum_i w_i (|r_i|^2 I - r_i r_i^T). If the points do not determine
+    omega (fewer than 3, or collinear), the smallest minimiser is returned.
 
     About a principal axis from which the points are a root mean square distance s away, noise in
     the velocities is divided by s. Below s0 = `min_rotation_spread` the turn is scaled by
@@ -107,7 +88,7 @@ def fit_twist_to_inliers(
     Args:
         points: (N, 3) positions [m].
         velocities: (N, 3) their velocities [m/s].
-        weights: (N,) positive.
+        weights: (N,) non-negative, not all zero; None for all equal.
         inliers: (N,) bool; None for all points.
         min_rotation_spread: s0 [m]; 0 for plain least squares.
 
@@ -115,10 +96,11 @@ def fit_twist_to_inliers(
         fit: See `RobustTwist`.
         squares: (N,) squared residuals [m^2/s^2].
     """
+    counted = np.ones(len(points)) if weights is None else weights
     if inliers is None:
-        inliers, counted = everyone(len(points)), weights
+        inliers = everyone(len(points))
     else:
-        counted = weights * inliers
+        counted = counted * inliers
     sums = centred_sums((points, velocities), counted)
     omega, spread = twist_turn(sums, min_rotation_spread)
     fit = RobustTwist.of(sums, omega, inliers, spread)
@@ -156,12 +138,10 @@ def fit_twist_ransac(
         velocities: (N, 3) their velocities [m/s].
         weights: (N,) positive; None for all equal.
         config: The threshold.
-        min_rotation_spread: See `fit_twist_to_inliers`.
+        min_rotation_spread: See `fit_twist`.
     """
     w = np.ones(len(points)) if weights is None else weights
-    fit, squares = fit_twist_to_inliers(
-        points, velocities, w, min_rotation_spread=min_rotation_spread
-    )
+    fit, squares = fit_twist(points, velocities, w, min_rotation_spread=min_rotation_spread)
     limit = config.inlier_threshold**2
     if len(points) < 4 or squares.max() <= limit:
         return fit
@@ -173,10 +153,10 @@ def fit_twist_ransac(
     inliers = squares[:, best] <= limit
     inliers[triples[best]] = True
     # One more round: the fit to all inliers is better than the three points' and may add others.
-    fit, squares = fit_twist_to_inliers(points, velocities, w, inliers, min_rotation_spread)
+    fit, squares = fit_twist(points, velocities, w, inliers, min_rotation_spread)
     grown = squares <= limit
     if np.count_nonzero(grown) > np.count_nonzero(inliers):
-        fit, _ = fit_twist_to_inliers(points, velocities, w, grown, min_rotation_spread)
+        fit, _ = fit_twist(points, velocities, w, grown, min_rotation_spread)
     return fit
 
 

@@ -45,12 +45,8 @@ def reference_from_samples(
     shapes = np.concatenate([positions[kept][:-1], positions[-1:]])
     count = max(round(old_times[-1] / config.sample_period), 1)
     new_times = np.linspace(0.0, old_times[-1], count + 1)
-    segment = np.minimum(
-        np.searchsorted(old_times, new_times, side="right") - 1, old_times.size - 2
-    )
-    share = (new_times - old_times[segment]) / (old_times[segment + 1] - old_times[segment])
-    share = share[:, None, None]
-    resampled = (1.0 - share) * shapes[segment] + share * shapes[segment + 1]
+    recorded = PointTrajectory(old_times, shapes, np.zeros_like(shapes))
+    resampled = np.array([recorded.positions_at(time) for time in new_times])
     velocities = np.gradient(resampled, new_times, axis=0)
     velocities[-1] = 0.0
     return PointTrajectory(new_times, resampled, velocities)

@@ -28,16 +28,11 @@ class RetimingConfig:
     max_duration: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.speed_scale > 0.0 and 0.0 < self.min_speed <= self.max_speed):
+        positive = min(self.speed_scale, self.min_speed, self.acceleration_time) > 0.0
+        if not (positive and self.min_speed <= self.max_speed):
             raise InvalidValueError(
-                f"RetimingConfig has speed_scale={self.speed_scale}, min_speed={self.min_speed} "
-                f"and max_speed={self.max_speed}.",
+                f"{self} is not valid.",
                 remedy="Pass positive values, with min_speed at most max_speed.",
-            )
-        if not self.acceleration_time > 0.0:
-            raise InvalidValueError(
-                f"RetimingConfig.acceleration_time is {self.acceleration_time} s.",
-                remedy="Pass a positive time.",
             )
 
 

@@ -6,6 +6,7 @@ offset e becomes (1 - h) e. The setting is that of `stability`.
 """
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poil_drake.control.theory.stability import point_inertia, rotation_velocity
 from poil_drake.errors import InvalidValueError
@@ -73,7 +74,7 @@ def proven_sampling_gain(W: np.ndarray) -> float:
     return 2.0 * np.arctan(speed) / speed
 
 
-def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000, seed: int = 0) -> float:
+def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
     """Searches the largest eta dt for which D falls from every rotation.
 
     It is the smallest `sampling_gain_limit` of random rotations, improved by a random search around
@@ -83,16 +84,10 @@ def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000, seed: int = 0) -
     Args:
         W: (3, 3) moments of points that are not collinear [m^2].
         starts: Number of random rotations at the start.
-        seed: Seed of the rotations.
     """
     _regular_eigenvalues(W)
-    rng = np.random.default_rng(seed)
-    quaternions = rng.normal(size=(starts, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    vectors = quaternions[:, 1:]
-    lengths = np.linalg.norm(vectors, axis=1)
-    angles = 2.0 * np.arctan2(lengths, quaternions[:, 0])
-    R = rotation_exp(vectors * (angles / lengths)[:, None])
+    rng = np.random.default_rng(0)
+    R = Rotation.random(starts, rng=rng).as_matrix()
     limits = sampling_gain_limit(W, R)
     kept = np.argsort(limits)[:8]
     R, best = R[kept], limits[kept]

@@ -4,7 +4,7 @@ from entry_scenes import at, demonstration
 from numpy.testing import assert_allclose
 
 from poil_drake.control.entry.entry_timing import ACCELERATION, SPEED, extended_reference
-from poil_drake.control.field.twist_fit import fit_twist_to_inliers
+from poil_drake.control.field.twist_fit import fit_twist
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
@@ -49,9 +49,7 @@ def test_velocities_are_rigid_motions_that_match_the_positions(reference, transi
 
     joint = len(dut.times) - len(reference.times) + SAMPLE
     for k in range(1, joint):
-        fit, squares = fit_twist_to_inliers(
-            dut.positions[k], dut.velocities[k], np.ones(len(POINTS))
-        )
+        fit, squares = fit_twist(dut.positions[k], dut.velocities[k])
         assert squares.max() < 1e-20
         span = dut.times[k + 1] - dut.times[k - 1]
         moved = (dut.positions[k + 1] - dut.positions[k - 1]).mean(axis=0) / span

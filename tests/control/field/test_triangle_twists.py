@@ -19,7 +19,7 @@ def test_residuals_are_those_of_the_twist_fitted_to_each_triangle(seed):
 
     assert squares.shape == (6, len(triples))
     for triple, found in zip(triples, squares.T, strict=True):
-        omega, v = fit_twist(points[triple], velocities[triple])
+        omega, v, *_ = fit_twist(points[triple], velocities[triple])[0]
         arms = points - points[triple].mean(axis=0)
         left = v + np.cross(omega, arms) - velocities
         np.testing.assert_allclose(found, np.sum(left**2, axis=1), rtol=1e-6, atol=1e-9)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
-from poil_drake.control.field.twist_fit import fit_twist, fit_twist_to_inliers
+from poil_drake.control.field.twist_fit import fit_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory import degenerate_points as dut
 from poil_drake.errors import InvalidValueError
@@ -94,7 +94,7 @@ def test_noise_of_the_fitted_rotation_is_the_predicted_one(weighted):
     weights = rng.uniform(0.1, 1.0, size=6) if weighted else np.ones(6)
     condition = dut.point_set_condition(body, weights)
 
-    turns = [fit_twist(body, rng.normal(size=(6, 3)), weights)[0] for _ in range(4000)]
+    turns = [fit_twist(body, rng.normal(size=(6, 3)), weights)[0].omega for _ in range(4000)]
 
     # A standard deviation from 4000 samples is known to about 1 %.
     measured = np.std(np.array(turns) @ condition.axes, axis=0)
@@ -110,9 +110,9 @@ def test_points_must_be_finite():
 
 
 def fit_turn(body, velocities, min_rotation_spread):
-    return fit_twist_to_inliers(
-        body, velocities, np.ones(len(body)), min_rotation_spread=min_rotation_spread
-    )[0]
+    return fit_twist(body, velocities, np.ones(len(body)), min_rotation_spread=min_rotation_spread)[
+        0
+    ]
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 1e-4, 1e-5, 1e-9, 0.0])

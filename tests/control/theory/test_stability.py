@@ -20,8 +20,8 @@ def centred_points(rng):
 
 def least_squares_velocity(points, R):
     """The fit of POIL eq. 3 with eta = 1 and the target at R = I, in the body frame."""
-    omega, _ = fit_twist(points @ R.T, points - points @ R.T)
-    return R.T @ omega
+    fit, _ = fit_twist(points @ R.T, points - points @ R.T)
+    return R.T @ fit.omega
 
 
 @given(seeds)
