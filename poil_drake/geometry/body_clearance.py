@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_distance import SceneDistance
 
@@ -20,15 +18,11 @@ class BodyClearance:
         """Stores the body and the scene.
 
         Args:
-            cloud: (Q, 3) the body's surface [m]; the frame's origin should be in its middle.
+            cloud: (Q, 3) the body's surface [m], not empty; the origin should be in its middle.
             scene: The obstacles and the ground.
         """
-        self.cloud = frozen_array(cloud, name="BodyClearance.cloud", shape=("Q", 3))
-        if len(self.cloud) == 0:
-            raise InvalidValueError(
-                "BodyClearance.cloud is empty.", remedy="Pass points of the body's surface."
-            )
-        self.radius = float(np.linalg.norm(self.cloud, axis=1).max())
+        self.cloud = cloud
+        self.radius = float(np.linalg.norm(cloud, axis=1).max())
         self._scene = scene
 
     def clearance(self, X_WB: np.ndarray, reach: float) -> np.ndarray:

@@ -32,10 +32,6 @@ class DepthMaskConfig:
 
 def erode_mask(mask: np.ndarray, pixels: int) -> np.ndarray:
     """Removes a border of some pixels from a mask (H, W), but not at the image's own border."""
-    if pixels < 0:
-        raise InvalidValueError(
-            f"A mask cannot be eroded by {pixels} pixels.", remedy="Pass 0 or more."
-        )
     return cv2.erode(mask.astype(np.uint8), _disc(pixels)).astype(bool)
 
 

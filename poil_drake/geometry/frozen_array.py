@@ -34,10 +34,7 @@ def frozen_array(
     sizes: dict[str, int] = {}
     fits = array.ndim == len(shape)
     for size, want in zip(array.shape, shape, strict=False):
-        if isinstance(want, str):
-            fits = fits and sizes.setdefault(want, size) == size
-        else:
-            fits = fits and size == want
+        fits = fits and size == (sizes.setdefault(want, size) if isinstance(want, str) else want)
     if not fits:
         raise InvalidValueError(
             f"{name} has shape {array.shape}, but ({', '.join(map(str, shape))}) is needed.",

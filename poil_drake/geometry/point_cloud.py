@@ -57,8 +57,6 @@ class PointCloud(SharedOnCopy):
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
     """Returns one cloud of all points; normals and colours are kept if all clouds have them."""
-    if not clouds:
-        raise InvalidValueError("There are no clouds to join.", remedy="Pass at least one cloud.")
     normals = [c.normals for c in clouds if c.normals is not None]
     colors = [c.colors for c in clouds if c.colors is not None]
     return PointCloud(

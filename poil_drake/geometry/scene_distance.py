@@ -34,7 +34,7 @@ class SceneDistance:
             points = points[points[:, 2] > ground_height + _GROUND_THICKNESS]
         self.points = frozen_array(points, name="SceneDistance.points", shape=("P", 3))
         self.ground_height = ground_height
-        self._tree = cKDTree(self.points) if len(self.points) else None
+        self._tree = cKDTree(self.points)
         self.spacing = 0.0
         if len(self.points) > 1:
             subset = self.points[:: max(len(self.points) // 2000, 1)]
@@ -55,7 +55,5 @@ class SceneDistance:
             points: (..., 3) query points [m, world].
             reach: Largest distance of interest [m]; smaller values are faster.
         """
-        if self._tree is None:
-            return np.full(points.shape[:-1], reach)
         distance, _ = self._tree.query(points, distance_upper_bound=reach)
         return np.minimum(distance, reach)

@@ -3,7 +3,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.body_clearance import BodyClearance
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.geometry.scene_distance import SceneDistance
@@ -70,8 +69,3 @@ def test_radius_is_that_of_the_farthest_point(cloud, obstacles):
     dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
 
     assert dut.radius == pytest.approx(0.08, rel=0.02)
-
-
-def test_an_empty_cloud_is_rejected(obstacles):
-    with pytest.raises(InvalidValueError, match="empty"):
-        BodyClearance(cloud=np.empty((0, 3)), scene=SceneDistance(obstacles))

@@ -19,7 +19,7 @@ circle of nearly critical rotations."""
 
 
 class PointSetShape(enum.Enum):
-    """The dimension of a set of points."""
+    """The dimensions of a set of points, in ascending order."""
 
     COINCIDENT = enum.auto()
     """One point: no rotation is determined. The field is LOST."""
@@ -96,16 +96,9 @@ def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -
     determined = inertia > rounding
     noise = np.where(determined, spread / np.where(determined, inertia, 1.0), np.inf)
     thickness = np.sqrt(np.cumsum(eigenvalues) / w.sum())
-    # From a plane, a line and a point, in this order.
-    flat = thickness < _MIN_SPREAD
-    shape = PointSetShape.SPATIAL
-    if flat[2]:
-        shape = PointSetShape.COINCIDENT
-    elif flat[1]:
-        shape = PointSetShape.COLLINEAR
-    elif flat[0]:
-        shape = PointSetShape.COPLANAR
-    gaps = np.array([_relative_gap(low, middle), _relative_gap(middle, high)])
+    # From a plane, a line and a point, in ascending order.
+    dimensions = np.count_nonzero(thickness >= _MIN_SPREAD)
+    gaps = np.diff(eigenvalues) / np.maximum(eigenvalues[1:] + eigenvalues[:-1], 1e-300)
     return PointSetCondition(
         eigenvalues=eigenvalues,
         axes=axes,
@@ -113,10 +106,6 @@ def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -
         condition=inertia[0] / inertia[2] if determined[2] else np.inf,
         noise_per_error=noise,
         gaps=gaps,
-        shape=shape,
+        shape=list(PointSetShape)[dimensions],
         symmetric=bool(gaps.min() < _MIN_GAP),
     )
-
-
-def _relative_gap(smaller: float, larger: float) -> float:
-    return (larger - smaller) / (larger + smaller) if larger > 0.0 else 0.0
