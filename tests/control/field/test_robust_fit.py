@@ -18,7 +18,7 @@ def body_and_motion(angular_speed):
 
 
 @pytest.mark.parametrize("angular_speed", [0.1, 2.0])
-def test_a_point_is_an_outlier_only_where_neither_twist_nor_motion_puts_it(angular_speed):
+def test_a_point_is_an_outlier_only_if_neither_twist_nor_motion_explains_it(angular_speed):
     points, velocities, targets = body_and_motion(angular_speed)
     off, gone = velocities.copy(), targets.copy()
     off[2] += 3.0 * OFF
@@ -35,7 +35,7 @@ def test_a_point_is_an_outlier_only_where_neither_twist_nor_motion_puts_it(angul
 
 @pytest.mark.parametrize("unobserved", [0, 1])
 @pytest.mark.parametrize("angular_speed", [0.1, 2.0])
-def test_no_point_is_an_outlier_where_one_motion_leaves_none_off(angular_speed, unobserved):
+def test_no_point_is_an_outlier_if_one_motion_explains_all(angular_speed, unobserved):
     # Drawn so that the motion leaves 4.3 mm at most, but the best triple leaves some point above 5.
     rng = np.random.default_rng(0)
     targets = rng.normal(scale=0.03, size=(10, 3))
@@ -52,7 +52,7 @@ def test_no_point_is_an_outlier_where_one_motion_leaves_none_off(angular_speed, 
 
 
 @pytest.mark.parametrize("outlier_test", ["rigidity", "velocity", "none"])
-def test_points_without_weight_are_no_inliers_and_count_for_nothing(outlier_test):
+def test_points_without_weight_are_ignored_and_not_inliers(outlier_test):
     points, velocities, targets = body_and_motion(0.1)
     config = BcsdmConfig(outlier_test=outlier_test)
     weights = np.linspace(0.3, 1.0, 8)
@@ -72,7 +72,7 @@ def test_points_without_weight_are_no_inliers_and_count_for_nothing(outlier_test
     assert fit.spread == pytest.approx(expected.spread)
 
 
-def test_outliers_among_the_observed_points_keep_their_places_in_the_mask():
+def test_mask_of_inliers_includes_unobserved_points():
     points, velocities, targets = body_and_motion(0.1)
     weights = EVEN.copy()
     weights[1] = 0.0
