@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from point_references import resting_reference
 from scipy.spatial.transform import Rotation
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory import delay_stability as dut
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
@@ -12,9 +12,7 @@ ETA = 3.0
 # Two points on each axis, with the moments 1 : 2 : 3.
 BODY = np.array([[s * r if i == j else 0.0 for j in range(3)]
                  for s in (1, -1) for i, r in enumerate((0.03, 0.0424, 0.052))])  # fmt: skip
-REFERENCE = PointTrajectory(
-    np.array([0.0, 1.0]), np.stack([BODY, BODY]), np.zeros((2, *BODY.shape))
-)
+REFERENCE = resting_reference(BODY)
 
 
 def delayed_run(start, step, *, delay, hold, count):

@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import resting_reference
 from scipy.spatial.transform import Rotation
 
-from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
+from poil_drake.control.field.rollout import rollout
 from poil_drake.control.theory import sampled_stability as dut
 from poil_drake.control.theory.stability import rotation_potential, rotation_velocity
 from poil_drake.errors import InvalidValueError
@@ -139,19 +140,14 @@ def test_collinear_points_are_rejected():
 
 
 def held_run(body, R, offset, h, steps):
-    """The field's potentials over periods of h / eta, from a pose; its twist held over each."""
-    reference = PointTrajectory(
-        np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape))
-    )
+    """Returns the field's potentials (steps,) if its twist is held for periods of h / eta."""
     eta = 3.0
-    points, potentials = body @ R.T + offset, []
-    for _ in range(steps):
-        output = point_set_bcsdm(points, reference, BcsdmConfig(eta=eta))
-        potentials.append(output.potential)
-        turn = rotation_exp(h / eta * output.omega)
-        centroid = output.centroid
-        points = (points - centroid) @ turn.T + centroid + h / eta * output.v
-    return np.array(potentials)
+    # A goal tolerance of 0 lets the run go on at the goal.
+    config = BcsdmConfig(eta=eta, goal_tolerance=0.0)
+    points = body @ R.T + offset
+    return rollout(
+        points, resting_reference(body), config, h / eta, (steps - 0.5) * h / eta
+    ).potentials
 
 
 def body_with_moments(eigenvalues):
