@@ -77,11 +77,9 @@ def time_joint_path(
     fine = np.arange(-2.0 * half - _FINE, duration + 2.0 * half + _FINE, _FINE)
     motion = spline(np.interp(fine - half, when * stretch, s))
     integral = np.vstack([np.zeros(7), np.cumsum(0.5 * (motion[1:] + motion[:-1]), axis=0) * _FINE])
-    positions = (
-        _at(times + half, fine, integral) - _at(times - half, fine, integral)
-    ) / config.smoothing_time
-    velocities = (_at(times + half, fine, motion) - _at(times - half, fine, motion)) / (
-        config.smoothing_time
+    positions, velocities = (
+        (_at(times + half, fine, values) - _at(times - half, fine, values)) / config.smoothing_time
+        for values in (integral, motion)
     )
     positions[0], positions[-1] = path[0], path[-1]
     velocities[0] = velocities[-1] = 0.0

@@ -32,9 +32,12 @@ def poses():
     return make_transform(turns, rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.6], (400, 3)))
 
 
-def test_clearance_is_the_smallest_distance_of_all_pairs(obstacles, cloud, poses):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+@pytest.fixture(scope="module")
+def dut(obstacles, cloud):
+    return BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
 
+
+def test_clearance_is_the_smallest_distance_of_all_pairs(dut, obstacles, cloud, poses):
     clearance = dut.clearance(poses, REACH)
 
     pairs = cKDTree(obstacles).query(transform_points(poses, cloud))[0].min(axis=1)
@@ -53,19 +56,13 @@ def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
     assert np.any(height < 0.0)
 
 
-def test_without_a_ground_the_height_is_infinite(obstacles, cloud, poses):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_without_a_ground_the_height_is_infinite(dut, poses):
     assert np.all(np.isinf(dut.height(poses)))
 
 
-def test_no_poses_give_no_clearances(obstacles, cloud):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_no_poses_give_no_clearances(dut):
     assert_array_equal(dut.clearance(np.empty((0, 4, 4)), REACH), np.empty(0))
 
 
-def test_radius_is_that_of_the_farthest_point(cloud, obstacles):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_radius_is_that_of_the_farthest_point(dut):
     assert dut.radius == pytest.approx(0.08, rel=0.02)

@@ -12,9 +12,6 @@ from poil_drake.control.theory.stability import point_inertia, rotation_velocity
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
-TRANSLATION_SAMPLING_GAIN = 2.0
-"""The largest eta dt for translation: |1 - eta dt| < 1."""
-
 WORST_SAMPLING_GAIN = np.pi / 2.0
 """The smallest `largest_sampling_gain` of any points, in the limit of collinear points. Found by
 search and not proven; the proven `proven_sampling_gain` is never below 1.351."""
@@ -100,7 +97,8 @@ def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
         better = limits[rows, winners] < best
         best = np.where(better, limits[rows, winners], best)
         R = np.where(better[:, None, None], tried[rows, winners], R)
-    return float(min(np.min(best), TRANSLATION_SAMPLING_GAIN))
+    # For translation the limit is 2: |1 - eta dt| < 1.
+    return float(min(np.min(best), 2.0))
 
 
 def _regular_eigenvalues(W: np.ndarray) -> np.ndarray:

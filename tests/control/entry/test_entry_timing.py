@@ -24,9 +24,12 @@ def transit():
     return interpolate_poses(np.arange(3.0), corners, np.linspace(0.0, 2.0, 101))
 
 
-def test_it_begins_at_the_start_and_continues_as_the_demonstration(reference, transit):
-    dut = extended_reference(reference, transit, SAMPLE)
+@pytest.fixture(scope="module")
+def dut(reference, transit):
+    return extended_reference(reference, transit, SAMPLE)
 
+
+def test_it_begins_at_the_start_and_continues_as_the_demonstration(reference, transit, dut):
     shape = reference.positions[SAMPLE]
     tail = len(reference.times) - SAMPLE
     assert_allclose(
@@ -37,16 +40,12 @@ def test_it_begins_at_the_start_and_continues_as_the_demonstration(reference, tr
     assert_allclose(np.diff(dut.times[-tail:]), np.diff(reference.times[SAMPLE:]), atol=1e-12)
 
 
-def test_shape_stays_rigid(reference, transit):
-    dut = extended_reference(reference, transit, SAMPLE)
-
+def test_shape_stays_rigid(dut):
     sides = np.linalg.norm(dut.positions[:, :, None] - dut.positions[:, None], axis=-1)
     assert_allclose(sides, np.broadcast_to(sides[-1], sides.shape), atol=1e-9)
 
 
-def test_velocities_are_rigid_motions_that_match_the_positions(reference, transit):
-    dut = extended_reference(reference, transit, SAMPLE)
-
+def test_velocities_are_rigid_motions_that_match_the_positions(reference, dut):
     joint = len(dut.times) - len(reference.times) + SAMPLE
     for k in range(1, joint):
         fit, squares = fit_twist(dut.positions[k], dut.velocities[k])
@@ -56,9 +55,7 @@ def test_velocities_are_rigid_motions_that_match_the_positions(reference, transi
         assert_allclose(fit.v, moved, atol=1e-9)
 
 
-def test_speeds_are_within_the_limits_and_zero_only_at_the_end(reference, transit):
-    dut = extended_reference(reference, transit, SAMPLE)
-
+def test_speeds_are_within_the_limits_and_zero_only_at_the_end(reference, dut):
     speeds = np.sqrt(np.mean(np.sum(dut.velocities**2, axis=2), axis=1))
     joint = len(dut.times) - len(reference.times) + SAMPLE
     assert np.all(speeds[:joint] <= 1.01 * SPEED)
@@ -67,8 +64,7 @@ def test_speeds_are_within_the_limits_and_zero_only_at_the_end(reference, transi
 
 
 def test_a_straight_transit_accelerates_within_the_limit(reference):
-    shift = np.linspace(0.4, 0.0, 41)
-    transit = np.array([at(x, 0.0, 0.0) for x in shift])
+    transit = np.array([at(x, 0.0, 0.0) for x in np.linspace(0.4, 0.0, 41)])
 
     dut = extended_reference(reference, transit, SAMPLE)
 

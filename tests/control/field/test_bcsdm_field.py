@@ -34,22 +34,18 @@ def random_reference(rng):
 
 
 def test_points_on_the_reference_move_with_it():
-    reference = STRAIGHT
-
-    output = dut(reference.positions[4], reference, CONFIG)
+    output = dut(STRAIGHT.positions[4], STRAIGHT, CONFIG)
 
     np.testing.assert_allclose(output.v, [SPEED, 0, 0], atol=1e-12)
     np.testing.assert_allclose(output.omega, np.zeros(3), atol=1e-12)
-    assert output.tau == reference.times[4]
+    assert output.tau == STRAIGHT.times[4]
     assert output.index == 4
     assert output.potential == pytest.approx(0.0, abs=1e-20)
     assert output.status is BcsdmStatus.OK
 
 
 def test_points_beside_the_reference_are_drawn_to_it():
-    reference = STRAIGHT
-
-    output = dut(reference.positions[4] + np.array([0.0, 0.02, 0.0]), reference, CONFIG)
+    output = dut(STRAIGHT.positions[4] + np.array([0.0, 0.02, 0.0]), STRAIGHT, CONFIG)
 
     # POIL eq. 2: the reference's velocity, and 3 / s times 0.02 m.
     np.testing.assert_allclose(output.v, [SPEED, -0.06, 0.0], atol=1e-12)
@@ -60,10 +56,9 @@ def test_points_beside_the_reference_are_drawn_to_it():
 
 
 def test_the_closest_configuration_may_lie_between_samples():
-    reference = STRAIGHT
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, reference, CONFIG)
+    output = dut(points, STRAIGHT, CONFIG)
 
     assert output.tau == pytest.approx(1.1)
     assert output.mean_error == pytest.approx(0.0, abs=1e-12)
@@ -76,22 +71,20 @@ def test_index_is_the_sample_nearest_to_the_closest_configuration(time, index):
 
 
 def test_without_interpolation_the_closest_sample_is_used():
-    reference = STRAIGHT
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, reference, BcsdmConfig(eta=3.0, interpolate=False))
+    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=False))
 
     assert output.tau == 1.0
     np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * 0.1, 0.0, 0.0], atol=1e-12)
 
 
 def test_interpolated_field_does_not_jump_between_samples():
-    reference = STRAIGHT
     x = np.linspace(0.0, 0.3, 601)
 
     def speeds(config):
         places = BODY + x[:, None, None] * np.array([1.0, 0, 0])
-        return np.array([dut(p, reference, config).v[0] for p in places])
+        return np.array([dut(p, STRAIGHT, config).v[0] for p in places])
 
     assert np.max(np.abs(np.diff(speeds(CONFIG)))) < 1e-9
     assert np.max(np.abs(np.diff(speeds(BcsdmConfig(interpolate=False))))) > 0.05
@@ -139,13 +132,12 @@ def test_at_rest_the_field_is_the_gradient_flow_of_the_potential(seed):
 
 
 def test_unobserved_points_are_excluded():
-    reference = STRAIGHT
-    points = reference.positions[4] + np.array([0.0, 0.02, 0.0])
-    expected = dut(points, reference, CONFIG)
+    points = STRAIGHT.positions[4] + np.array([0.0, 0.02, 0.0])
+    expected = dut(points, STRAIGHT, CONFIG)
     points[1] = np.nan
     points[3] += 0.5
 
-    output = dut(points, reference, CONFIG, np.array([1.0, 1.0, 1.0, 0.0, np.nan, 1.0]))
+    output = dut(points, STRAIGHT, CONFIG, np.array([1.0, 1.0, 1.0, 0.0, np.nan, 1.0]))
 
     np.testing.assert_allclose(output.twist, expected.twist, atol=1e-12)
     assert output.inliers.tolist() == [True, False, True, False, False, True]
@@ -154,7 +146,7 @@ def test_unobserved_points_are_excluded():
     assert output.goal_error == pytest.approx(expected.goal_error)
     # Without confidences NaN excludes a point too.
     points[3] -= 0.5
-    without = dut(points, reference, CONFIG)
+    without = dut(points, STRAIGHT, CONFIG)
     np.testing.assert_allclose(without.twist, expected.twist, atol=1e-12)
     assert without.inliers.tolist() == [i != 1 for i in range(6)]
 
@@ -216,12 +208,11 @@ def test_arrays_of_the_output_are_read_only(seen):
 
 
 def test_a_mistracked_point_is_ignored():
-    reference = STRAIGHT
-    points = reference.positions[4] + np.array([0.0, 0.002, 0.0])
-    expected = dut(points, reference, CONFIG, np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
+    points = STRAIGHT.positions[4] + np.array([0.0, 0.002, 0.0])
+    expected = dut(points, STRAIGHT, CONFIG, np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
     points[2] += [0.05, 0.0, 0.03]
 
-    output = dut(points, reference, CONFIG)
+    output = dut(points, STRAIGHT, CONFIG)
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
     np.testing.assert_array_equal(output.twist, expected.twist)
@@ -231,11 +222,10 @@ def test_a_mistracked_point_is_ignored():
 
 
 def test_velocity_test_excludes_the_outlier_from_the_twist_only():
-    reference = STRAIGHT
-    points = reference.positions[4].copy()
+    points = STRAIGHT.positions[4].copy()
     points[2] += [0.0, 0.0, 0.03]
 
-    output = dut(points, reference, BcsdmConfig(outlier_test="velocity"))
+    output = dut(points, STRAIGHT, BcsdmConfig(outlier_test="velocity"))
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
     np.testing.assert_allclose(output.twist, [0, 0, 0, SPEED, 0, 0], atol=1e-12)
@@ -243,11 +233,10 @@ def test_velocity_test_excludes_the_outlier_from_the_twist_only():
 
 
 def test_without_outlier_test_every_point_counts():
-    reference = STRAIGHT
-    points = reference.positions[4].copy()
+    points = STRAIGHT.positions[4].copy()
     points[2] += [0.0, 0.0, 0.03]
 
-    output = dut(points, reference, BcsdmConfig(outlier_test="none"))
+    output = dut(points, STRAIGHT, BcsdmConfig(outlier_test="none"))
 
     assert output.inliers.all()
     assert output.v[2] == pytest.approx(-3.0 * 0.03 / 6)
@@ -262,21 +251,18 @@ def test_large_rotations_do_not_make_outliers():
 
 
 def test_goal_is_reached_within_the_tolerance_of_the_end():
-    reference = STRAIGHT
-    near = reference.positions[-1] + np.array([0.0, 0.0029, 0.0])
-    far = reference.positions[-1] + np.array([0.0, 0.0031, 0.0])
+    near = STRAIGHT.positions[-1] + np.array([0.0, 0.0029, 0.0])
+    far = STRAIGHT.positions[-1] + np.array([0.0, 0.0031, 0.0])
 
-    assert dut(near, reference, CONFIG).status is BcsdmStatus.GOAL
-    assert dut(far, reference, CONFIG).status is BcsdmStatus.OK
-    assert dut(far, reference, CONFIG).goal_error == pytest.approx(0.0031)
+    assert dut(near, STRAIGHT, CONFIG).status is BcsdmStatus.GOAL
+    assert dut(far, STRAIGHT, CONFIG).status is BcsdmStatus.OK
+    assert dut(far, STRAIGHT, CONFIG).goal_error == pytest.approx(0.0031)
 
 
 def test_on_the_reference_shortly_before_its_end_is_not_the_goal():
-    reference = STRAIGHT
-
     # 2 mm and 2 cm along the last segment, which takes 0.25 s of the window's 0.5 s.
     there, not_yet = (
-        dut(reference.positions[-1] - np.array([x, 0, 0]), reference, CONFIG) for x in (0.002, 0.02)
+        dut(STRAIGHT.positions[-1] - np.array([x, 0, 0]), STRAIGHT, CONFIG) for x in (0.002, 0.02)
     )
 
     assert there.status is BcsdmStatus.GOAL
@@ -299,13 +285,12 @@ def test_passing_the_end_early_is_not_the_goal():
 
 
 def test_progress_window_needs_the_last_ticks_time():
-    reference = STRAIGHT
     config = BcsdmConfig(progress_window=(0.25, 0.25), window_escape_ratio=0.0)
-    points = reference.positions[10]
+    points = STRAIGHT.positions[10]
 
     # The last sample in the window is at 1.25 s, and the closest configuration at the next.
-    assert dut(points, reference, config, previous_tau=1.0).tau == 1.5
-    assert dut(points, reference, config, previous_tau=np.nan).tau == 2.5
+    assert dut(points, STRAIGHT, config, previous_tau=1.0).tau == 1.5
+    assert dut(points, STRAIGHT, config, previous_tau=np.nan).tau == 2.5
 
 
 def test_invalid_input_is_rejected():

@@ -25,6 +25,9 @@ def curved_reference():
     return moving_reference(BODY @ np.swapaxes(turns, -1, -2) + centres[:, None], STEP)
 
 
+CURVED = curved_reference()
+
+
 def test_offset_from_a_resting_reference_decays_geometrically():
     offset = np.array([0.1, -0.2, 0.05])
 
@@ -51,25 +54,22 @@ def test_turn_follows_the_closed_form_flow():
 
 
 def test_reference_is_followed_to_its_end_from_anywhere_near():
-    reference = curved_reference()
     rng = np.random.default_rng(0)
     for _ in range(5):
         turn = rotation_exp(rng.normal(scale=0.5, size=3))
-        start = (reference.positions[0] - [0.1, 0, 0]) @ turn.T + [0.1, 0, 0]
+        start = (CURVED.positions[0] - [0.1, 0, 0]) @ turn.T + [0.1, 0, 0]
         start = start + rng.normal(scale=0.05, size=3)
 
-        run = dut(start, reference, BcsdmConfig(), STEP, 20.0)
+        run = dut(start, CURVED, BcsdmConfig(), STEP, 20.0)
 
         assert run.converged
         end = transform_points(run.X_W[-1], start)
-        assert np.mean(np.linalg.norm(end - reference.positions[-1], axis=1)) < 0.003
-        assert run.taus[-1] == pytest.approx(reference.times[-1], abs=0.5)
+        assert np.mean(np.linalg.norm(end - CURVED.positions[-1], axis=1)) < 0.003
+        assert run.taus[-1] == pytest.approx(CURVED.times[-1], abs=0.5)
 
 
 def test_motion_starts_at_the_identity_and_stays_rigid():
-    reference = curved_reference()
-
-    run = dut(reference.positions[0] + 0.02, reference, BcsdmConfig(), STEP, 20.0)
+    run = dut(CURVED.positions[0] + 0.02, CURVED, BcsdmConfig(), STEP, 20.0)
 
     np.testing.assert_array_equal(run.X_W[0], np.eye(4))
     R = run.X_W[:, :3, :3]
@@ -81,12 +81,11 @@ def test_motion_starts_at_the_identity_and_stays_rigid():
 
 
 def test_speed_limits_hold_at_the_limited_point():
-    reference = curved_reference()
-    gripper = reference.positions[0, 0] + np.array([0.2, 0.0, 0.1])
+    gripper = CURVED.positions[0, 0] + np.array([0.2, 0.0, 0.1])
 
     run = dut(
-        reference.positions[0] + 0.1,
-        reference,
+        CURVED.positions[0] + 0.1,
+        CURVED,
         BcsdmConfig(),
         STEP,
         60.0,
@@ -105,21 +104,18 @@ def test_speed_limits_hold_at_the_limited_point():
 
 
 def test_run_that_runs_out_of_time_has_not_converged():
-    reference = curved_reference()
-
-    run = dut(reference.positions[0], reference, BcsdmConfig(), STEP, 0.5)
+    run = dut(CURVED.positions[0], CURVED, BcsdmConfig(), STEP, 0.5)
 
     assert not run.converged
     assert run.times[-1] == 0.5
 
 
 def test_smaller_steps_lead_to_the_same_pose():
-    reference = curved_reference()
     turn = make_transform(rotation_exp([0.3, 0.0, 0.2]), [0.0, 0.02, 0.01])
-    start = transform_points(turn, reference.positions[0])
+    start = transform_points(turn, CURVED.positions[0])
 
-    coarse = dut(start, reference, BcsdmConfig(), 1.0 / 32.0, 1.0)
-    fine = dut(start, reference, BcsdmConfig(), 1.0 / 256.0, 1.0)
+    coarse = dut(start, CURVED, BcsdmConfig(), 1.0 / 32.0, 1.0)
+    fine = dut(start, CURVED, BcsdmConfig(), 1.0 / 256.0, 1.0)
 
     np.testing.assert_allclose(coarse.X_W[-1], fine.X_W[-1], atol=0.01)
 
