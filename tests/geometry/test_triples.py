@@ -40,21 +40,3 @@ def test_thin_triangles_are_skipped():
 
 def test_two_points_make_no_triple():
     assert dut.choose_triples(np.eye(3)[:2]).shape == (0, 3)
-
-
-def test_corners_have_the_triangles_last():
-    points = np.arange(12.0).reshape(4, 3)
-
-    corners = dut.triangle_corners(points, np.array([[0, 1, 2], [3, 0, 1]]))
-
-    # x of the first triangle's corners, and z of the second's.
-    assert corners[0, :, 0].tolist() == [0.0, 3.0, 6.0]
-    assert corners[2, :, 1].tolist() == [11.0, 2.0, 5.0]
-
-
-def test_cross_product_is_along_the_first_axis():
-    a, b = np.random.default_rng(2).normal(size=(2, 5, 4, 3))
-
-    product = dut.cross(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0))
-
-    np.testing.assert_array_equal(np.moveaxis(product, 0, -1), np.cross(a, b))

@@ -79,17 +79,6 @@ def test_without_interpolation_the_closest_sample_is_used():
     np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * 0.1, 0.0, 0.0], atol=1e-12)
 
 
-def test_interpolated_field_does_not_jump_between_samples():
-    x = np.linspace(0.0, 0.3, 601)
-
-    def speeds(config):
-        places = BODY + x[:, None, None] * np.array([1.0, 0, 0])
-        return np.array([dut(p, STRAIGHT, config).v[0] for p in places])
-
-    assert np.max(np.abs(np.diff(speeds(CONFIG)))) < 1e-9
-    assert np.max(np.abs(np.diff(speeds(BcsdmConfig(interpolate=False))))) > 0.05
-
-
 @given(seeds)
 @property_test
 def test_field_moves_with_the_world(seed):

@@ -84,11 +84,3 @@ def test_mask_of_inliers_includes_unobserved_points():
         fit = dut(points, velocities, targets, weights, config, alike=False)
 
         assert fit.inliers.tolist() == [i not in (1, 4) for i in range(8)]
-
-
-def test_arrays_of_the_fit_are_read_only():
-    points, velocities, targets = body_and_motion(0.1)
-
-    fit = dut(points, velocities, targets, EVEN, CONFIG, alike=True)
-
-    assert not any(a.flags.writeable for a in (fit.omega, fit.v, fit.centroid, fit.inliers))

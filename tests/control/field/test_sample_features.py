@@ -126,18 +126,6 @@ def test_points_without_weight_are_ignored():
     assert sum(found) == pytest.approx(sum(expected), abs=1e-9)
 
 
-def test_steps_lead_from_each_sample_to_the_next():
-    positions = wandering_positions(np.random.default_rng(1), 1.0)
-    reference = still_reference(positions)
-
-    steps = reference.features.steps.reshape(-1, COUNT, 3)
-
-    np.testing.assert_array_equal(steps, positions[1:] - positions[:-1])
-    np.testing.assert_allclose(reference.features.squared_steps, np.sum(steps**2, axis=(1, 2)))
-    np.testing.assert_array_equal(reference.state_steps[:, 0], steps)
-    assert not reference.state_steps[:, 1].any()
-
-
 def test_cached_arrays_are_read_only_and_not_pickled():
     reference = still_reference(wandering_positions(np.random.default_rng(2), 0.0))
     plain = len(pickle.dumps(reference))
