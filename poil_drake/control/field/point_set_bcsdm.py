@@ -120,11 +120,11 @@ def _field(
     count = len(numbers) - numbers.count(0.0)
     if count < 3:
         return _lost(len(points))
-    alike = numbers.count(numbers[0]) == len(numbers)
+    equal_weights = numbers.count(numbers[0]) == len(numbers)
     segment, fraction = closest_configuration(
         points,
         reference,
-        None if alike else weights,
+        None if equal_weights else weights,
         interpolate=config.interpolate,
         window=config.progress_window,
         escape_ratio=config.window_escape_ratio,
@@ -135,7 +135,9 @@ def _field(
         state = state + fraction * reference.state_steps[segment]
     errors = state[:2] - points  # To the closest configuration, and to the end.
     velocities = state[2] + config.eta * errors[0]
-    fit = fit_robust_twist(points, velocities, state[0], weights, config, alike=alike)
+    fit = fit_robust_twist(
+        points, velocities, state[0], weights, config, equal_weights=equal_weights
+    )
     if config.outlier_test == "rigidity" and np.count_nonzero(fit.inliers) < count:
         # Outliers do not count for the closest configuration either.
         return _field(points, weights * fit.inliers, reference, config, previous_tau)

@@ -21,7 +21,7 @@ def fit_robust_twist(
     weights: np.ndarray,
     config: BcsdmConfig,
     *,
-    alike: bool,
+    equal_weights: bool,
 ) -> RobustTwist:
     """Returns the twist that best fits the velocities of points (POIL eq. 3), and its inliers.
 
@@ -34,12 +34,12 @@ def fit_robust_twist(
         targets: (N, 3) their positions in the closest configuration [m].
         weights: (N,) zero for points that are not observed, positive for at least three others.
         config: Parameters of the field.
-        alike: Whether all weights are equal, which is faster.
+        equal_weights: Whether all weights are equal, which is faster.
     """
-    observed = None if alike or (known := weights > 0.0).all() else known
+    observed = None if equal_weights or (known := weights > 0.0).all() else known
     if config.outlier_test == "velocity":
         return _fit_by_velocity(points, velocities, weights, observed, config)
-    sums = centred_sums((points, velocities, targets), None if alike else weights)
+    sums = centred_sums((points, velocities, targets), None if equal_weights else weights)
     omega, spread = twist_turn(sums, config.min_rotation_spread)
     inliers = everyone(len(points)) if observed is None else observed
     if config.outlier_test == "rigidity" and _may_have_outliers(sums, omega, observed, config):

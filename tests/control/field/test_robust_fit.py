@@ -24,9 +24,9 @@ def test_a_point_is_an_outlier_only_if_neither_twist_nor_motion_explains_it(angu
     off[2] += 3.0 * OFF
     gone[2] += OFF
 
-    by_twist = dut(points, velocities, gone, EVEN, CONFIG, alike=True)
-    by_motion = dut(points, off, targets, EVEN, CONFIG, alike=True)
-    by_neither = dut(points, off, gone, EVEN, CONFIG, alike=True)
+    by_twist = dut(points, velocities, gone, EVEN, CONFIG, equal_weights=True)
+    by_motion = dut(points, off, targets, EVEN, CONFIG, equal_weights=True)
+    by_neither = dut(points, off, gone, EVEN, CONFIG, equal_weights=True)
 
     assert by_twist.inliers.all()
     assert by_motion.inliers.all()
@@ -46,7 +46,7 @@ def test_no_point_is_an_outlier_if_one_motion_explains_all(angular_speed, unobse
     given = [np.vstack(both) for both in zip((points, velocities, targets), elsewhere, strict=True)]
     weights = np.array([1.0] * 10 + [0.0] * unobserved)
 
-    fit = dut(*given, weights, CONFIG, alike=unobserved == 0)
+    fit = dut(*given, weights, CONFIG, equal_weights=unobserved == 0)
 
     assert fit.inliers.tolist() == [True] * 10 + [False] * unobserved
 
@@ -59,11 +59,11 @@ def test_points_without_weight_are_ignored_and_not_inliers(outlier_test):
     weights[5] = 0.0
     kept = weights > 0.0
     expected = dut(
-        points[kept], velocities[kept], targets[kept], weights[kept], config, alike=False
+        points[kept], velocities[kept], targets[kept], weights[kept], config, equal_weights=False
     )
     points[5], velocities[5], targets[5] = 0.0, 7.0, -3.0
 
-    fit = dut(points, velocities, targets, weights, config, alike=False)
+    fit = dut(points, velocities, targets, weights, config, equal_weights=False)
 
     assert fit.inliers.tolist() == kept.tolist()
     np.testing.assert_allclose(fit.omega, expected.omega, atol=1e-12)
@@ -81,6 +81,6 @@ def test_mask_of_inliers_includes_unobserved_points():
 
     for outlier_test in ("rigidity", "velocity"):
         config = BcsdmConfig(outlier_test=outlier_test)
-        fit = dut(points, velocities, targets, weights, config, alike=False)
+        fit = dut(points, velocities, targets, weights, config, equal_weights=False)
 
         assert fit.inliers.tolist() == [i not in (1, 4) for i in range(8)]
