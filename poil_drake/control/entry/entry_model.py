@@ -1,5 +1,7 @@
 """The object as a rigid body, the scene, and the clearance along the demonstration."""
 
+from functools import partial
+
 import numpy as np
 
 from poil_drake.control.entry.entry_clearance import (
@@ -195,17 +197,17 @@ class EntryModel:
         (close,) = np.nonzero(~free)
         if close.size == 0:
             return free
-        tolerance, tube = TOLERANCE + start.uncertainty, self._config.tube_radius
+        tolerance = TOLERANCE + start.uncertainty
+        required = partial(
+            required_clearance, tolerance=tolerance, tube_radius=self._config.tube_radius
+        )
         from_reference = self.displacement(X_WB[close], self.poses)
         from_start = self.displacement(X_WB[close], start.X_WB[None])[:, 0]
         distance = np.minimum(
-            required_clearance(self.clearances, from_reference, self.reach, tolerance, tube).min(
-                axis=1
-            ),
-            required_clearance(start.clearance, from_start, self.reach, tolerance, tube),
+            required(self.clearances, from_reference, self.reach).min(axis=1),
+            required(start.clearance, from_start, self.reach),
         )
-        lowest = required_clearance(self.heights, from_reference, margin, tolerance, tube)
-        lowest = lowest.min(axis=1)
+        lowest = required(self.heights, from_reference, margin).min(axis=1)
         if start.height < margin:
             lowest = np.minimum(lowest, start.height - tolerance)
         free[close] = clearance[close] >= np.minimum(self.reach, distance)

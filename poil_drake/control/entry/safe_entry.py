@@ -138,9 +138,7 @@ class SafeEntryPlanner:
         self._unguarded = self.field = bcsdm or BcsdmConfig()
         if self._config.enabled:
             self.field = replace(
-                self._unguarded,
-                progress_window=_PROGRESS_WINDOW,
-                window_escape_ratio=0.0,
+                self._unguarded, progress_window=_PROGRESS_WINDOW, window_escape_ratio=0.0
             )
 
     def unguarded(self) -> EntryPlan:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.control.theory.stability import moment_matrix
-from poil_drake.errors import InvalidValueError
 
 _MIN_SPREAD = 0.001
 """Points within this root mean square distance of a plane, a line or a point lie on it [m]; about a
@@ -75,15 +74,9 @@ def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -
     rotation fitted to the points.
 
     Args:
-        points: (N, 3) [m].
+        points: (N, 3) [m], finite.
         weights: (N,) positive; None for all one.
     """
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InvalidValueError(
-            f"point_set_condition() got points of shape {points.shape}, or points that are not "
-            "finite.",
-            remedy="Pass finite positions (N, 3).",
-        )
     w = np.ones(len(points)) if weights is None else weights
     eigenvalues, axes = np.linalg.eigh(moment_matrix(points, w))
     eigenvalues = np.maximum(eigenvalues, 0.0)

@@ -8,7 +8,6 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, p
 from poil_drake.control.field.rollout import rollout
 from poil_drake.control.field.twist_fit import fit_twist
 from poil_drake.control.theory import degenerate_points as dut
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=50)
@@ -95,11 +94,6 @@ def test_noise_of_the_fitted_rotation_is_as_predicted(weighted):
     # A standard deviation from 4000 samples is known to about 1 %.
     measured = np.std(np.array(turns) @ condition.axes, axis=0)
     np.testing.assert_allclose(measured, condition.noise_per_error, rtol=0.05)
-
-
-def test_points_must_be_finite():
-    with pytest.raises(InvalidValueError, match="finite"):
-        dut.point_set_condition(np.array([[np.nan, 0.0, 0.0]]))
 
 
 # The fit and the field with such points.
