@@ -1,1 +1,1 @@
-"""Rigid fits, sampling, unprojection and point clouds. No pydrake."""
+"""Rigid transforms and fits, sampling, unprojection, point clouds and clearances; no pydrake."""

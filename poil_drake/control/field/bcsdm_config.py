@@ -25,8 +25,8 @@ class BcsdmConfig:
         window_escape_ratio: With a window, the closest configuration of the whole reference is
             used if its potential is below this fraction of the window's, because the object has
             been moved. 0 never leaves the window.
-        goal_tolerance: Mean distance of the points from the reference's end at the goal [m]. 3 mm
-            is about a tracker's noise over ten points plus the hand's lag.
+        goal_tolerance: Mean distance of the points from the reference's end below which they are
+            at the goal [m]. 3 mm is about a tracker's noise over ten points plus the hand's lag.
         goal_window: At the goal the closest configuration must lie within this time of the
             reference's end [s], so that passing the end early does not count.
         min_spread: Smallest root mean square distance of the points from their best-fitting line

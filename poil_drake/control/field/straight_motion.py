@@ -1,4 +1,4 @@
-"""Straight gripper motions without rotation: the lift after the grasp, the retreat at the end."""
+"""Straight gripper motions without rotation: lift after the grasp, retreat after release."""
 
 import math
 from dataclasses import dataclass
