@@ -1,4 +1,4 @@
-"""Reference trajectories, Point-set BCSDM and its stability tools. No pydrake."""
+"""References, the Point-set BCSDM field, its stability theory and safe entry, without pydrake."""
 
 import lazy_loader
 

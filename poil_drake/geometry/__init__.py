@@ -1,4 +1,4 @@
-"""Rigid fits, sampling, unprojection and point clouds. No pydrake."""
+"""Rigid transforms and fits, sampling, unprojection, point clouds and clearances; no pydrake."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Whether a few numbers are all finite, without NumPy's overhead."""
+"""Fast check that a few numbers are finite."""
 
 import math
 
@@ -8,7 +8,7 @@ import numpy as np
 def all_finite(values: np.ndarray) -> bool:
     """Returns whether no number of a small array is NaN or infinite.
 
-    Several times quicker than `np.all(np.isfinite(values))` on some ten numbers, which the control
-    loop asks many times at every tick.
+    For about ten numbers it is several times as fast as `np.all(np.isfinite(values))`; the control
+    loop calls it many times per tick.
     """
     return all(map(math.isfinite, values.ravel().tolist()))

@@ -1,4 +1,4 @@
-"""The rotation nearest to a 3 x 3 matrix, quick enough for every control tick."""
+"""The rotation closest to a 3 x 3 matrix, fast enough for every control tick."""
 
 import math
 from collections.abc import Sequence
@@ -8,28 +8,29 @@ import numpy as np
 _WELL_CONDITIONED = 1e-3
 """Least zeta / lambda^3 for the closed form, whose rounding errors grow with its inverse.
 
-It is 0.25 and more of points about as far spread in two directions, and zero of points on a line.
+It is 0.25 or more for points that spread about equally in two directions, 0 for collinear points.
 """
 
 _NEWTON_STEPS = 12
-"""Some five are enough where the rotation is well determined."""
+"""About five are enough if the rotation is well determined."""
 
 _CONVERGED = 1e-8
-"""A step's size, in parts of lambda, after which the error, which falls quadratically, is none."""
+"""Size of a step, relative to lambda, after which the quadratically falling error is negligible."""
 
 
 def best_rotation(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
     """Returns the rotation R, row by row, with the largest tr(R^T B), for the three rows of B.
 
-    With B = sum_i w_i y_i x_i^T it minimises sum_i w_i |y_i - R x_i|^2, as `kabsch` does. Where it
-    is well determined, it comes from Markley's FOAM (1993), which needs no decomposition:
+    With B = sum_i w_i y_i x_i^T it minimises sum_i w_i |y_i - R x_i|^2, as `kabsch` does. If it is
+    well determined, it is computed by Markley's FOAM (1993), which needs no decomposition:
 
         R = ((kappa + |B|^2) B + lambda cof B - B B^T B) / zeta,
         kappa = (lambda^2 - |B|^2) / 2,  zeta = kappa lambda - det B,
 
     with the largest root lambda of (lambda^2 - |B|^2)^2 - 8 lambda det B - 4 |cof B|^2, which is
-    the sum of B's singular values, the least of them negative where det B is. Newton's steps from
-    above reach it; the derivative is 8 zeta. A dozen floats take less time than LAPACK's call.
+    the sum of B's singular values, the least of them negative if det B is. Newton's method finds it
+    from above; the derivative is 8 zeta. Computing with floats takes less time than a LAPACK call.
+    Otherwise it is computed by the SVD of Kabsch (1976).
     """
     (a, b, c), (d, e, f), (g, h, i) = rows
     # cof B, in capitals, with J for i.
@@ -42,7 +43,7 @@ def best_rotation(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
     s, t, u = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
     square = p + q + r
     cofactors = A * A + B * B + C * C + D * D + E * E + F * F + G * G + H * H + J * J
-    # lambda^2 = |B|^2 + 2 sqrt(|cof B|^2 + 2 lambda det B) is at most 3 |B|^2: a start from above.
+    # lambda^2 = |B|^2 + 2 sqrt(|cof B|^2 + 2 lambda det B) is at most 3 |B|^2, a start from above.
     doubled = 2.0 * max(determinant, 0.0)
     root = math.sqrt(square + 2.0 * math.sqrt(cofactors + doubled * math.sqrt(3.0 * square)))
     root = math.sqrt(square + 2.0 * math.sqrt(cofactors + doubled * root))
@@ -69,15 +70,7 @@ def best_rotation(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
                 (r * h - t * b - u * e + root * H) * scale,
                 (r * i - t * c - u * f + root * J) * scale,
             )
-    return best_rotation_by_svd(rows)
-
-
-def best_rotation_by_svd(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
-    """Returns what `best_rotation` does, by the method of Kabsch (1976)."""
     U, _, Vt = np.linalg.svd(np.array(rows))
-    R = U @ Vt
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:  # A reflection.
+    if np.linalg.det(U @ Vt) < 0.0:  # A reflection.
         U[:, 2] *= -1.0
-        R = U @ Vt
-    return tuple(R.ravel().tolist())
+    return tuple((U @ Vt).ravel().tolist())

@@ -1,4 +1,4 @@
-"""Points and vectors that belong to them about their means, and the sums that rigid fits need."""
+"""Points, and vectors at them, about their means, and the sums that rigid fits need."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -9,12 +9,12 @@ _ONES = np.ones(3)
 
 
 class CentredSums(NamedTuple):
-    """N points x_i and k - 1 vectors of each, side by side, so that each step is one for all.
+    """N points x_i and k - 1 vectors at each, in one array so that each step is one operation.
 
     Attributes:
         total: The sum of the weights w_i.
         mean: (3k,) weighted means.
-        centred: (N, 3k) what the points and vectors are about these; r_i in the first three.
+        centred: (N, 3k) points and vectors less the means; r_i in the first three columns.
         sums: 3 rows of 3k floats: the sums of w_i r_i r_i^T, w_i r_i v_i^T, ...
     """
 
@@ -27,7 +27,7 @@ class CentredSums(NamedTuple):
         """Returns squared lengths (N,) of r_i^T F_1 + v_i^T F_2 + ..., with F_1, ... (3, 3).
 
         Args:
-            factors: The numbers of the first few F, row by row; the others are zero.
+            factors: The numbers of the first F, row by row; the remaining F are zero.
         """
         missing = 3 * len(self.mean) - len(factors)
         matrix = np.array(factors + (0.0,) * missing).reshape(-1, 3)
@@ -36,16 +36,16 @@ class CentredSums(NamedTuple):
 
 
 def centred_sums(vectors: tuple[np.ndarray, ...], weights: np.ndarray | None = None) -> CentredSums:
-    """Returns the weighted means of k sets of vectors, these about them, and their sums.
+    """Returns the weighted means of k sets of vectors, the vectors about them, and their sums.
 
     Args:
-        vectors: k times (N, 3), the points first.
-        weights: (N,) not negative, not all zero; None for all one.
+        vectors: k arrays (N, 3), the points first.
+        weights: (N,) non-negative, not all zero; None for all one.
     """
     centred = np.concatenate(vectors, axis=1)
     if weights is None:
         total = float(len(centred))
-        # A matrix of equal means is subtracted in a fraction of the time that one row takes.
+        # Subtracting a full matrix takes a fraction of the time of broadcasting a row.
         means = _averaging(len(centred)).dot(centred)
         centred -= means
         mean, weighted = means[0], centred[:, :3].T

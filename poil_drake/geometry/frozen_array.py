@@ -1,4 +1,4 @@
-"""Read-only, validated NumPy arrays: the stuff of the types that pass between stages."""
+"""Read-only, validated NumPy arrays, of which the types that pass between stages consist."""
 
 from collections.abc import Sequence
 from typing import Self
@@ -13,35 +13,31 @@ def frozen_array(
     value: npt.ArrayLike,
     *,
     name: str,
-    shape: Sequence[int | str | None],
+    shape: Sequence[int | str],
     dtype: npt.DTypeLike = np.float64,
     finite: bool = True,
 ) -> np.ndarray:
-    """Returns `value` as a read-only array after checking its shape.
+    """Returns `value` as a read-only array of the required shape.
 
     Args:
-        value: Anything `np.asarray` takes. An array that can still be written to is copied.
-        name: What to call the value in an error, e.g. "CameraModel.K".
-        shape: The wanted shape. An int is matched exactly; a str names a free dimension (used
-            twice, it must agree with itself); None leaves a dimension free.
-        dtype: The wanted element type.
-        finite: Whether NaN and infinity are refused.
+        value: Anything that `np.asarray` accepts. A writeable array is copied.
+        name: Name of the value in errors, such as "CameraModel.K".
+        shape: The required shape. An int is an exact size; a str names a free dimension, whose
+            size must be the same wherever the name occurs.
+        dtype: The element type.
+        finite: Whether NaN and infinity are rejected.
 
     Raises:
-        InvalidValueError: naming the field, the shape wanted and the shape given.
+        InvalidValueError: if the shape differs or a number is not finite.
     """
     array = np.asarray(value, dtype=dtype)
-    wanted = "(" + ", ".join("*" if s is None else str(s) for s in shape) + ")"
-    bound: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     fits = array.ndim == len(shape)
     for size, want in zip(array.shape, shape, strict=False):
-        if isinstance(want, str):
-            fits = fits and bound.setdefault(want, size) == size
-        elif want is not None:
-            fits = fits and size == want
+        fits = fits and size == (sizes.setdefault(want, size) if isinstance(want, str) else want)
     if not fits:
         raise InvalidValueError(
-            f"{name} has shape {array.shape}, but {wanted} is needed.",
+            f"{name} has shape {array.shape}, but ({', '.join(map(str, shape))}) is needed.",
             remedy="Pass an array of that shape.",
         )
     if finite and array.dtype.kind == "f" and not np.all(np.isfinite(array)):
@@ -55,10 +51,33 @@ def frozen_array(
     return array
 
 
-class SharedOnCopy:
-    """Mixin for immutable values: a copy is the value itself.
+def freeze_fields(value: object, **shapes: Sequence[int | str]) -> None:
+    """Replaces array fields of a frozen dataclass by read-only arrays of the required shapes.
 
-    Drake clones abstract values with `copy.deepcopy`; there is no need to copy what cannot change.
+    To be called in `__post_init__`. A named dimension must have the same size in all fields.
+
+    Args:
+        value: The instance.
+        shapes: The shape of each field, see `frozen_array`. All numbers must be finite.
+
+    Raises:
+        InvalidValueError: if a shape differs or a number is not finite.
+    """
+    sizes: dict[int | str, int] = {}
+    for name, shape in shapes.items():
+        array = frozen_array(
+            getattr(value, name),
+            name=f"{type(value).__name__}.{name}",
+            shape=[sizes.get(size, size) for size in shape],
+        )
+        sizes.update(zip(shape, array.shape, strict=True))
+        object.__setattr__(value, name, array)
+
+
+class SharedOnCopy:
+    """Mixin for immutable values, whose copies are the values themselves.
+
+    Drake clones abstract values with `copy.deepcopy`, which is not needed for immutable values.
     """
 
     def __copy__(self) -> Self:

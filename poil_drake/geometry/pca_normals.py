@@ -1,4 +1,4 @@
-"""Surface normals of a cloud from the spread of each point's neighbours."""
+"""Surface normals of a cloud by principal component analysis of neighbourhoods."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,9 +17,9 @@ def pca_normals(
 
     Args:
         points: (P, 3) [m], at least 3.
-        viewpoint: (3,) where the points were seen from; normals point to that side.
-        neighbours: How many nearest points make a neighbourhood, the point itself included.
-        at: (M,) indices of the points whose normals are wanted, None for all.
+        viewpoint: (3,) from where the points were seen; normals face it.
+        neighbours: Number of points in a neighbourhood, including the point itself.
+        at: (M,) indices of the points to compute normals at; None for all.
 
     Returns:
         (M, 3), or (P, 3) where `at` is None.
@@ -29,7 +29,7 @@ def pca_normals(
     """
     if len(points) < 3:
         raise InvalidValueError(
-            f"pca_normals() got {len(points)} points.", remedy="A surface needs at least 3."
+            f"pca_normals() got {len(points)} points.", remedy="Pass at least 3 points."
         )
     queries = points if at is None else points[at]
     _, nearest = cKDTree(points).query(queries, k=min(max(neighbours, 3), len(points)))

@@ -1,4 +1,4 @@
-"""Point clouds, and thinning and cleaning them."""
+"""Point clouds, their down-sampling and the removal of outliers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
 
 
 @dataclass(frozen=True, eq=False)
 class PointCloud(SharedOnCopy):
-    """Points with, where known, normals and colours.
+    """Points with optional normals and colours.
 
     Attributes:
         points: (P, 3) positions [m].
@@ -25,14 +25,12 @@ class PointCloud(SharedOnCopy):
     colors: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        points = frozen_array(self.points, name="PointCloud.points", shape=("P", 3))
-        object.__setattr__(self, "points", points)
+        freeze_fields(self, points=("P", 3))
         if self.normals is not None:
-            normals = frozen_array(self.normals, name="PointCloud.normals", shape=points.shape)
-            object.__setattr__(self, "normals", normals)
+            freeze_fields(self, normals=self.points.shape)
         if self.colors is not None:
             colors = frozen_array(
-                self.colors, name="PointCloud.colors", shape=points.shape, dtype=np.uint8
+                self.colors, name="PointCloud.colors", shape=self.points.shape, dtype=np.uint8
             )
             object.__setattr__(self, "colors", colors)
 
@@ -40,7 +38,7 @@ class PointCloud(SharedOnCopy):
         return len(self.points)
 
     def select(self, which: np.ndarray) -> "PointCloud":
-        """Returns the points of a mask (P,) bool or of indices (M,)."""
+        """Returns the points selected by a mask (P,) bool or indices (M,)."""
         return PointCloud(
             self.points[which],
             None if self.normals is None else self.normals[which],
@@ -48,7 +46,7 @@ class PointCloud(SharedOnCopy):
         )
 
     def transformed(self, X_AB: np.ndarray) -> "PointCloud":
-        """Returns the cloud, given in frame B, expressed in frame A; X_AB is (4, 4)."""
+        """Returns the cloud, expressed in frame B, in frame A; X_AB is (4, 4)."""
         R = X_AB[:3, :3]
         return PointCloud(
             self.points @ R.T + X_AB[:3, 3],
@@ -58,9 +56,7 @@ class PointCloud(SharedOnCopy):
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Returns one cloud of all points; normals and colours are kept where every cloud has them."""
-    if not clouds:
-        raise InvalidValueError("There are no clouds to join.", remedy="Pass at least one.")
+    """Returns one cloud of all points; normals and colours are kept if all clouds have them."""
     normals = [c.normals for c in clouds if c.normals is not None]
     colors = [c.colors for c in clouds if c.colors is not None]
     return PointCloud(
@@ -71,10 +67,10 @@ def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
 
 
 def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
-    """Returns one point for each occupied voxel: the mean of the points in it.
+    """Returns the mean of the points in each occupied voxel, in lexicographic order of the voxels.
 
-    Normals are averaged and made unit again; where they cancel out (two faces of a thin wall in
-    one voxel), the first point's normal stands. Voxels come in lexicographic order.
+    Normals are averaged and normalised. If they cancel (two faces of a thin wall in one voxel), the
+    first point's normal is used.
 
     Args:
         cloud: The cloud.
@@ -88,7 +84,7 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
         return cloud
     cells = np.floor(cloud.points / voxel_size).astype(np.int64)
     cells -= cells.min(axis=0)
-    # One number for each voxel, in lexicographic order: sorted ten times as fast as rows of three.
+    # One number per voxel, in lexicographic order, sorts ten times as fast as rows of three.
     numbers = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
     _, first, inverse, counts = np.unique(
         numbers, return_index=True, return_inverse=True, return_counts=True
@@ -111,15 +107,15 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
 
 
 def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: float) -> np.ndarray:
-    """Returns which points (P,) bool lie about as near to their neighbours as most points do.
+    """Returns which points (P,) bool are not statistical outliers.
 
-    A point is an outlier where its mean distance to its neighbours is more than `deviations`
-    standard deviations above the mean over the cloud.
+    A point is an outlier if its mean distance to its neighbours is more than `deviations` standard
+    deviations above the mean over the cloud.
 
     Args:
         points: (P, 3) [m].
-        neighbours: How many neighbours to look at; with no more points than that, all are kept.
-        deviations: How many standard deviations to allow.
+        neighbours: Number of neighbours; a cloud of no more points has no outliers.
+        deviations: Number of standard deviations.
     """
     if len(points) <= neighbours:
         return np.ones(len(points), dtype=bool)

@@ -1,4 +1,4 @@
-"""The rigid transform that best carries one point set onto another."""
+"""The rigid transform that best maps one point set onto another."""
 
 import numpy as np
 
@@ -9,34 +9,33 @@ from poil_drake.geometry.rigid_transform import make_transform
 def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Returns X (..., 4, 4) that minimises sum_i w_i |target_i - X source_i|^2.
 
-    The method of Kabsch (1976) with Umeyama's guard against reflections. Where the points do not
+    The method of Kabsch (1976) with Umeyama's guard against reflections. If the points do not
     determine the rotation (fewer than 3, or collinear), one of the best rotations is returned.
 
     Args:
         source: (..., N, 3) points.
-        target: (..., N, 3) where they should go.
-        weights: (..., N) not negative, None for all equal. A point of weight zero may be NaN.
+        target: (..., N, 3) their targets.
+        weights: (..., N) non-negative, None for all equal. A point of weight zero may be NaN.
 
     Raises:
-        InvalidValueError: if the shapes disagree, a weight is negative, or all are zero.
+        InvalidValueError: if the shapes disagree, a weight is negative or NaN, or all are zero.
     """
     source = np.asarray(source, dtype=float)
     target = np.asarray(target, dtype=float)
-    if source.shape[-2:] != target.shape[-2:] or source.ndim < 2 or source.shape[-1] != 3:
-        raise InvalidValueError(
-            f"kabsch() got a source of shape {source.shape} and a target of shape {target.shape}.",
-            remedy="Pass two sets (N, 3) of matching points.",
-        )
     w = np.ones(source.shape[-2]) if weights is None else np.asarray(weights, dtype=float)
     total = np.sum(w, axis=-1, keepdims=True)
-    if w.shape[-1:] != source.shape[-2:-1] or not (np.all(w >= 0.0) and np.all(total > 0.0)):
+    shapes = (*w.shape[-1:], 3)
+    if not source.shape[-2:] == target.shape[-2:] == shapes or not (
+        np.all(w >= 0.0) and np.all(total > 0.0)
+    ):
         raise InvalidValueError(
-            f"kabsch() got weights of shape {w.shape} for {source.shape[-2]} points, or weights "
-            "that are negative, NaN or all zero.",
-            remedy="Pass one weight for each point, none negative, at least one positive.",
+            f"kabsch() got a source of shape {source.shape}, a target of shape {target.shape} and "
+            f"weights {w}.",
+            remedy="Pass two sets (N, 3) of corresponding points and one non-negative weight for "
+            "each, at least one positive.",
         )
     if weights is not None:
-        # NaN times zero is NaN, and points that were not observed are NaN.
+        # Points that were not observed are NaN, and NaN times zero is NaN.
         source = np.where(w[..., None] > 0.0, source, 0.0)
         target = np.where(w[..., None] > 0.0, target, 0.0)
     w = (w / total)[..., None]

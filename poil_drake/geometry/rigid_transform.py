@@ -1,22 +1,15 @@
 """Rigid transforms as (4, 4) arrays, and the exponential and logarithm of rotations.
 
-Every function takes any number of leading dimensions.
+All functions accept any number of leading dimensions.
 """
 
 import numpy as np
-
-from poil_drake.errors import InvalidValueError
 
 
 def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """Returns the (..., 4, 4) transform of rotations (..., 3, 3) and translations (..., 3) [m]."""
     rotation = np.asarray(rotation, dtype=float)
     translation = np.asarray(translation, dtype=float)
-    if rotation.shape[-2:] != (3, 3) or translation.shape[-1:] != (3,):
-        raise InvalidValueError(
-            f"The rotation has shape {rotation.shape} and the translation {translation.shape}.",
-            remedy="Pass a (..., 3, 3) rotation matrix and a (..., 3) translation.",
-        )
     leading = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     X = np.zeros((*leading, 4, 4))
     X[..., :3, :3] = rotation
@@ -36,11 +29,11 @@ def inverse(X: np.ndarray) -> np.ndarray:
 
 
 def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns points (..., 3) carried by a transform.
+    """Returns transformed points (..., 3).
 
     Args:
-        X: (4, 4) X_AB, or (T, ..., 4, 4) to carry a set (N, 3) by each of many transforms.
-        points: (..., 3) p_B [m]. Where X has leading dimensions, (..., N, 3).
+        X: (4, 4) X_AB, or (T, ..., 4, 4) to apply each of many transforms to sets (N, 3).
+        points: (..., 3) p_B [m]; if X has leading dimensions, (..., N, 3).
 
     Returns:
         p_A [m]: (..., 3) for one transform, (T, ..., N, 3) for many.
@@ -65,7 +58,7 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 
 def vee(S: np.ndarray) -> np.ndarray:
-    """Returns the vector (..., 3) of the skew part of S (..., 3, 3): the inverse of `skew`."""
+    """Returns the vector (..., 3) of the skew part of S (..., 3, 3), the inverse of `skew`."""
     return 0.5 * np.stack(
         [
             S[..., 2, 1] - S[..., 1, 2],
@@ -79,8 +72,8 @@ def vee(S: np.ndarray) -> np.ndarray:
 def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
     """Returns the rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad].
 
-    Rodrigues' formula, R = I + (sin t / t) [w] + ((1 - cos t) / t^2) [w]^2 with t = |w|, in which
-    both factors are written with sinc, so that they keep full precision at t = 0.
+    Rodrigues' formula, R = I + (sin t / t) [w] + ((1 - cos t) / t^2) [w]^2 with t = |w|. Both
+    factors are written with sinc, which has full precision at t = 0.
     """
     w = np.asarray(rotation_vector, dtype=float)
     angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
@@ -94,8 +87,8 @@ def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
 def quaternion(rotation: np.ndarray) -> np.ndarray:
     """Returns quaternions (..., 4) (w, x, y, z), of any length and sign, of matrices (..., 3, 3).
 
-    The one with the largest divisor is taken (Shepperd's method), which is accurate for every
-    angle, pi included.
+    The one with the largest divisor is used (Shepperd's method), which is accurate for all angles,
+    including pi.
     """
     R = np.asarray(rotation, dtype=float)
     # Four times the outer product q q^T.
@@ -124,7 +117,7 @@ def rotation_log(rotation: np.ndarray) -> np.ndarray:
     q = np.where(q[..., :1] < 0.0, -q, q)
     vector = q[..., 1:]
     length = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
-    # atan2 takes the quaternion at any scale. Below 1e-150 the vector part is zero to rounding.
+    # atan2 accepts the quaternion at any scale. Below 1e-150 the vector part is zero to rounding.
     angle = 2.0 * np.arctan2(length, q[..., :1])
     return vector * np.where(length > 1e-150, angle / np.maximum(length, 1e-150), 0.0)
 
@@ -138,13 +131,13 @@ def rotation_angle(rotation: np.ndarray) -> np.ndarray:
 
 
 def moved_by_twist(X: np.ndarray, V: np.ndarray, origin: np.ndarray, duration: float) -> np.ndarray:
-    """Returns poses X (..., 4, 4) after a step: a turn about a point of the body, which moves on.
+    """Returns poses X (..., 4, 4) after a step: a turn about a point of the body, which translates.
 
     Args:
         X: (..., 4, 4).
-        V: (..., 6) (omega [rad/s], v [m/s]) at that point, in the frame that X is in.
+        V: (..., 6) (omega [rad/s], v [m/s]) at that point, in the base frame of X.
         origin: (..., 3) the point [m].
-        duration: Of the step [s].
+        duration: Duration of the step [s].
     """
     turns = rotation_exp(V[..., :3] * duration)
     moved = X.copy()

@@ -1,4 +1,4 @@
-"""Choosing a few points that spread over a cloud."""
+"""Sampling of points that cover a cloud evenly."""
 
 import numpy as np
 
@@ -8,26 +8,20 @@ from poil_drake.errors import InvalidValueError
 def farthest_point_sampling(points: np.ndarray, count: int) -> np.ndarray:
     """Returns the indices (count,) of points that cover a cloud evenly.
 
-    The first is the point farthest from the centroid; each next one is the point farthest from all
-    chosen so far. Ties go to the lowest index, so the result depends on nothing but the points.
+    The first is the point farthest from the centroid, each next one the point farthest from all
+    chosen so far. Ties go to the lowest index, so the result depends only on the points.
 
     Args:
-        points: (P, 3) [m].
-        count: How many to choose, 1 to P.
+        points: (P, 3) [m], finite.
+        count: Number of points to choose, 1 to P.
 
     Raises:
-        InvalidValueError: if there are fewer points than wanted, or one is not finite.
+        InvalidValueError: if there are fewer points than that.
     """
-    points = np.asarray(points, dtype=float)
-    if points.ndim != 2 or not 1 <= count <= len(points):
+    if not 1 <= count <= len(points):
         raise InvalidValueError(
-            f"farthest_point_sampling() should choose {count} of points of shape {points.shape}.",
-            remedy="Pass a cloud (P, 3) of at least that many points.",
-        )
-    if not np.all(np.isfinite(points)):
-        raise InvalidValueError(
-            "farthest_point_sampling() got points that are not finite.",
-            remedy="Leave out invalid points first.",
+            f"farthest_point_sampling() cannot choose {count} of {len(points)} points.",
+            remedy="Pass a cloud of at least that many points.",
         )
     indices = np.empty(count, dtype=np.intp)
     offsets = points - points.mean(axis=0)

@@ -1,37 +1,23 @@
-"""From depth images to points and normals, and from points back to pixels."""
-
-from typing import Protocol
+"""Points and normals of depth images, and the projection of points to pixels."""
 
 import cv2
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
 
-# Stands in for a divisor where the quotient is not used.
+# Replaces zero divisors of quotients that are not used.
 _TINY = np.float32(1e-6)
-
-
-class PinholeCamera(Protocol):
-    """What `project` needs of a camera: its intrinsic matrix and its pose in the world."""
-
-    @property
-    def K(self) -> np.ndarray:
-        """(3, 3) intrinsic matrix [px]."""
-
-    @property
-    def X_WC(self) -> np.ndarray:
-        """(4, 4) pose of the optical frame in the world [m]."""
 
 
 def unproject(
     depth: np.ndarray, K: np.ndarray, mask: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lifts the pixels of a depth image to points in the camera's frame.
+    """Unprojects the pixels of a depth image to points in the camera's frame.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px]; pixel centres are at integer coordinates.
-        mask: (H, W) bool, which pixels to lift; None for all.
+        mask: (H, W) bool, the pixels to unproject; None for all.
 
     Returns:
         points_C: (M, 3) [m, optical frame], in row-major order of the valid pixels.
@@ -39,11 +25,6 @@ def unproject(
     """
     valid = np.isfinite(depth) & (depth > 0.0)
     if mask is not None:
-        if mask.shape != depth.shape:
-            raise InvalidValueError(
-                f"unproject() got a mask of shape {mask.shape} for depth of shape {depth.shape}.",
-                remedy="Pass a mask of the image's size.",
-            )
         valid &= mask.astype(bool)
     v, u = np.nonzero(valid)
     z = depth[v, u].astype(float)
@@ -52,21 +33,21 @@ def unproject(
     return np.column_stack([x * z, y * z, z]), np.column_stack([u, v])
 
 
-def project(points_W: np.ndarray, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Projects points of the world into a camera's image.
+def project(points_W: np.ndarray, K: np.ndarray, X_WC: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Projects points in the world into a camera's image.
 
     Args:
         points_W: (..., 3) [m, world].
-        camera: The camera.
+        K: (3, 3) intrinsic matrix [px].
+        X_WC: (4, 4) pose of the optical frame in the world [m].
 
     Returns:
-        uv: (..., 2) pixel coordinates, not limited to the image; NaN for points behind the camera.
+        uv: (..., 2) pixel coordinates, which may be outside the image; NaN behind the camera.
         z: (...) depth along the optical axis [m]; negative behind the camera.
     """
-    R_WC, p_WC = camera.X_WC[:3, :3], camera.X_WC[:3, 3]
-    points_C = (np.asarray(points_W, dtype=float) - p_WC) @ R_WC
+    points_C = (np.asarray(points_W, dtype=float) - X_WC[:3, 3]) @ X_WC[:3, :3]
     z = points_C[..., 2]
-    homogeneous = points_C @ camera.K.T
+    homogeneous = points_C @ K.T
     divisor = np.where(z > 0.0, z, np.nan)[..., None]
     return homogeneous[..., :2] / divisor, z
 
@@ -79,26 +60,26 @@ def depth_normals(
     smoothing: int = 0,
     relative_jump: float = 0.03,
 ) -> np.ndarray:
-    """Returns unit surface normals of a depth image, towards the camera.
+    """Returns unit surface normals of a depth image, facing the camera.
 
-    The cross product of the central differences of the unprojected points, which is exact for
-    planes. With z- and z+ the depths a step s to both sides of a pixel and
+    The normal is the cross product of central differences of the unprojected points, which is exact
+    for planes. With z- and z+ the depths a step s to both sides of a pixel and
     g = (z+ - z-) / (z+ + z-) / s along each axis, that product is parallel to
-    (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), which needs no points at all.
+    (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), which needs no points.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px], without skew.
-        step: Distance to the neighbours that are compared [px]. Larger steps average noise.
-        smoothing: Half width of a box over which g is averaged [px], 0 for none. At most twice the
-            step, which is how wide the strip without normals along a jump is, so that the box
-            never reaches the other surface.
-        relative_jump: Neighbours whose depth differs by more than this part of the depth, for each
-            pixel of step, lie on another surface.
+        step: Distance of the compared neighbours [px]. Larger steps average noise.
+        smoothing: Half width of a box over which g is averaged [px]; 0 for none. At most twice the
+            step, the width of the strip without normals along a jump, so that the box never reaches
+            the other surface.
+        relative_jump: Neighbours whose depths differ by more than this fraction, per pixel of step,
+            lie on another surface.
 
     Returns:
-        (H, W, 3) float32 unit normals in the optical frame. NaN where the depth or a neighbour is
-        invalid, on another surface, or outside the image.
+        (H, W, 3) float32 unit normals in the optical frame. NaN if the depth is invalid, or a
+        neighbour is invalid, on another surface or outside the image.
 
     Raises:
         InvalidValueError: if the box is too wide for the step.
@@ -115,8 +96,8 @@ def depth_normals(
     inner = np.s_[step:-step, step:-step]
     left, right = z[step:-step, : -2 * step], z[step:-step, 2 * step :]
     above, below = z[: -2 * step, step:-step], z[2 * step :, step:-step]
-    # One surface: none of the five is farther than the jump from the centre. An invalid one is a
-    # jump of the whole depth.
+    # One surface: all five depths are within the jump of the centre. An invalid depth is zero,
+    # which is a jump.
     jump = np.float32(min(relative_jump * step, 0.5))
     farthest = cv2.dilate(z, _plus(step))[inner]
     nearest = cv2.erode(z, _plus(step))[inner]
@@ -143,7 +124,7 @@ def depth_normals(
 
 
 def _plus(step: int) -> np.ndarray:
-    """The centre and its four neighbours at a distance."""
+    """Returns the mask of the centre and its four neighbours at a distance."""
     kernel = np.zeros((2 * step + 1, 2 * step + 1), dtype=np.uint8)
     kernel[step, [0, step, -1]] = kernel[[0, -1], step] = 1
     return kernel

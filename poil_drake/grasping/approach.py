@@ -57,7 +57,6 @@ def plan_joint_path(
 
     Raises:
         PlanningError: An end is in collision, or no path was found.
-        MissingDependencyError: OMPL is needed and not installed.
     """
     config = config or ApproachConfig()
     edges = EdgeChecker(is_free, config.resolution)
@@ -91,4 +90,4 @@ def plan_joint_path(
             "be in, or raise ApproachConfig.iterations.",
         )
     corners = shorten_path(found, edges, config.shortcuts, np.random.default_rng(seed))
-    return round_corners(corners, edges, width=config.smoothing, resolution=config.resolution)
+    return round_corners(corners, edges, width=config.smoothing)

@@ -1,1 +1,1 @@
-"""Joint-space and pose-space motion planning. No pydrake."""
+"""Motion planning for joint positions and poses, without pydrake."""

@@ -1,4 +1,4 @@
-"""Gives joint paths their timing."""
+"""Timing of joint paths."""
 
 from dataclasses import dataclass
 
@@ -9,21 +9,21 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.robots.joint_trajectory import JointTrajectory
 
 _FINE = 1e-3
-"""Time step of the motion before it is smoothed [s]; far below any joint's time constant."""
+"""Time step of the motion before smoothing [s]; far below any joint's time constant."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointTimingConfig:
-    """How fast joint paths are travelled.
+    """Speed limits of motions along joint paths.
 
     Attributes:
-        velocity_scale: Fraction of the joint velocity limits; brisk, and leaves the feedback that
-            follows the trajectory room to correct.
+        velocity_scale: Fraction of the joint velocity limits; brisk, with a reserve for the
+            feedback that follows the trajectory.
         acceleration: (7,) joint acceleration limits [rad/s^2], from the Panda's datasheet.
-        acceleration_scale: Fraction of them.
-        smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
-            Panda stops with a reflex when commands step.
-        path_samples: Samples of the path at which its speed is bounded.
+        acceleration_scale: Fraction of the acceleration limits.
+        smoothing_time: The motion is averaged over this time [s], which bounds the jerk; a real
+            Panda stops with a reflex if commands jump.
+        path_samples: Number of samples of the path at which the speed is bounded.
         sample_period: Time between the trajectory's samples [s].
     """
 
@@ -44,26 +44,26 @@ def time_joint_path(
 ) -> JointTrajectory:
     """Returns a smooth motion along a joint path, from rest to rest.
 
-    The path is interpolated by a cubic spline over its length s. Its speed v is the largest with
-    |q'| v and |q''| v^2 within bounds (the latter within half the acceleration), from which it
-    speeds up and slows down with |q'| dv/dt in the other half. A moving average over time then
-    rounds the motion; averages of velocities and accelerations keep their bounds.
+    The path is interpolated by a cubic spline over its length s. The speed v along it is limited by
+    |q'| v within the velocity limits and |q''| v^2 within half of the acceleration limits; it
+    changes with |q'| dv/dt within the other half. A moving average over time then smooths the
+    motion; averages of velocities and accelerations keep their bounds.
 
     Args:
-        path: (K, 7) joint positions [rad], K >= 2, no two successive ones equal.
+        path: (K, 7) joint positions [rad], K >= 2, successive ones distinct.
         velocity_limits: (7,) joint velocity limits [rad/s].
-        config: Fractions of the limits that are used.
-        min_duration: The motion takes at least this long [s].
+        config: Fractions of the limits to use.
+        min_duration: Shortest duration of the motion [s].
 
     Raises:
-        InvalidValueError: The path has fewer than two samples, or two successive equal ones.
+        InvalidValueError: if the path has fewer than two samples, or equal successive ones.
     """
     config = config or JointTimingConfig()
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if len(path) < 2 or np.any(lengths == 0.0):
         raise InvalidValueError(
             f"The joint path of {len(path)} samples does not move between some of them.",
-            remedy="Pass at least two samples, and none twice in a row.",
+            remedy="Pass at least two samples, with successive ones distinct.",
         )
     spline = CubicSpline(np.concatenate([[0.0], np.cumsum(lengths)]), path)
     s = np.linspace(0.0, lengths.sum(), config.path_samples)
@@ -73,15 +73,13 @@ def time_joint_path(
     duration = when[-1] * stretch + 2.0 * half
     count = max(int(np.ceil(duration / config.sample_period)), 1)
     times = np.linspace(0.0, duration, count + 1)
-    # The integral of the unsmoothed motion gives every moving average by two look-ups.
+    # A moving average is a difference of the unsmoothed motion's integral.
     fine = np.arange(-2.0 * half - _FINE, duration + 2.0 * half + _FINE, _FINE)
     motion = spline(np.interp(fine - half, when * stretch, s))
     integral = np.vstack([np.zeros(7), np.cumsum(0.5 * (motion[1:] + motion[:-1]), axis=0) * _FINE])
-    positions = (
-        _at(times + half, fine, integral) - _at(times - half, fine, integral)
-    ) / config.smoothing_time
-    velocities = (_at(times + half, fine, motion) - _at(times - half, fine, motion)) / (
-        config.smoothing_time
+    positions, velocities = (
+        (_at(times + half, fine, values) - _at(times - half, fine, values)) / config.smoothing_time
+        for values in (integral, motion)
     )
     positions[0], positions[-1] = path[0], path[-1]
     velocities[0] = velocities[-1] = 0.0

@@ -1,37 +1,32 @@
-"""Checks straight edges between configurations, and shortens and rounds off paths made of them."""
+"""Checks straight edges between configurations, shortens paths and rounds their corners."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 IsFree = Callable[[np.ndarray], np.ndarray]
-"""Tells of configurations (B, D) which are free: (B,) bool."""
+"""Returns which configurations (B, D) are free: (B,) bool."""
 
 
 class EdgeChecker:
     """Checks straight edges between configurations.
 
     Attributes:
-        resolution: Distance between the configurations checked, in their unit.
+        resolution: Distance between the checked configurations, in their unit.
     """
 
     def __init__(self, is_free: IsFree, resolution: float):
-        """Keeps the check.
-
-        Args:
-            is_free: The collision check.
-            resolution: Distance between the configurations checked, in their unit.
-        """
+        """Stores the collision check and the distance between checked configurations."""
         self._is_free = is_free
         self.resolution = resolution
 
     def samples(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Returns configurations (K, D), K >= 2, along the edge, both ends included."""
+        """Returns configurations (K, D), K >= 2, along an edge, including both ends."""
         count = max(int(np.ceil(np.linalg.norm(last - first) / self.resolution)), 1)
         return first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
 
     def is_free(self, first: np.ndarray, last: np.ndarray) -> bool:
-        """Returns whether the edge is free; the middle is looked at first, as it seldom is."""
+        """Returns whether an edge is free. Its middle is checked first, because it seldom is."""
         samples = self.samples(first, last)
         middle = len(samples) // 2
         return bool(self._is_free(samples[middle : middle + 1])[0] and self._is_free(samples).all())
@@ -44,15 +39,13 @@ class EdgeChecker:
 def shorten_path(
     corners: np.ndarray, edges: EdgeChecker, attempts: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Returns the corners (K, D) of a shorter path: random pairs of points on it are joined.
-
-    A path of length zero stays as it is.
+    """Shortens a path by joining random pairs of points on it, and returns its corners (K, D).
 
     Args:
         corners: (K, D) of a free path.
-        edges: The check.
-        attempts: How many pairs.
-        rng: Chooses them.
+        edges: The check of edges.
+        attempts: Number of pairs.
+        rng: Source of the pairs.
     """
     for _ in range(attempts):
         lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -76,22 +69,19 @@ def shorten_path(
     return corners
 
 
-def round_corners(
-    corners: np.ndarray, edges: EdgeChecker, *, width: float, resolution: float
-) -> np.ndarray:
-    """Returns an even path (K, D) with its corners rounded off as far as there is room.
+def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> np.ndarray:
+    """Returns an evenly sampled path (K, D) with corners rounded as far as there is room.
 
     Args:
         corners: (K, D) of a free path.
-        edges: The check.
-        width: Length over which corners are rounded off, where there is room.
-        resolution: Distance between the configurations returned.
+        edges: The check of edges, whose resolution is that of the returned path.
+        width: Length over which corners are rounded, if there is room.
     """
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    count = max(int(np.ceil(along[-1] / resolution)), 2)
+    count = max(int(np.ceil(along[-1] / edges.resolution)), 2)
     even = np.linspace(0.0, along[-1], count + 1)
-    while width > resolution:
+    while width > edges.resolution:
         path = _smoothed(corners, along, even, width)
         if edges.path_is_free(path):
             return path
@@ -100,7 +90,7 @@ def round_corners(
 
 
 def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
-    """Returns the mean of the path over a window around each length; narrower near the ends."""
+    """Returns the mean of the path over a window around each length, narrower near the ends."""
     halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
     offsets = np.linspace(-1.0, 1.0, 21)
     at = np.clip(even[:, None] + halves[:, None] * offsets, 0.0, along[-1])

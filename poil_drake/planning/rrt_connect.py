@@ -1,22 +1,22 @@
-"""RRT-Connect (Kuffner and LaValle 2000) by OMPL, with edges checked all at once."""
+"""RRT-Connect (Kuffner and LaValle 2000) by OMPL, with batched checks of edges."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from ompl import base, geometric, util
 
-from poil_drake.errors import MissingDependencyError
 from poil_drake.planning.path_shortening import IsFree
 
-State = Any  # of OMPL, which is imported where it is needed
+State = Any  # An OMPL state; the bindings have no types.
 
 
 class SearchSpace(Protocol):
-    """How configurations are kept in OMPL."""
+    """Conversion between configurations and OMPL states."""
 
-    def make(self, base: Any) -> Any:
-        """Returns the state space; `base` is the module `ompl.base`."""
+    def make(self) -> Any:
+        """Returns the OMPL state space."""
 
     def read(self, state: State) -> np.ndarray:
         """Returns the configuration (D,) of a state."""
@@ -27,7 +27,7 @@ class SearchSpace(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class VectorSpace:
-    """Vectors within a box, such as joint positions.
+    """Vectors in a box, such as joint positions.
 
     Attributes:
         lower: (D,) lowest values.
@@ -37,10 +37,10 @@ class VectorSpace:
     lower: np.ndarray
     upper: np.ndarray
 
-    def make(self, base: Any) -> Any:
+    def make(self) -> Any:
         """Returns a real vector space."""
         space = base.RealVectorStateSpace(len(self.lower))
-        space.setBounds(make_bounds(base, self.lower, self.upper))
+        space.setBounds(make_bounds(self.lower, self.upper))
         return space
 
     def read(self, state: State) -> np.ndarray:
@@ -53,8 +53,8 @@ class VectorSpace:
             state[k] = value
 
 
-def make_bounds(base: Any, lower: np.ndarray, upper: np.ndarray) -> Any:
-    """Returns a box of OMPL between two corners (D,)."""
+def make_bounds(lower: np.ndarray, upper: np.ndarray) -> Any:
+    """Returns the OMPL bounds of a box with two given corners (D,)."""
     bounds = base.RealVectorBounds(len(lower))
     for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
         bounds.setLow(k, low)
@@ -73,28 +73,34 @@ def rrt_connect(
     iterations: int,
     seed: int,
 ) -> np.ndarray | None:
-    """Returns the corners (K, D) of a free path from the start to the goal, or None.
+    """Returns the corners (K, D) of a free path from the start to the goal, None if none is found.
 
-    The outcome depends on the arguments alone, the seed among them, not on the machine's speed.
+    The outcome depends only on the arguments, not on the machine's speed.
 
     Args:
-        space: What is searched.
-        start: (D,) where the path begins.
-        goal: (D,) where it ends.
-        is_free: Tells which configurations are free.
-        edge_is_free: Tells whether the straight edge between two configurations (D,) is free.
+        space: The space to search.
+        start: (D,) start of the path.
+        goal: (D,) end of the path.
+        is_free: Returns which configurations are free.
+        edge_is_free: Returns whether the straight edge between two configurations (D,) is free.
         max_edge: Longest edge of the search trees, in the space's metric.
         iterations: Rounds of tree growth. Counted, not timed.
-        seed: Of the samples.
-
-    Raises:
-        MissingDependencyError: OMPL is not installed.
+        seed: Seed of the samples.
     """
-    base, geometric, util = _import_ompl()
     util.noOutputHandler()
-    # Every generator made from here on draws its seed from this one; 0 is not a valid seed.
+    # Generators created from now on draw their seeds from this one; 0 is not a valid seed.
     util.RNG.setSeed(seed + 1)
-    information = _make_information(base, space, is_free, edge_is_free)
+
+    class BatchMotionValidator(base.MotionValidator):
+        """Checks the configurations of an edge in one batch, which is fast enough in Python."""
+
+        def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
+            return edge_is_free(space.read(first), space.read(last))
+
+    information = base.SpaceInformation(space.make())
+    information.setStateValidityChecker(lambda state: bool(is_free(space.read(state)[None])[0]))
+    information.setMotionValidator(BatchMotionValidator(information))
+    information.setup()
 
     def state_of(values: np.ndarray) -> State:
         state = information.allocState()
@@ -112,36 +118,3 @@ def rrt_connect(
     if not problem.hasExactSolution():
         return None
     return np.array([space.read(state) for state in problem.getSolutionPath().getStates()])
-
-
-def _import_ompl() -> tuple[Any, Any, Any]:
-    """Returns the modules `base`, `geometric` and `util`."""
-    try:
-        from ompl import base, geometric, util
-    except ImportError as error:
-        raise MissingDependencyError(
-            "OMPL, which plans the way around obstacles, is not installed.",
-            remedy="Install it with: pip install 'ompl>=2.0'",
-        ) from error
-    return base, geometric, util
-
-
-def _make_information(
-    base: Any,
-    space: SearchSpace,
-    is_free: IsFree,
-    edge_is_free: Callable[[np.ndarray, np.ndarray], bool],
-) -> Any:
-    """Returns OMPL's `SpaceInformation`: the space, and what is free in it."""
-
-    class BatchMotionValidator(base.MotionValidator):
-        """Checks an edge's configurations all at once, which is what makes Python fast enough."""
-
-        def checkMotion(self, first: State, last: State, *last_valid: Any) -> bool:
-            return edge_is_free(space.read(first), space.read(last))
-
-    information = base.SpaceInformation(space.make(base))
-    information.setStateValidityChecker(lambda state: bool(is_free(space.read(state)[None])[0]))
-    information.setMotionValidator(BatchMotionValidator(information))
-    information.setup()
-    return information

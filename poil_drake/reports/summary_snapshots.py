@@ -26,7 +26,7 @@ def common_view(snapshots: Sequence[Snapshot], *, margin: float = 0.12) -> np.nd
     camera = snapshots[0].camera
     size = np.array([camera.width, camera.height], dtype=float)
     points = np.concatenate([snapshot.points for snapshot in snapshots])
-    uv, _ = project(points[np.isfinite(points).all(axis=1)], camera)
+    uv, _ = project(points[np.isfinite(points).all(axis=1)], camera.K, camera.X_WC)
     uv = uv[np.all((uv >= 0.0) & (uv < size), axis=1)]
     if len(uv) == 0:
         return np.array([-0.5, size[0] - 0.5, -0.5, size[1] - 0.5])
@@ -56,7 +56,7 @@ def draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bo
         known = points[np.isfinite(points).all(axis=1)]
         if len(known) == 0:
             continue
-        uv, depth = project(known, camera)
+        uv, depth = project(known, camera.K, camera.X_WC)
         uv = uv[depth > 0.0]
         axes.plot(
             uv[:, 0],

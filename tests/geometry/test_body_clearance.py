@@ -3,10 +3,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.body_clearance import BodyClearance
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
-from poil_drake.geometry.scene_distance import SceneDistance, SceneDistanceConfig
+from poil_drake.geometry.scene_distance import SceneDistance
 
 REACH = 0.012
 
@@ -33,9 +32,12 @@ def poses():
     return make_transform(turns, rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 0.6], (400, 3)))
 
 
-def test_clearance_is_the_smallest_distance_of_all_pairs(obstacles, cloud, poses):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+@pytest.fixture(scope="module")
+def dut(obstacles, cloud):
+    return BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
 
+
+def test_clearance_is_the_smallest_distance_of_all_pairs(dut, obstacles, cloud, poses):
     clearance = dut.clearance(poses, REACH)
 
     pairs = cKDTree(obstacles).query(transform_points(poses, cloud))[0].min(axis=1)
@@ -45,7 +47,7 @@ def test_clearance_is_the_smallest_distance_of_all_pairs(obstacles, cloud, poses
 
 
 def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
-    scene = SceneDistance(obstacles, config=SceneDistanceConfig(ground_height=0.1))
+    scene = SceneDistance(obstacles, ground_height=0.1)
     dut = BodyClearance(cloud=cloud, scene=scene)
 
     height = dut.height(poses)
@@ -54,32 +56,13 @@ def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
     assert np.any(height < 0.0)
 
 
-def test_without_a_ground_every_height_is_infinite(obstacles, cloud, poses):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_without_a_ground_the_height_is_infinite(dut, poses):
     assert np.all(np.isinf(dut.height(poses)))
 
 
-def test_number_of_patches_makes_no_difference(obstacles, cloud, poses):
-    scene = SceneDistance(obstacles)
-
-    few, many = (BodyClearance(cloud=cloud, scene=scene, patches=k) for k in (1, 300))
-
-    assert_allclose(few.clearance(poses, REACH), many.clearance(poses, REACH), atol=1e-12)
-
-
-def test_no_pose_gives_no_clearance(obstacles, cloud):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_no_poses_give_no_clearances(dut):
     assert_array_equal(dut.clearance(np.empty((0, 4, 4)), REACH), np.empty(0))
 
 
-def test_radius_is_that_of_the_farthest_point(cloud, obstacles):
-    dut = BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
-
+def test_radius_is_that_of_the_farthest_point(dut):
     assert dut.radius == pytest.approx(0.08, rel=0.02)
-
-
-def test_a_body_needs_a_surface(obstacles):
-    with pytest.raises(InvalidValueError, match="empty"):
-        BodyClearance(cloud=np.empty((0, 3)), scene=SceneDistance(obstacles))

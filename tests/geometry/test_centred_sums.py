@@ -31,10 +31,3 @@ def test_combined_vectors_are_products_with_the_factors():
 
     expected = (x - x.mean(axis=0)) @ F + (v - v.mean(axis=0)) @ G
     np.testing.assert_allclose(squares, np.sum(expected**2, axis=1))
-
-
-def test_mean_is_read_only():
-    points = np.eye(3)
-
-    assert not dut((points,)).mean.flags.writeable
-    assert not dut((points,), np.ones(3)).mean.flags.writeable

@@ -26,6 +26,6 @@ def test_normals_of_chosen_points_equal_those_among_all():
     np.testing.assert_array_equal(some, dut(points, viewpoint=np.full(3, 9.0))[[3, 17]])
 
 
-def test_two_points_are_not_a_surface():
+def test_two_points_are_rejected():
     with pytest.raises(InvalidValueError, match="2 points"):
         dut(np.eye(3)[:2], viewpoint=np.zeros(3))

@@ -20,7 +20,7 @@ def bent_path(seed: int, count: int = 30) -> np.ndarray:
 
 @settings(max_examples=15)
 @given(st.integers(0, 1000))
-def test_limits_are_kept_from_rest_to_rest(seed: int):
+def test_motion_is_from_rest_to_rest_within_the_limits(seed: int):
     config = JointTimingConfig()
     path = bent_path(seed)
 
@@ -51,7 +51,7 @@ def test_motion_stays_on_the_path():
     assert gaps.max() < 0.01
 
 
-def test_motion_takes_at_least_the_least_duration():
+def test_motion_takes_at_least_the_shortest_duration():
     assert time_joint_path(bent_path(4), SPEEDS, min_duration=9.0).duration >= 9.0
 
 
@@ -64,6 +64,6 @@ def test_long_straight_motion_reaches_the_allowed_speed():
     assert_allclose(np.abs(dut.velocities).max(), config.velocity_scale * SPEEDS[0], rtol=0.02)
 
 
-def test_path_that_stands_still_is_refused():
+def test_path_that_does_not_move_is_rejected():
     with pytest.raises(InvalidValueError, match="does not move"):
         time_joint_path(np.zeros((3, 7)), SPEEDS)

@@ -45,18 +45,18 @@ def test_shorter_path_stays_clear():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_path_of_length_zero_stays_where_it_is(count: int):
+def test_path_of_length_zero_is_kept(count: int):
     edges, corners = EdgeChecker(anywhere, 0.01), np.tile([0.2, 0.7], (count, 1))
 
     path = shorten_path(corners, edges, 5, np.random.default_rng(0))
-    rounded = round_corners(path, edges, width=0.4, resolution=0.01)
+    rounded = round_corners(path, edges, width=0.4)
 
     assert_allclose(path, corners)
     assert_allclose(rounded, np.broadcast_to([0.2, 0.7], rounded.shape))
 
 
 def test_rounded_path_has_no_sharp_corner_and_the_same_ends():
-    path = round_corners(CORNERS, EdgeChecker(anywhere, 0.01), width=0.4, resolution=0.01)
+    path = round_corners(CORNERS, EdgeChecker(anywhere, 0.01), width=0.4)
 
     assert_allclose(path[[0, -1]], CORNERS[[0, -1]])
     steps = np.diff(path, axis=0)
@@ -65,12 +65,12 @@ def test_rounded_path_has_no_sharp_corner_and_the_same_ends():
     assert np.abs(np.diff(headings)).max() < 4 * (np.pi / 2) * 0.01 / 0.4
 
 
-def test_corners_stay_where_there_is_no_room():
+def test_corners_are_kept_where_there_is_no_room():
     def on_the_path(x):
         inside = (x[:, 0] > 1e-6) & (x[:, 0] < 1 - 1e-6) & (x[:, 1] < 1 - 1e-6)
         return ~inside
 
-    path = round_corners(CORNERS, EdgeChecker(on_the_path, 0.01), width=0.4, resolution=0.01)
+    path = round_corners(CORNERS, EdgeChecker(on_the_path, 0.01), width=0.4)
 
     assert length(path) == pytest.approx(3.0)
     assert on_the_path(path).all()

@@ -14,31 +14,24 @@ def random_poses(count, seed=0):
     return make_transform(turns, rng.uniform(-1.0, 1.0, (count, 3)))
 
 
-def test_a_pose_goes_there_and_back():
-    X = random_poses(200)
-
-    assert_allclose(poses_of(vectors_of(X, RADIUS)), X, atol=1e-12)
-
-
-def test_half_turns_go_there_and_back():
-    X = make_transform(
-        np.array([np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])]),
-        np.zeros((3, 3)),
-    )
-
-    assert_allclose(poses_of(vectors_of(X, RADIUS)), X, atol=1e-12)
+def random_sphere(seed):
+    points = np.random.default_rng(seed).normal(size=(300, 3))
+    return RADIUS * points / np.linalg.norm(points, axis=1)[:, None]
 
 
-def test_the_quaternion_is_the_one_of_scipy():
-    X = random_poses(50)
+def test_poses_are_recovered_from_their_vectors():
+    half_turns = np.array([np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
+    X = np.concatenate([random_poses(200), make_transform(half_turns, np.zeros((3, 3)))])
 
-    quaternions = vectors_of(X, RADIUS)[:, 3:] / (2.0 * RADIUS)
+    vectors = vectors_of(X, RADIUS)
 
+    assert_allclose(poses_of(vectors), X, atol=1e-12)
     expected = Rotation.from_matrix(X[:, :3, :3]).as_quat(scalar_first=True)
-    assert_allclose(np.abs(np.sum(quaternions * expected, axis=1)), 1.0, atol=1e-12)
+    products = np.sum(vectors[:, 3:] * expected, axis=1)
+    assert_allclose(np.abs(products), 2.0 * RADIUS, atol=1e-12)
 
 
-def test_the_middle_of_a_line_is_half_of_the_turn():
+def test_the_middle_of_a_line_is_the_halfway_pose():
     X = random_poses(2, seed=4)
 
     first, last = vectors_of(X, RADIUS)
@@ -49,11 +42,8 @@ def test_the_middle_of_a_line_is_half_of_the_turn():
     assert_allclose(middle[:3, 3], X[:, :3, 3].mean(axis=0), atol=1e-12)
 
 
-def test_points_of_the_body_move_by_less_than_the_square_root_of_two_times_the_distance():
-    # Small steps, as between two checks of an edge.
-    rng = np.random.default_rng(5)
-    body = rng.normal(size=(300, 3))
-    body *= RADIUS / np.linalg.norm(body, axis=1)[:, None]
+def test_points_move_by_less_than_the_square_root_of_two_times_a_small_distance():
+    rng, body = np.random.default_rng(5), random_sphere(5)
     for k in range(50):
         X = random_poses(1, seed=k)
         step = rng.normal(size=7) * [0.004, 0.004, 0.004, 0.008, 0.008, 0.008, 0.008]
@@ -67,11 +57,8 @@ def test_points_of_the_body_move_by_less_than_the_square_root_of_two_times_the_d
         assert farthest <= 1.01 * np.sqrt(2.0) * np.linalg.norm(last - first)
 
 
-def test_points_of_the_body_move_by_less_than_the_square_root_of_three_times_a_step_of_an_edge():
-    rng = np.random.default_rng(6)
-    body = rng.normal(size=(300, 3))
-    body *= RADIUS / np.linalg.norm(body, axis=1)[:, None]
-    largest = 0.0
+def test_points_move_by_less_than_the_square_root_of_three_times_a_step_of_an_edge():
+    largest, body = 0.0, random_sphere(6)
     for k in range(50):
         first, last = same_side(vectors_of(random_poses(2, seed=k), RADIUS))
         if k == 0:  # A half turn, which cuts deepest, across the shift.
@@ -86,7 +73,7 @@ def test_points_of_the_body_move_by_less_than_the_square_root_of_three_times_a_s
     assert np.sqrt(2.0) < largest <= 1.001 * np.sqrt(3.0)
 
 
-def test_neighbours_come_to_the_same_side():
+def test_successive_quaternions_get_the_same_side():
     vectors = vectors_of(random_poses(20), RADIUS)
     vectors[::3, 3:] *= -1.0
 

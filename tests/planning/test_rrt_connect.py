@@ -42,20 +42,15 @@ def test_path_leads_through_the_gap(seed):
     assert np.linalg.norm(np.diff(corners, axis=0), axis=1).max() <= 0.4 + 1e-9
 
 
-def test_same_seed_gives_the_same_bits():
-    first, other, second = (search(beside_the_wall, seed) for seed in (3, 4, 3))
-
-    assert_array_equal(first, second)
-    assert first.shape != other.shape or not np.array_equal(first, other)
-
-
-def test_other_searches_before_do_not_matter():
+def test_earlier_searches_do_not_matter():
     first = search(beside_the_wall, seed=3)
+    other = search(beside_the_wall, seed=4)
     for seed in range(5):
         search(closed, seed, iterations=50)
 
     assert_array_equal(search(beside_the_wall, seed=3), first)
+    assert not np.array_equal(first, other)
 
 
-def test_search_that_finds_no_way_ends():
+def test_search_without_a_path_ends():
     assert search(closed, iterations=100) is None

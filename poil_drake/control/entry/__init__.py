@@ -1,1 +1,1 @@
-"""Safe entry: a collision-free way onto the reference from anywhere."""
+"""Safe entry: a collision-free path onto the reference from anywhere."""

@@ -1,4 +1,4 @@
-"""Safe entry at run time: follows a plan, and makes another when the object is somewhere else."""
+"""Safe entry at run time: follows a plan, and plans again when the object leaves it."""
 
 import math
 from dataclasses import replace
@@ -14,6 +14,12 @@ from poil_drake.geometry.frozen_array import frozen_array
 
 _DEFAULTS = EntryMonitorConfig()
 
+_CHECK_PERIOD = 1.0 / 16.0
+"""Time between two checks of whether the object is on its path [s]."""
+
+_PROGRESS_ADVANCE, _PROGRESS_GAIN = 0.05, 0.005
+"""An increase of tau [s], or a decrease of the mean error [m], that counts as progress."""
+
 
 def safe_entry_step(
     state: EntryState,
@@ -23,23 +29,22 @@ def safe_entry_step(
     config: EntryMonitorConfig = _DEFAULTS,
     confidence: np.ndarray | None = None,
 ) -> EntryState:
-    """Returns what to follow now; its `output` is the field at the points, None to stand still.
+    """Returns the next state; its `output` is the field at the points, None to stand still.
 
-    It plans at the first call with three points; when the object has been off the way planned for
-    longer than the patience, during which it stands still; and when it is blocked. Otherwise it
-    keeps the plan. Where no way is found it goes on trying. Points that do not determine a motion
-    leave everything as it is, but for the output, which says LOST unless the object is to stand
-    still anyway.
+    It plans at the first step with three points, after the object has been off its path for longer
+    than the patience, during which it stands still, and when the object is blocked. Otherwise it
+    keeps the plan. If no path is found, it tries again. Points that do not determine a motion
+    change nothing but the output, whose status becomes LOST unless the object should stand still.
 
     Args:
-        state: Of the step before; `EntryState()` at first. It stays as it was.
-        points: (N, 3) where the points are [m, world]; NaN where not observed.
-        time: Now [s].
-        planner: What plans, and the field.
-        config: When to plan.
+        state: The last step's state; `EntryState()` at first. It is not changed.
+        points: (N, 3) [m, world]; NaN where not observed.
+        time: The present time [s].
+        planner: The planner, which also provides the field.
+        config: When to plan again.
         confidence: (N,) weights in [0, 1]; None for all equal.
     """
-    now = _Now(points, confidence, time, planner, config)
+    now = _Inputs(points, confidence, time, planner, config)
     if state.plan is None:
         return _planned(state, now) if _attempt_is_due(state, now) else state
     state = _followed(state, now)
@@ -49,8 +54,8 @@ def safe_entry_step(
         failed = state.status is EntryStatus.FAILED
         due = failed and time - state.attempt_time >= config.failed_period
         return _planned(state, now) if due and _is_blocked(state, now) else state
-    on_way = math.isinf(state.off_since)
-    if on_way and state.recoveries < config.max_recoveries and _is_blocked(state, now):
+    on_path = math.isinf(state.off_since)
+    if on_path and state.recoveries < config.max_recoveries and _is_blocked(state, now):
         recovering = replace(state, recoveries=state.recoveries + 1)
         return _planned(recovering, now, avoid_field=True)
     if time >= state.next_check or state.output.mean_error > state.checked_error + config.jump:
@@ -62,8 +67,8 @@ def safe_entry_step(
     return replace(state, status=EntryStatus.HOLDING, output=None)
 
 
-class _Now(NamedTuple):
-    """What is there besides the state."""
+class _Inputs(NamedTuple):
+    """The inputs of a step."""
 
     points: np.ndarray
     confidence: np.ndarray | None
@@ -72,16 +77,16 @@ class _Now(NamedTuple):
     config: EntryMonitorConfig
 
 
-def _attempt_is_due(state: EntryState, now: _Now) -> bool:
-    """Returns whether to plan, where there is no plan."""
+def _attempt_is_due(state: EntryState, now: _Inputs) -> bool:
+    """Returns whether to plan if there is no plan."""
     waited = now.time - state.attempt_time
     if state.status is EntryStatus.FAILED and not _have_moved(state, now):
         return waited >= now.config.failed_period
     return waited >= now.config.retry_period
 
 
-def _have_moved(state: EntryState, now: _Now) -> bool:
-    """Returns whether the points are somewhere else than at the last attempt."""
+def _have_moved(state: EntryState, now: _Inputs) -> bool:
+    """Returns whether the points have moved since the last attempt."""
     if state.attempt_points is None:
         return False
     moved = np.linalg.norm(now.points - state.attempt_points, axis=1)
@@ -89,8 +94,8 @@ def _have_moved(state: EntryState, now: _Now) -> bool:
     return moved.size > 0 and bool(np.median(moved) > now.config.jump)
 
 
-def _followed(state: EntryState, now: _Now) -> EntryState:
-    """Returns the state with the field at the points, and what it says of progress."""
+def _followed(state: EntryState, now: _Inputs) -> EntryState:
+    """Returns the state with the field at the points and the progress on the plan."""
     assert state.plan is not None
     output = point_set_bcsdm(
         now.points, state.plan.reference, state.plan.field, now.confidence, state.tau
@@ -100,9 +105,9 @@ def _followed(state: EntryState, now: _Now) -> EntryState:
         return replace(state, output=kept, lost_since=min(state.lost_since, now.time))
     best_tau, best_error, progress_time = state.best_tau, state.best_error, state.progress_time
     progress_time += max(now.time - state.lost_since, 0.0)
-    if output.tau >= best_tau + now.config.stall_advance:
+    if output.tau >= best_tau + _PROGRESS_ADVANCE:
         best_tau, progress_time = output.tau, now.time
-    if output.mean_error <= best_error - now.config.stall_gain:
+    if output.mean_error <= best_error - _PROGRESS_GAIN:
         best_error, progress_time = output.mean_error, now.time
     failed = state.status is EntryStatus.FAILED
     return replace(
@@ -118,17 +123,17 @@ def _followed(state: EntryState, now: _Now) -> EntryState:
     )
 
 
-def _is_blocked(state: EntryState, now: _Now) -> bool:
-    """Returns whether nothing has got better for long, and the object is not about to arrive."""
+def _is_blocked(state: EntryState, now: _Inputs) -> bool:
+    """Returns whether the object makes no progress and has not arrived."""
     assert state.plan is not None and state.output is not None  # noqa: PT018
     left = state.plan.reference.times[-1] - state.tau
-    arriving = left <= state.plan.field.goal_window
-    there = arriving and state.output.mean_error <= now.config.stall_error
-    return not there and now.time - state.progress_time >= now.config.stall_time
+    near_end = left <= state.plan.field.goal_window
+    arrived = near_end and state.output.mean_error <= now.config.stall_error
+    return not arrived and now.time - state.progress_time >= now.config.stall_time
 
 
-def _checked(state: EntryState, now: _Now) -> EntryState:
-    """Returns the state with what is known of whether the object is on its way."""
+def _checked(state: EntryState, now: _Inputs) -> EntryState:
+    """Returns the state after a check of whether the object is on its path."""
     assert state.plan is not None and state.output is not None  # noqa: PT018
     plan = now.planner.check(state.plan, now.points, state.tau, now.confidence)
     off_since, progress_time = min(state.off_since, now.time), state.progress_time
@@ -141,29 +146,29 @@ def _checked(state: EntryState, now: _Now) -> EntryState:
         off_since=off_since,
         progress_time=progress_time,
         checked_error=state.output.mean_error,
-        next_check=now.time + now.config.check_period,
+        next_check=now.time + _CHECK_PERIOD,
     )
 
 
-def _planned(state: EntryState, now: _Now, *, avoid_field: bool = False) -> EntryState:
-    """Returns the state after an attempt to plan from where the points are."""
+def _planned(state: EntryState, now: _Inputs, *, avoid_field: bool = False) -> EntryState:
+    """Returns the state after an attempt to plan from the points."""
     reference, field = now.planner.model.reference, now.planner.field
     output = point_set_bcsdm(now.points, reference, field, now.confidence)
     if output.status is BcsdmStatus.LOST:
         return _without_points(state)
-    seed = now.config.seed + state.replans + state.recoveries + state.attempts
+    seed = state.replans + state.recoveries + state.attempts
     try:
         plan = now.planner.plan(now.points, now.confidence, seed=seed, avoid_field=avoid_field)
     except PlanningError:
         if avoid_field:
-            # What was followed is still the best that is known.
+            # The present plan is still the best known.
             return replace(state, progress_time=now.time)
-        return _without_way(state, now)
+        return _without_path(state, now)
     begun = EntryState(
         status=EntryStatus.FOLLOWING,
         plan=plan,
         progress_time=now.time,
-        next_check=now.time + now.config.check_period,
+        next_check=now.time + _CHECK_PERIOD,
         replans=state.replans + 1,
         recoveries=state.recoveries,
         returns=state.returns,
@@ -173,14 +178,14 @@ def _planned(state: EntryState, now: _Now, *, avoid_field: bool = False) -> Entr
 
 
 def _without_points(state: EntryState) -> EntryState:
-    """Returns the state after points that are too few, or too narrow, to plan from."""
+    """Returns the state after points that do not determine a motion."""
     if state.plan is None or state.plan.kind is EntryKind.OFF:
         return state
     return replace(state, status=EntryStatus.HOLDING, output=None)
 
 
-def _without_way(state: EntryState, now: _Now) -> EntryState:
-    """Returns the state after an attempt that found no way."""
+def _without_path(state: EntryState, now: _Inputs) -> EntryState:
+    """Returns the state after an attempt that found no path."""
     attempts = state.attempts + 1
     failed = attempts >= now.config.max_attempts
     points = frozen_array(

@@ -1,6 +1,5 @@
-"""Where the field would carry the object from here, checked for collisions on the way."""
+"""Rolls the field out from the object's pose and checks the path for collisions."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,47 +7,42 @@ import numpy as np
 from poil_drake.control.entry.entry_clearance import EntryStart
 from poil_drake.control.entry.entry_model import EntryModel
 from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmOutput, BcsdmStatus, point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
+# The field depends on the pose alone, so a speed limit that keeps its direction does not change the
+# path, and steps may be as long as the path is straight.
+_STEP_LENGTH = 0.01
+"""Largest motion of a point of the object in a step [m]."""
 
-@dataclass(frozen=True, kw_only=True)
-class EntryRolloutConfig:
-    """How the field is followed ahead.
+_STEP_TIME = 0.1
+"""Longest step [s]; with eta = 3 / s it removes a third of the error."""
 
-    The field depends on the place alone, so that a speed limit which keeps its direction does not
-    change the way; steps may be as long as the way is straight.
+_CONTACT_TUBE = 0.04
+"""From its first contact on, the reference may be the field's target only while no point of the
+object is farther from it than this [m]. Where the demonstration touches the scene, clouds do not
+tell whether a loop is around a rod or below it, or a strap bent by the rod; only the path there
+does."""
 
-    Attributes:
-        step_length: Farthest that a point of the object moves in a step [m].
-        step_time: Longest step [s]; with eta = 3 / s it takes off a third of the error.
-        contact_tube: From the first contact on, the reference may only be the field's target while
-            no point of the object is farther from it than this [m]. Where the demonstration touches
-            the scene, clouds cannot tell whether a loop is around a rod or below it, and of a strap
-            that the rod has bent even less; only the way there can.
-        joined: Once no point of the object is farther from the reference than this [m], the rest
-            of the way is the reference.
-        max_steps: A field that has not joined the reference by then, such as close to a saddle,
-            does not count as clear. 2 m of way, and the time to converge.
-        batch: Steps between two checks.
-    """
+_JOINED = 0.002
+"""Once no point of the object is farther from the reference than this [m], it is joined."""
 
-    step_length: float = 0.01
-    step_time: float = 0.1
-    contact_tube: float = 0.04
-    joined: float = 0.002
-    max_steps: int = 300
-    batch: int = 12
+_MAX_STEPS = 300
+"""2 m of path and the time to converge. A field that has not joined the reference by then, for
+example close to a saddle, does not count as clear."""
+
+_BATCH = 12
+"""Steps between two checks for collisions."""
 
 
 class EntryRollout(NamedTuple):
-    """What is ahead.
+    """The path of the object under the field.
 
     Attributes:
-        poses: (K, 4, 4) X_WB up to where the reference was joined.
-        clear: Whether it was joined, and the clearance demanded was kept all the way there.
+        poses: (K, 4, 4) X_WB until the reference is joined.
+        clear: Whether it is joined and the required clearance is kept on the whole path.
     """
 
     poses: np.ndarray
@@ -60,24 +54,22 @@ def roll_out_entry(
     start: EntryStart,
     reference: PointTrajectory,
     field: BcsdmConfig,
-    config: EntryRolloutConfig,
     *,
     tau: float | None = None,
 ) -> EntryRollout:
-    """Follows the field from a pose until it has joined the reference, or collides, or cuts short.
+    """Follows the field from a pose until it joins the reference, collides, or takes a shortcut.
 
     Args:
         model: Object and scene.
-        start: Where the object is.
-        reference: What the field follows.
-        field: Its parameters.
-        config: Steps and checks.
-        tau: Time of the closest configuration before, for the progress window [s].
+        start: Pose of the object.
+        reference: The reference of the field.
+        field: Parameters of the field.
+        tau: Time of the last closest configuration, for the progress window [s].
     """
     X = start.X_WB
     poses: list[np.ndarray] = []
     checked = 0
-    for _ in range(config.max_steps):
+    for _ in range(_MAX_STEPS):
         poses.append(X)
         points = transform_points(X, model.points)
         output = point_set_bcsdm(points, reference, field, previous_tau=tau)
@@ -86,31 +78,22 @@ def roll_out_entry(
         tau = output.tau
         X_target = kabsch(model.points, reference.positions_at(tau))
         apart = float(model.displacement(X[None], X_target[None])[0, 0])
-        if model.is_contact(reference.times[-1] - tau) and apart > config.contact_tube:
+        if model.is_contact(reference.times[-1] - tau) and apart > _CONTACT_TUBE:
             break
-        joined = output.status is BcsdmStatus.GOAL or (
-            output.mean_error < config.joined and apart < config.joined
-        )
-        if joined or len(poses) - checked >= config.batch:
+        joined = output.status is BcsdmStatus.GOAL or max(output.mean_error, apart) < _JOINED
+        if joined or len(poses) - checked >= _BATCH:
             if not model.is_free(np.array(poses[checked:]), start).all():
                 break
             checked = len(poses)
         if joined:
             return EntryRollout(np.array(poses), True)
-        X = _step(X, output.omega, output.v, output.centroid, model.radius, config)
+        X = _step(X, output, model.radius)
     return EntryRollout(np.array(poses), False)
 
 
-def _step(
-    X: np.ndarray,
-    omega: np.ndarray,
-    v: np.ndarray,
-    centroid: np.ndarray,
-    radius: float,
-    config: EntryRolloutConfig,
-) -> np.ndarray:
+def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
     """Returns X after a step: a turn about the points' centroid, which moves straight."""
-    arm = X[:3, 3] - centroid
-    speed = float(np.linalg.norm(v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
-    time = min(config.step_time, config.step_length / max(speed, 1e-9))
-    return moved_by_twist(X, np.concatenate([omega, v]), centroid, time)
+    omega, arm = output.omega, X[:3, 3] - output.centroid
+    speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
+    duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))
+    return moved_by_twist(X, output.twist, output.centroid, duration)

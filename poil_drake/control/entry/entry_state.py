@@ -1,4 +1,4 @@
-"""What safe entry remembers at run time, and when it plans again."""
+"""State and parameters of safe entry at run time."""
 
 import enum
 import math
@@ -15,97 +15,91 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 
 
 class EntryStatus(enum.IntEnum):
-    """What safe entry is doing."""
+    """Status of safe entry."""
 
-    WAITING = 0  # Too few points have been observed so far to plan.
-    FOLLOWING = 1  # There is a plan, and the points are on it.
-    HOLDING = 2  # The object is off its way, or no way was found: it should stand still.
-    FAILED = 3  # Many attempts found no way; there are more. See `EntryMonitorConfig.fallback`.
+    WAITING = 0  # Too few points have been observed to plan.
+    FOLLOWING = 1  # The points are on a plan.
+    HOLDING = 2  # The object is off its path, or no path was found: it should stand still.
+    FAILED = 3  # Repeated attempts found no path. See `EntryMonitorConfig.fallback`.
 
 
 @dataclass(frozen=True, kw_only=True)
 class EntryMonitorConfig:
-    """When another plan is made.
+    """When safe entry plans again.
 
     Attributes:
-        check_period: Time between two looks whether the object is on the way planned [s].
-        jump: The points getting this much farther from the reference asks for a look at once [m,
-            mean]; three times a tracker's noise. Where planning has failed, a motion by this much
-            asks for another attempt [m, median].
-        patience: How long the object must be off its way, standing still, before there is another
-            plan [s]: one bad frame of a tracker is no reason.
-        patience_step: After every such plan the patience is this much longer [s], so that a track
-            which is bad for longer than the first patience does not make plans for ever ...
-        max_patience: ... but it is never longer than this [s].
-        stall_time: Without progress for this long the object is blocked [s]. Time in which it was
-            to stand still, or in which there were no points, does not count.
-        stall_error: Nearer than this to the reference's end it is not blocked but there [m, mean].
-        stall_advance: What counts as progress: this much of tau [s] ...
-        stall_gain: ... or of the mean error [m].
-        max_recoveries: How often a blocked object gets another plan. What blocks it is not in the
-            scene's cloud, so plans do not help forever.
-        retry_period: Time between attempts to plan where there was no way [s].
-        max_attempts: After as many attempts in a row that found no way, planning has failed ...
-        failed_period: ... and attempts are this far apart [s], unless the points have moved by
-            `jump` since the last. One that fails takes a few seconds of the processor.
-        fallback: What to do then: "hold" stands still; "field" follows the paper's field, which
-            converges from almost everywhere but knows no obstacles, and tries to plan again only
-            where that is blocked.
-        seed: Of the searches.
+        jump: An increase of the points' mean distance from the reference by this much triggers an
+            immediate check [m]; three times a tracker's noise. After planning has failed, a motion
+            of the points by this much triggers another attempt [m, median].
+        patience: Time that the object must be off its path, standing still, before another plan
+            [s]; one bad frame of a tracker is not enough.
+        patience_step: Increase of the patience with each such plan [s], so that a track which is
+            bad for longer than the first patience does not cause plans forever.
+        max_patience: Longest patience [s].
+        stall_time: Without progress for this time the object is blocked [s]. Time in which it
+            should stand still, or in which the points are lost, does not count.
+        stall_error: Within this distance of the reference's end the object has arrived and is not
+            blocked [m, mean].
+        max_recoveries: Number of other plans for a blocked object. The obstacle is not in the
+            scene's cloud, so more plans do not help.
+        retry_period: Time between attempts to plan if no path was found [s].
+        max_attempts: Number of successive attempts without a path after which planning has failed.
+        failed_period: Time between attempts then, unless the points have moved by `jump` [s]. An
+            attempt that fails takes a few seconds of processor time.
+        fallback: Behaviour after planning has failed. "hold" stands still. "field" follows the
+            paper's field, which converges from almost everywhere but ignores obstacles, and plans
+            again only if that is blocked.
     """
 
-    check_period: float = 1.0 / 16.0
     jump: float = 0.01
     patience: float = 0.1
     patience_step: float = 0.2
     max_patience: float = 2.0
     stall_time: float = 2.0
     stall_error: float = 0.006
-    stall_advance: float = 0.05
-    stall_gain: float = 0.005
     max_recoveries: int = 3
     retry_period: float = 0.5
     max_attempts: int = 4
     failed_period: float = 10.0
     fallback: Literal["hold", "field"] = "hold"
-    seed: int = 0
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.patience <= self.max_patience and self.patience_step >= 0.0):
             raise InvalidValueError(
                 f"EntryMonitorConfig has patience={self.patience} s, "
                 f"patience_step={self.patience_step} s and max_patience={self.max_patience} s.",
-                remedy="Let the patience grow, or stay, up to a larger one.",
+                remedy="Pass 0 <= patience <= max_patience and a non-negative patience_step.",
             )
 
     def patience_after(self, returns: int) -> float:
-        """Returns the patience after so many plans of an object that was off its way [s]."""
+        """Returns the patience [s] after a number of plans for an object that was off its path."""
         return min(self.patience + returns * self.patience_step, self.max_patience)
 
 
 @dataclass(frozen=True, eq=False)
 class EntryState(SharedOnCopy):
-    """What is remembered between two steps.
+    """State between two steps.
 
     Attributes:
-        status: What is being done.
-        plan: What is followed; None where there is none.
-        output: The field on the plan's reference at the last points. None where the object should
-            stand still, for want of a plan or because it is off its way.
-        tau: The last finite time of the closest configuration, in the plan's time base [s].
-        checked_error: Least mean error since it was seen whether the object is on its way [m].
-        next_check: When to see that again [s].
-        off_since: When the object was found off its way [s]; infinite while it is on it.
-        lost_since: When the points were lost [s]; infinite while they are seen.
-        best_tau: Farthest tau on this plan [s].
+        status: The status.
+        plan: The plan being followed; None without one.
+        output: The field on the plan's reference at the last points. None if the object should
+            stand still, because it has no plan or is off its path.
+        tau: The last finite time of the closest configuration on the plan's reference [s].
+        checked_error: Least mean error since the last check of whether the object is on its path
+            [m].
+        next_check: Time of the next check [s].
+        off_since: Time when the object was found off its path [s]; infinite while it is on it.
+        lost_since: Time when the points were lost [s]; infinite while they are observed.
+        best_tau: Largest tau on this plan [s].
         best_error: Least mean error on this plan [m].
-        progress_time: When one of both last got better [s], later by the time that does not count.
-        attempts: Attempts in a row that found no way.
-        attempt_time: When the last of them was [s].
-        attempt_points: (N, 3) where the points were then [m, world]; None before the first.
-        replans: Plans made, the first included.
-        recoveries: How often one was to be made because the object was blocked.
-        returns: How often because it was off its way.
+        progress_time: Time of the last progress [s], shifted by the time that does not count.
+        attempts: Number of successive attempts that found no path.
+        attempt_time: Time of the last of them [s].
+        attempt_points: (N, 3) the points then [m, world]; None before the first.
+        replans: Number of plans, including the first.
+        recoveries: Number of attempts to plan because the object was blocked.
+        returns: Number of attempts to plan because the object was off its path.
     """
 
     status: EntryStatus = EntryStatus.WAITING
@@ -128,5 +122,5 @@ class EntryState(SharedOnCopy):
 
     @property
     def reference(self) -> PointTrajectory | None:
-        """What to follow now; None where the object should stand still."""
+        """The reference to follow now; None if the object should stand still."""
         return None if self.output is None or self.plan is None else self.plan.reference

@@ -1,87 +1,65 @@
-"""From a way to the reference to one reference that begins where the object is."""
-
-from dataclasses import dataclass
+"""Joins a transit and the rest of the demonstration to one reference that starts at the object."""
 
 import numpy as np
 
+from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import inverse, rotation_log, transform_points
 
+# Speeds are root mean square over the points.
+SPEED = 0.15
+"""Cruising speed [m/s]; a demonstration's is 0.1 to 0.25."""
 
-@dataclass(frozen=True, kw_only=True)
-class EntryTimingConfig:
-    """How fast a transit is followed. Speeds are root mean square over the points.
+ANGULAR_SPEED = 1.0
+"""Limit of the angular velocity [rad/s], which points close to each other hardly bound."""
 
-    Attributes:
-        speed: Cruising speed [m/s]; a demonstration's is 0.1 to 0.25.
-        angular_speed: Fastest turn [rad/s]; points close to each other say little of it.
-        acceleration: Of the points [m/s^2]; 0.3 reaches the cruising speed in half a second.
-        crawl: Speed at the start [m/s]. Zero there would be an equilibrium of the field.
-        sample_period: Time between samples [s], as references have.
-    """
+ACCELERATION = 0.3
+"""Of the points [m/s^2]; reaches the cruising speed in half a second."""
 
-    speed: float = 0.15
-    angular_speed: float = 1.0
-    acceleration: float = 0.3
-    crawl: float = 0.02
-    sample_period: float = 1.0 / 32.0
+_INITIAL_SPEED = 0.02
+"""Speed at the start [m/s]. Zero would be an equilibrium of the field."""
 
-    def __post_init__(self) -> None:
-        if not (
-            0.0 < self.crawl <= self.speed
-            and min(self.angular_speed, self.acceleration, self.sample_period) > 0.0
-        ):
-            raise InvalidValueError(
-                f"{self} cannot be followed.",
-                remedy="All numbers must be positive, and crawl not above speed.",
-            )
+_SAMPLE_PERIOD = 1.0 / 32.0
+"""Time between samples, as in references [s]."""
 
 
 def extended_reference(
-    reference: PointTrajectory,
-    poses: np.ndarray,
-    index: int,
-    config: EntryTimingConfig,
+    reference: PointTrajectory, poses: np.ndarray, index: int
 ) -> PointTrajectory:
-    """Returns the reference that goes along a transit and then on from sample `index`.
+    """Returns the reference that follows a transit and then the demonstration from a sample on.
 
-    The transit carries the reference's own shape at that sample, so that nothing jumps there, and
-    arrives with the speed that the reference has there, or the cruising speed if that is less. Its
-    velocities are rigid motions and not zero, so the field moves along it everywhere; the end is
-    the demonstration's, at rest.
+    The transit moves the reference's own shape at that sample, so that nothing jumps there. It
+    arrives at the reference's speed, or at the cruising speed if that is less. Its velocities are
+    rigid motions and not zero, so the field advances everywhere; the end is the demonstration's, at
+    rest.
 
     Args:
         reference: The demonstration.
-        poses: (K, 4, 4) poses of the object, in the end that of the sample [m, world].
+        poses: (K, 4, 4) poses of the object; the last is that of the sample [m, world].
         index: Sample of the reference.
-        config: Speeds.
     """
     shape = reference.positions[index]
     motions = poses @ inverse(poses[-1])
-    lengths = _lengths(motions, shape, config)
+    lengths = _lengths(motions, shape)
     kept = np.r_[True, lengths > 1e-9]
     motions, along = motions[kept], np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
     last = index == len(reference.times) - 1
     if len(along) < 2:
-        if last:
-            # A reference has two samples at least, of which the first may not stand still; these
-            # do, at the goal.
-            index -= 1
+        # A reference needs two samples, so at the goal it begins one sample earlier.
+        index -= int(last)
         times = reference.times[index:] - reference.times[index]
         return PointTrajectory(times, reference.positions[index:], reference.velocities[index:])
     velocity = reference.velocities[index]
-    end_speed = 0.0 if last else float(np.sqrt(np.mean(np.sum(velocity**2, axis=1))))
     even = np.linspace(0.0, along[-1], 4 * len(along))
-    passed = _passing_times(even, end_speed, config)
-    count = max(2, int(np.ceil(passed[-1] / config.sample_period)))
+    passed = _passing_times(even, float(rms_length(velocity)))
+    count = max(2, int(np.ceil(passed[-1] / _SAMPLE_PERIOD)))
     times = np.linspace(0.0, passed[-1], count + 1)
     motions = interpolate_poses(along, motions, np.interp(times, passed, even))
     positions = transform_points(motions, shape)
-    velocities = _rigid_velocities(motions, positions, times[1])
+    velocities = rigid_velocities(motions, positions.mean(axis=1), positions, times[1])
     positions[-1] = shape
-    velocities[-1] = 0.0 if last else velocity
+    velocities[-1] = velocity
     return PointTrajectory(
         np.concatenate([times, times[-1] + reference.times[index + 1 :] - reference.times[index]]),
         np.concatenate([positions, reference.positions[index + 1 :]]),
@@ -89,46 +67,23 @@ def extended_reference(
     )
 
 
-def _lengths(motions: np.ndarray, shape: np.ndarray, config: EntryTimingConfig) -> np.ndarray:
-    """Returns the steps' lengths (K - 1,) [m]: of the points, or of the turn where that is slower.
+def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Returns the lengths of the steps (K - 1,) [m]: of the points, or of the turn if it is slower.
 
-    A turn by an angle counts as what takes as long at the cruising speed.
+    The length of a turn is the distance covered in the same time at the cruising speed.
     """
-    steps = np.diff(transform_points(motions, shape), axis=0)
-    moved = np.sqrt(np.mean(np.sum(steps**2, axis=2), axis=1))
+    moved = rms_length(np.diff(transform_points(motions, shape), axis=0))
     turns = rotation_log(motions[1:, :3, :3] @ motions[:-1, :3, :3].swapaxes(-1, -2))
-    turned = np.linalg.norm(turns, axis=1) * config.speed / config.angular_speed
-    return np.maximum(moved, turned)
+    return np.maximum(moved, np.linalg.norm(turns, axis=1) * SPEED / ANGULAR_SPEED)
 
 
-def _passing_times(along: np.ndarray, end_speed: float, config: EntryTimingConfig) -> np.ndarray:
-    """Returns the times (M,) [s] at which lengths (M,) [m] are passed, at bounded acceleration.
+def _passing_times(along: np.ndarray, end_speed: float) -> np.ndarray:
+    """Returns the times (M,) [s] at which lengths (M,) [m] are passed at bounded acceleration.
 
-    v^2 grows by 2 a s: from the crawl at the start, and backwards from the speed at the end.
+    v^2 grows by 2 a s: forwards from the initial speed, and backwards from the speed at the end.
     """
-    growth = 2.0 * config.acceleration
-    squares = np.minimum(config.crawl**2 + growth * along, config.speed**2)
+    growth = 2.0 * ACCELERATION
+    squares = np.minimum(_INITIAL_SPEED**2 + growth * along, SPEED**2)
     squares = np.minimum(squares, end_speed**2 + growth * (along[-1] - along))
     v = np.sqrt(squares)
     return np.concatenate([[0.0], np.cumsum(2.0 * np.diff(along) / (v[1:] + v[:-1]))])
-
-
-def _rigid_velocities(X: np.ndarray, positions: np.ndarray, period: float) -> np.ndarray:
-    """Returns central differences of a motion as rigid motions (K, N, 3) [m/s]; the last is zero.
-
-    Args:
-        X: (K, 4, 4) motions of the world.
-        positions: (K, N, 3) where they carry the points.
-        period: Time between them [s].
-    """
-    last = len(X) - 1
-    before, after = np.maximum(np.arange(last) - 1, 0), np.arange(last) + 1
-    spans = period * (after - before)[:, None]
-    centres = positions.mean(axis=1)
-    v = (centres[after] - centres[before]) / spans
-    turns = X[after, :3, :3] @ X[before, :3, :3].swapaxes(-1, -2)
-    omega = rotation_log(turns) / spans
-    velocities = np.zeros_like(positions)
-    arms = positions[:-1] - centres[:-1, None]
-    velocities[:-1] = v[:, None] + np.cross(omega[:, None], arms)
-    return velocities

@@ -1,4 +1,4 @@
-"""A collision-free way of the object to one of several places of the reference."""
+"""Collision-free paths of the object to one of several samples of the reference."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,59 +12,62 @@ from poil_drake.planning.path_shortening import EdgeChecker, round_corners, shor
 from poil_drake.planning.pose_vectors import PoseSpace, poses_of, same_side, vectors_of
 from poil_drake.planning.rrt_connect import rrt_connect
 
+_CANDIDATES = 16
+"""Samples of the reference to try. Over half a metre, that is one every 3 cm."""
+
+_MAX_EDGE = 0.3
+"""Longest edge of the search trees [m, of a point at the object's radius]."""
+
+_OPEN_CLEARANCE = 0.03
+"""A goal with this clearance is open [m], that is, easy to reach."""
+
+_SHORTCUTS = 30
+"""Attempts to shorten a path that was searched."""
+
+_SMOOTHING = 0.1
+"""Length over which corners are rounded, if there is room [m]."""
+
+_ROOM = 0.15
+"""Space for the object around the start, the reference and the scene [m]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TransitConfig:
-    """How a way is searched.
+    """Effort of the search for a path.
 
     Attributes:
-        candidates: How many places of the reference are tried. With 16 over half a metre, the one
-            just before the contact and one every 3 cm.
-        max_edge: Longest edge of the search trees [m, of a point at the object's radius].
-        goals: To how many of them a way is searched at random, the last of them drawn. More than
-            one, as the object may be locked in at some of them, a ring on a rod for example.
-        iterations: Rounds of tree growth for each. Counted, not timed, so that the outcome does
-            not depend on the machine's speed.
-        open_clearance: A place with this much clearance is open [m], easy to get to.
-        shortcuts: Attempts to shorten a way found at random.
-        smoothing: Length over which corners are rounded off where there is room [m].
-        room: How far beyond the start, the reference and the scene the object's middle may go [m],
-            besides its radius.
+        goals: Number of samples to search a path to; the last one is drawn at random. More than
+            one, because the object may be locked in at some of them, such as a ring on a rod.
+        iterations: Rounds of tree growth for each goal. Counted, not timed, so that the outcome
+            does not depend on the machine's speed.
     """
 
-    candidates: int = 16
-    max_edge: float = 0.3
     goals: int = 4
     iterations: int = 400
-    open_clearance: float = 0.03
-    shortcuts: int = 30
-    smoothing: float = 0.1
-    room: float = 0.15
 
 
 class Transit(NamedTuple):
-    """A way to the reference.
+    """A path to the reference.
 
     Attributes:
-        poses: (K, 4, 4) X_WB from the start to the reference's at `sample`.
-        sample: The sample of the reference where it ends.
+        poses: (K, 4, 4) X_WB from the start to the reference's pose at `sample`.
+        sample: The sample of the reference at its end.
     """
 
     poses: np.ndarray
     sample: int
 
 
-def entry_candidates(model: EntryModel, start: EntryStart, count: int) -> np.ndarray:
-    """Returns samples (C,) where the reference may be entered, the nearest to the start first.
+def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
+    """Returns samples (C,) at which the reference may be entered, the nearest to the start first.
 
-    They are evenly spread over the length of the stretches that keep the margin, the last sample
-    before contact included. If none does, over the whole reference: what is demanded of the way
-    there is then what the reference itself keeps.
+    They are spread evenly over the length of the stretches that keep the margin, and include their
+    last sample and the nearest. If none keeps it, they are spread over the whole reference; then
+    the path there has to keep only the clearance of the reference itself.
 
     Args:
         model: Object, scene and reference.
-        start: Where the object is.
-        count: How many, besides the last allowed one and the nearest.
+        start: Pose of the object.
     """
     (allowed,) = np.nonzero(model.free)
     if allowed.size == 0:
@@ -75,27 +78,27 @@ def entry_candidates(model: EntryModel, start: EntryStart, count: int) -> np.nda
             X = model.poses[allowed[k - 1 : k + 1]]
             steps[k] = model.displacement(X[:1], X[1:])[0, 0]
     along = np.cumsum(steps)
-    wanted = np.linspace(0.0, along[-1], count)
-    distances = model.displacement(start.X_WB[None], model.poses[allowed])[0]
-    nearest = allowed[np.argmin(distances)]
+    even = np.linspace(0.0, along[-1], _CANDIDATES)
+    distances = model.displacement(start.X_WB[None], model.poses)[0]
+    nearest = allowed[np.argmin(distances[allowed])]
     chosen = np.unique(
-        np.r_[allowed[np.searchsorted(along, wanted, side="right") - 1], allowed[-1], nearest]
+        np.r_[allowed[np.searchsorted(along, even, side="right") - 1], allowed[-1], nearest]
     )
-    return chosen[np.argsort(model.displacement(start.X_WB[None], model.poses[chosen])[0])]
+    return chosen[np.argsort(distances[chosen])]
 
 
 def straight_transit(
     model: EntryModel, start: EntryStart, candidates: np.ndarray
 ) -> Transit | None:
-    """Returns the first straight way that is free, None if none is.
+    """Returns the first straight path that is free, None if there is none.
 
-    The nearest place of the whole reference comes last: after a push, an object that was about to
-    arrive is led back by the shortest way, in the midst of contact.
+    The nearest sample of the whole reference comes last: an object that was pushed just before it
+    arrived returns by the shortest path, even in contact.
 
     Args:
         model: Object, scene and reference.
-        start: Where the object is.
-        candidates: (C,) samples of the reference where the way may end, in the order tried.
+        start: Pose of the object.
+        candidates: (C,) samples at which the path may end, in the order in which they are tried.
     """
     edges = model.edges(start)
     nearest = int(np.argmin(model.displacement(start.X_WB[None], model.poses)[0]))
@@ -113,25 +116,24 @@ def searched_transit(
     config: TransitConfig,
     seed: int,
 ) -> Transit | None:
-    """Returns a way found by RRT-Connect, shortened and rounded off; None if none was found.
+    """Returns a path found by RRT-Connect, shortened and with rounded corners, None without one.
 
-    It is searched to one place after the other: the open ones first, the nearest before the others,
-    then those with the most clearance. The last one is drawn from all others, so that with enough
-    seeds every place is tried.
+    Goals are searched in the order of their clearance up to an open one, the nearest first among
+    equals. The last goal is drawn from all others, so that with enough seeds each is tried.
 
     Args:
         model: Object, scene and reference.
-        start: Where it begins.
-        candidates: (C,) samples of the reference where it may end.
-        config: Effort.
-        seed: Of the search.
+        start: Pose of the object.
+        candidates: (C,) samples at which the path may end.
+        config: Effort of the search.
+        seed: Seed of the search.
     """
     X_goals = model.poses[candidates]
-    room = np.floor(model.clearance(X_goals, config.open_clearance) / config.open_clearance * 4.0)
+    room = np.floor(model.clearance(X_goals, _OPEN_CLEARANCE) / _OPEN_CLEARANCE * 4.0)
     apart = model.displacement(start.X_WB[None], X_goals)[0]
     edges = model.edges(start)
     first = vectors_of(start.X_WB[None], model.radius)[0]
-    space = PoseSpace(*model.bounds(start, config.room), model.radius)
+    space = PoseSpace(*model.bounds(start, _ROOM), model.radius)
     order = np.lexsort([apart, -room])
     best, others = order[: config.goals - 1], order[config.goals - 1 :]
     rng = np.random.default_rng(seed)
@@ -142,28 +144,26 @@ def searched_transit(
             vectors_of(X_goals[goal, None], model.radius)[0],
             is_free=lambda vectors: model.is_free(poses_of(vectors), start),
             edge_is_free=lambda a, b: edges.is_free(*same_side(np.stack([a, b]))),
-            max_edge=config.max_edge,
+            max_edge=_MAX_EDGE,
             iterations=config.iterations,
             seed=seed,
         )
         if found is not None:
             corners = _turned_evenly(same_side(found), edges)
-            corners = shorten_path(corners, edges, config.shortcuts, rng)
-            path = round_corners(
-                corners, edges, width=config.smoothing, resolution=edges.resolution
-            )
+            corners = shorten_path(corners, edges, _SHORTCUTS, rng)
+            path = round_corners(corners, edges, width=_SMOOTHING)
             return Transit(poses_of(path), int(candidates[goal]))
     return None
 
 
 def _turned_evenly(corners: np.ndarray, edges: EdgeChecker) -> np.ndarray:
-    """Returns the same positions with the turn from the first to the last spread evenly, if free.
+    """Returns the same positions with the rotation spread evenly over the path, if that is free.
 
-    The search turns the object at random, which takes time and serves nothing where there is room.
+    The search rotates the object at random, which takes time and is useless where there is room.
 
     Args:
         corners: (K, 7) pose vectors, each on the side of the one before.
-        edges: The check.
+        edges: The check of edges.
     """
     lengths = np.linalg.norm(np.diff(corners[:, :3], axis=0), axis=1)
     if not lengths.sum() > 0.0:

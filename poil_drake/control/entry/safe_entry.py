@@ -1,4 +1,4 @@
-"""Safe entry: a collision-free way onto the reference from anywhere."""
+"""Safe entry: a collision-free path onto the reference from anywhere."""
 
 import enum
 from dataclasses import dataclass, field, replace
@@ -7,8 +7,8 @@ import numpy as np
 
 from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry.entry_model import EntryModel
-from poil_drake.control.entry.entry_rollout import EntryRolloutConfig, roll_out_entry
-from poil_drake.control.entry.entry_timing import EntryTimingConfig, extended_reference
+from poil_drake.control.entry.entry_rollout import roll_out_entry
+from poil_drake.control.entry.entry_timing import extended_reference
 from poil_drake.control.entry.entry_transit import (
     TransitConfig,
     entry_candidates,
@@ -18,10 +18,15 @@ from poil_drake.control.entry.entry_transit import (
 from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.scene_distance import SceneDistance
 
-_NOWHERE = np.empty((0, 4, 4))
+_NO_GUIDE = np.empty((0, 4, 4))
+
+_PROGRESS_WINDOW = (0.25, 0.25)
+"""The field's progress window on planned references, (backward, forward) [s], so that a path that
+comes near itself, even through a thin wall, is not cut short. At 0.15 m/s it is 4 cm; between two
+control ticks the closest configuration moves much less."""
 
 
 class EntryKind(enum.Enum):
@@ -31,13 +36,13 @@ class EntryKind(enum.Enum):
     """Safe entry is switched off: the field of the paper."""
 
     FIELD = enum.auto()
-    """By the field itself, whose way was found to be clear."""
+    """By the field itself, whose path is clear."""
 
     STRAIGHT = enum.auto()
     """By a straight motion."""
 
     SEARCHED = enum.auto()
-    """By a way that RRT-Connect found."""
+    """By a path that RRT-Connect found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,40 +50,33 @@ class SafeEntryConfig:
     """How the reference is entered.
 
     Attributes:
-        enabled: False gives the paper's field.
-        progress_window: The field's on planned references, (backward, forward) [s]: a way that
-            comes near itself, through a thin wall even, is not cut short. At 0.15 m/s it is 4 cm;
-            between two control ticks the closest configuration moves by far less.
-        on_way: An object this near to where it was to pass is on its way [m, farthest point]:
-            about what 3 mm of noise of the points does to an object of 10 cm.
-        tube_radius: Farther away it needs another plan, though the field may lead back [m].
-        clearance: What counts as too close.
-        rollout: How the field is tried out.
-        transit: How a way is searched.
-        timing: How fast it is followed.
+        enabled: False uses the paper's field alone.
+        on_way: An object within this distance of the planned path is on it [m, farthest point].
+            Noise of 3 mm in the points moves the far side of an object of 10 cm by about as much.
+        tube_radius: Within this distance the field may lead back to the path; beyond, the object
+            needs another plan [m, farthest point].
+        clearance: The required clearance.
+        transit: Effort of the search for a path.
     """
 
     enabled: bool = True
-    progress_window: tuple[float, float] = (0.25, 0.25)
     on_way: float = 0.01
     tube_radius: float = 0.05
     clearance: EntryClearanceConfig = field(default_factory=EntryClearanceConfig)
-    rollout: EntryRolloutConfig = field(default_factory=EntryRolloutConfig)
     transit: TransitConfig = field(default_factory=TransitConfig)
-    timing: EntryTimingConfig = field(default_factory=EntryTimingConfig)
 
 
 @dataclass(frozen=True, eq=False)
 class EntryPlan(SharedOnCopy):
-    """A reference that is safe to follow from where the object is.
+    """A reference that is safe to follow from the object's present pose.
 
     Attributes:
-        reference: What is to be followed. An object of its own for each plan, so that who remembers
-            a time on the reference notices when it is of another plan.
-        field: By which field: the planner's, or the one that it was given if the kind is OFF.
+        reference: The reference to follow. Each plan has its own object, whose identity shows to
+            which plan a remembered time on the reference belongs.
+        field: The field that follows it: the planner's, or, if the kind is OFF, the given one.
         kind: How the demonstration is entered.
-        guide: (K, 4, 4) poses X_WB that the object is going to pass until it is on the reference;
-            K = 0 where the reference begins at the object, and once it is on the reference.
+        guide: (K, 4, 4) poses X_WB that the object will pass until it is on the reference. K = 0 if
+            the reference begins at the object, and once the object is on the reference.
     """
 
     reference: PointTrajectory
@@ -87,24 +85,23 @@ class EntryPlan(SharedOnCopy):
     guide: np.ndarray
 
     def __post_init__(self) -> None:
-        guide = frozen_array(self.guide, name="EntryPlan.guide", shape=("K", 4, 4))
-        object.__setattr__(self, "guide", guide)
+        freeze_fields(self, guide=("K", 4, 4))
 
 
 class SafeEntryPlanner:
-    """Finds a way onto the reference that keeps its clearance to the scene.
+    """Plans paths onto the reference that keep their clearance to the scene.
 
-    Tried in this order; the first that is free is taken:
+    The first of these that is free is used:
 
     1. the field itself, rolled out;
-    2. a straight motion to a place of the reference before its last contact, the nearest first, or
-       else to the nearest of all;
-    3. a way found by RRT-Connect to one of the places before the last contact.
+    2. a straight motion to a sample of the reference that keeps the margin, the nearest first, or
+       to the nearest of all samples;
+    3. a path found by RRT-Connect to one of the samples that keep the margin.
 
     Attributes:
         model: Object, scene and reference.
-        field: The field that is to follow the plans: the one given, with a progress window unless
-            safe entry is switched off.
+        field: The field that follows the plans: the given one, with a progress window unless safe
+            entry is switched off.
     """
 
     def __init__(
@@ -120,13 +117,12 @@ class SafeEntryPlanner:
         """Measures the clearance along the reference.
 
         Args:
-            reference: The demonstration, of the N points that are tracked.
-            scene: What the object must not touch. Without the object, the hand and the arm.
+            reference: The demonstration of the N tracked points.
+            scene: The obstacles, without the object, the hand and the arm.
             object_cloud: (Q, 3) surface of the object at one time [m, world].
-            object_points: (N, 3) where the points were at that time [m, world]; NaN where not
-                observed.
-            bcsdm: The field.
-            config: Margins and effort.
+            object_points: (N, 3) the points at that time [m, world]; NaN where not observed.
+            bcsdm: The field; None for the defaults.
+            config: Clearance and effort; None for the defaults.
 
         Raises:
             TrackingError: if fewer than three of the points are finite.
@@ -142,14 +138,12 @@ class SafeEntryPlanner:
         self._unguarded = self.field = bcsdm or BcsdmConfig()
         if self._config.enabled:
             self.field = replace(
-                self._unguarded,
-                progress_window=self._config.progress_window,
-                window_escape_ratio=0.0,
+                self._unguarded, progress_window=_PROGRESS_WINDOW, window_escape_ratio=0.0
             )
 
     def unguarded(self) -> EntryPlan:
-        """Returns the demonstration as it is, to be followed from anywhere by the field given."""
-        return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NOWHERE)
+        """Returns the unchanged demonstration, to be followed by the given field."""
+        return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NO_GUIDE)
 
     def plan(
         self,
@@ -162,13 +156,13 @@ class SafeEntryPlanner:
         """Returns a reference that leads from the points to the demonstration's end.
 
         Args:
-            points: (N, 3) where they are [m, world]; NaN where not observed.
+            points: (N, 3) [m, world]; NaN where not observed.
             confidence: (N,) weights in [0, 1]; None for all equal.
-            seed: Of the search. The result depends on nothing else but the arguments.
-            avoid_field: Whether to leave the first way out, because it proved to be blocked.
+            seed: Seed of the search. The result depends only on the arguments.
+            avoid_field: Whether to skip the field itself, because it turned out to be blocked.
 
         Raises:
-            PlanningError: if no way was found.
+            PlanningError: if no path was found.
             TrackingError: if fewer than three points are observed.
         """
         if not self._config.enabled:
@@ -176,29 +170,28 @@ class SafeEntryPlanner:
         model, config = self.model, self._config
         start = model.start(points, confidence)
         if not avoid_field:
-            ahead = roll_out_entry(model, start, model.reference, self.field, config.rollout)
+            ahead = roll_out_entry(model, start, model.reference, self.field)
             if ahead.clear:
                 reference = replace(model.reference)
                 return EntryPlan(reference, self.field, EntryKind.FIELD, ahead.poses)
-        places = entry_candidates(model, start, config.transit.candidates)
+        candidates = entry_candidates(model, start)
         kind = EntryKind.STRAIGHT
-        transit = straight_transit(model, start, places)
+        transit = straight_transit(model, start, candidates)
         if transit is None:
             kind = EntryKind.SEARCHED
-            transit = searched_transit(model, start, places, config.transit, seed)
+            transit = searched_transit(model, start, candidates, config.transit, seed)
         if transit is None:
             raise PlanningError(
-                f"No way onto the reference was found from {np.round(start.X_WB[:3, 3], 3)}, where "
-                f"the object is {1e3 * min(start.clearance, start.height):.0f} mm clear, in "
+                f"No path onto the reference was found from {np.round(start.X_WB[:3, 3], 3)} m, "
+                f"where the object's clearance is "
+                f"{1e3 * min(start.clearance, start.height):.0f} mm, in "
                 f"{config.transit.iterations} rounds of search to each of "
-                f"{config.transit.goals} places.",
+                f"{config.transit.goals} samples.",
                 remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
                 "raise TransitConfig.iterations.",
             )
-        reference = extended_reference(
-            model.reference, transit.poses, transit.sample, config.timing
-        )
-        return EntryPlan(reference, self.field, kind, _NOWHERE)
+        reference = extended_reference(model.reference, transit.poses, transit.sample)
+        return EntryPlan(reference, self.field, kind, _NO_GUIDE)
 
     def check(
         self,
@@ -207,18 +200,18 @@ class SafeEntryPlanner:
         tau: float,
         confidence: np.ndarray | None = None,
     ) -> EntryPlan | None:
-        """Returns the plan to go on with, None where it is not safe any more.
+        """Returns the plan to continue with, None if it is no longer safe.
 
-        Within `on_way` of the way planned, or within what noise leaves uncertain, that is the plan
-        itself, its guide without what lies behind; nothing is rolled out. The way planned is where
-        the reference is at tau, and what is left of the guide. Up to `tube_radius` beside it the
-        field is rolled out from here: if it leads back without a collision, the plan is still
-        good, with that way as its guide. Farther away it is not.
+        The planned path consists of the reference's pose at tau and the rest of the guide. Within
+        `on_way` of it, or within the uncertainty of the pose, the plan is kept, without the guide's
+        poses that are behind; nothing is rolled out. Within `tube_radius` the field is rolled out
+        from the present pose; if it leads back without a collision, the plan is kept with the
+        rolled-out path as its guide. Farther away the plan is not safe.
 
         Args:
-            plan: What is followed.
-            points: (N, 3) where the points are [m, world]; NaN where not observed.
-            tau: The field's time of the closest configuration, on the plan's reference [s].
+            plan: The plan being followed.
+            points: (N, 3) [m, world]; NaN where not observed.
+            tau: Time of the field's closest configuration on the plan's reference [s].
             confidence: (N,) weights in [0, 1]; None for all equal.
 
         Raises:
@@ -229,18 +222,14 @@ class SafeEntryPlanner:
         model, config = self.model, self._config
         start = model.start(points, confidence)
         here = model.pose(plan.reference.positions_at(tau))[None]
-        way = np.concatenate([here, plan.guide])
-        deviations = model.displacement(start.X_WB[None], way)[0]
-        (passed,) = np.nonzero(deviations <= max(config.on_way, start.slack))
+        path = np.concatenate([here, plan.guide])
+        deviations = model.displacement(start.X_WB[None], path)[0]
+        (passed,) = np.nonzero(deviations <= max(config.on_way, start.uncertainty))
         if passed.size:
-            # The first of them, as a guide may come near itself.
-            return _guided(plan, plan.guide[passed[0] - 1 :] if passed[0] > 0 else _NOWHERE)
+            # The first of them, because a guide may come near itself.
+            guide = plan.guide[passed[0] - 1 :] if passed[0] > 0 else _NO_GUIDE
+            return plan if len(guide) == len(plan.guide) else replace(plan, guide=guide)
         if deviations.min() > config.tube_radius:
             return None
-        back = roll_out_entry(model, start, plan.reference, plan.field, config.rollout, tau=tau)
+        back = roll_out_entry(model, start, plan.reference, plan.field, tau=tau)
         return replace(plan, guide=back.poses) if back.clear else None
-
-
-def _guided(plan: EntryPlan, guide: np.ndarray) -> EntryPlan:
-    """Returns the plan with what is left of its guide; the same plan if that is all of it."""
-    return plan if len(guide) == len(plan.guide) else replace(plan, guide=guide)

@@ -1,14 +1,14 @@
-"""The configurations of a reference that are closest to many states of its points (POIL eq. 1)."""
+"""The closest configurations of a reference to many states of its points (POIL eq. 1)."""
 
 import numpy as np
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 
 _SINGLE_THREAD_PRODUCTS = 2**18
-"""Up to this many multiplications OpenBLAS stays in one thread.
+"""Up to this many multiplications OpenBLAS uses one thread.
 
-Where studies run in as many processes as there are cores, its threads wait for each other's turn
-on a core, which takes longer than the product.
+In studies that run one process per core, OpenBLAS threads would compete for the cores, which takes
+longer than the product itself.
 """
 
 
@@ -22,7 +22,7 @@ def closest_configurations(
     escape_ratio: float = 0.0,
     previous_tau: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns what `closest_configuration` does for each of B states: segment and fraction (B,).
+    """Returns `closest_configuration` of B states: segments and fractions, (B,) each.
 
     Args:
         points: (B, N, 3) [m], finite; B >= 1.
@@ -31,7 +31,7 @@ def closest_configurations(
         interpolate: See `closest_configuration`.
         window: See `nearest_sample_in_window`.
         escape_ratio: See `nearest_sample_in_window`.
-        previous_tau: (B,) [s]; NaN where there is none.
+        previous_tau: (B,) [s]; NaN for a state without one.
     """
     costs, tolerances = _relative_costs(points, reference, weights)
     index, squares = _last_minima(costs, tolerances, points, reference.positions, weights)
@@ -75,8 +75,8 @@ def _last_minima(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the closest sample of each state and its squared distance, (B,) each.
 
-    Samples that the costs cannot tell apart are compared by the very sums of `squared_distances`,
-    and among equals the last is taken, so that the choice is the one made for a single state.
+    Samples whose costs agree within the tolerance are compared by `squared_distances`, and the last
+    of equal samples is taken, so that the choice is the same as for a single state.
     """
     limits = costs.min(axis=1) + tolerances
     states, samples = np.nonzero(costs <= limits[:, None])
@@ -106,7 +106,7 @@ def _windows(
 def _between_samples(
     points: np.ndarray, positions: np.ndarray, index: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns what `between_samples` does for each of B states: segment and fraction (B,)."""
+    """Returns `between_samples` of B states: segments and fractions, (B,) each."""
     last = len(positions) - 1
     here = positions[index]
     offsets = (points - here) * weights[:, :, None]

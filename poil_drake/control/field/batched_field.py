@@ -12,14 +12,14 @@ from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points, vee
 
 _WELL_CONDITIONED = 1e-2
-"""Least over largest eigenvalue of A from which on plain least squares is beyond doubt."""
+"""Least ratio of the smallest to the largest eigenvalue of A for the batched least squares."""
 
-_NOT_AT_OR_AT_GOAL = np.array([BcsdmStatus.OK, BcsdmStatus.GOAL], dtype=object)
+_STATUS_BY_AT_GOAL = np.array([BcsdmStatus.OK, BcsdmStatus.GOAL], dtype=object)
 
 
 @dataclass(frozen=True, eq=False)
 class BatchedField:
-    """The field at B configurations; row b is what `point_set_bcsdm` says of state b.
+    """The field at B states; row b is `point_set_bcsdm` of state b.
 
     Attributes:
         omega: (B, 3) angular velocities of the object [rad/s, world]; zero when lost.
@@ -60,20 +60,20 @@ def batched_field(
 ) -> BatchedField:
     """Returns `point_set_bcsdm` of B states, up to rounding.
 
-    States with every point observed, in general position and without outliers are worked out all
-    together; the others one by one.
+    States with all points observed, in general position and without outliers are computed
+    together, the others one by one.
 
     Args:
         points: (B, N, 3) positions [m, world]; NaN where not observed.
         reference: The reference of the same N points.
         config: Parameters of the field.
-        confidence: (B, N) weights in [0, 1]; 0 leaves a point out, None weighs all alike.
-        previous_tau: (B,) the last tick's tau [s], for the progress window; NaN where there is
-            none, None for none at all.
+        confidence: (B, N) weights in [0, 1]; 0 excludes a point, None weights all equally.
+        previous_tau: (B,) the last tick's tau [s], for the progress window; NaN for a state
+            without one, None if no state has one.
 
     Raises:
-        InvalidValueError: if the number of points is not the reference's, or there is not one
-            confidence for each point and one previous tau for each state.
+        InvalidValueError: if the number of points differs from the reference's, or there is not
+            one confidence for each point and one previous tau for each state.
     """
     B, N = points.shape[0], reference.positions.shape[1]
     weights = np.ones((B, N)) if confidence is None else confidence
@@ -121,16 +121,16 @@ def _fill(
     w: np.ndarray,
     previous_tau: np.ndarray,
 ) -> np.ndarray:
-    """Fills in the field of K states, and returns at which of them (K,) bool it holds.
+    """Fills in the field of K states and returns for which of them (K,) bool it is valid.
 
     Args:
-        field: What to fill in.
-        rows: (K,) where.
+        field: The output.
+        rows: (K,) rows of the states in it.
         x: (K, N, 3) finite points [m].
         reference: The reference.
         config: Parameters of the field.
         w: (K, N) positive weights.
-        previous_tau: (K,) [s]; NaN where there is none.
+        previous_tau: (K,) [s]; NaN for a state without one.
     """
     segment, fraction = closest_configurations(
         x,
@@ -144,7 +144,7 @@ def _fill(
     errors = _interpolate(reference.positions, segment, fraction) - x
     velocities = _interpolate(reference.velocities, segment, fraction) + config.eta * errors
     shares = w / w.sum(axis=1, keepdims=True)
-    omega, v, centroid, squares, sure = _fit_twists(
+    omega, v, centroid, squares, valid = _fit_twists(
         x, velocities, shares, max(config.min_spread, config.min_rotation_spread)
     )
     tau = _interpolate(reference.times, segment, fraction)
@@ -157,17 +157,17 @@ def _fill(
     field.potential[rows] = 0.5 * np.einsum("kn,kn->k", w, distances**2)
     field.mean_error[rows] = np.einsum("kn,kn->k", shares, distances)
     field.goal_error[rows], field.inliers[rows] = goal_error, True
-    field.status[rows] = _NOT_AT_OR_AT_GOAL[at_goal.astype(int)]
-    return sure & ~_with_outliers(x, x + errors, w, squares.max(axis=1), config)
+    field.status[rows] = _STATUS_BY_AT_GOAL[at_goal.astype(int)]
+    return valid & ~_with_outliers(x, x + errors, w, squares.max(axis=1), config)
 
 
 def _fit_twists(
     points: np.ndarray, velocities: np.ndarray, shares: np.ndarray, min_spread: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Returns omega, v, centroid (K, 3), squared residuals (K, N), and where they are sure (K,).
+    """Returns omega, v, centroid (K, 3), squared residuals (K, N), and where they are valid (K,).
 
-    It is `fit_twist_to_inliers` of all points; a state is sure where they determine the rotation
-    beyond doubt, that is, by more than rounding could change.
+    The fit is `fit_twist` of all points. It is valid where the points determine the
+    rotation by a margin that rounding cannot change.
     """
     centroid = np.einsum("kn,kni->ki", shares, points)
     v = np.einsum("kn,kni->ki", shares, velocities)
@@ -177,13 +177,13 @@ def _fit_twists(
     moments = vee(products.swapaxes(1, 2) - products)
     eigenvalues, axes = np.linalg.eigh(weighted_arms @ arms)
     gains = eigenvalues.sum(axis=1, keepdims=True) - eigenvalues
-    # The squared spread about the line that fits best is the least gain.
-    sure = (gains[:, 2] >= _WELL_CONDITIONED * gains[:, 0]) & (gains[:, 2] >= 1.01 * min_spread**2)
-    gains[~sure] = 1.0
+    # The smallest gain is the squared spread about the best-fitting line.
+    valid = (gains[:, 2] >= _WELL_CONDITIONED * gains[:, 0]) & (gains[:, 2] >= 1.01 * min_spread**2)
+    gains[~valid] = 1.0
     turns = np.einsum("kij,ki->kj", axes, moments) / gains
     omega = np.einsum("kij,kj->ki", axes, turns)
     residuals = (v[:, None] - velocities) + np.cross(omega[:, None], arms)
-    return omega, v, centroid, np.einsum("kni,kni->kn", residuals, residuals), sure
+    return omega, v, centroid, np.einsum("kni,kni->kn", residuals, residuals), valid
 
 
 def _with_outliers(
@@ -193,7 +193,7 @@ def _with_outliers(
     largest: np.ndarray,
     config: BcsdmConfig,
 ) -> np.ndarray:
-    """Returns in which of K states (K,) bool outliers have to be looked for.
+    """Returns which of K states (K,) bool may have outliers.
 
     Args:
         source: (K, N, 3) points [m].

@@ -1,4 +1,4 @@
-"""Where the field leads many rigid objects that follow it freely."""
+"""Rollouts of the field from many starts at once."""
 
 import numpy as np
 
@@ -29,20 +29,20 @@ def batched_rollout(
         reference: The reference of the same N points.
         config: Parameters of the field.
         time_step: Length of a step [s].
-        max_time: When to give up [s].
+        max_time: Longest simulated time [s].
         max_angular_speed: Limit of |omega| [rad/s].
         max_linear_speed: Limit of the speed of `limited_points` [m/s].
-        limited_points: (B, 3) where the points that move with the objects, such as the gripper's
-            origin, are at the starts [m, world]; None for the centroids of the points.
+        limited_points: (B, 3) points that move with the objects, such as the gripper's origin, at
+            the starts [m, world]; None for the centroids of the points.
 
     Raises:
-        TrackingError: if the points of a start cannot determine a motion (fewer than 3, or on a
-            line).
+        TrackingError: if the points of a start do not determine a motion (fewer than 3, or
+            collinear).
     """
     if not (time_step > 0.0 and max_time >= 0.0):
         raise InvalidValueError(
             f"batched_rollout() got time_step={time_step} s and max_time={max_time} s.",
-            remedy="Pass a positive step and a time that is not negative.",
+            remedy="Pass a positive time_step and a non-negative max_time.",
         )
     points = np.asarray(points, dtype=float)
     B = len(points)
@@ -63,7 +63,7 @@ def batched_rollout(
         if len(lost) > 0:
             raise TrackingError(
                 f"The points of the starts {lost.tolist()} do not determine a motion.",
-                remedy="Pass at least three finite points that are not on a line.",
+                remedy="Pass at least three finite points that are not collinear.",
             )
         taus[rows], potentials[rows] = field.tau, field.potential
         lengths[rows] += 1
@@ -74,9 +74,9 @@ def batched_rollout(
             arms = limited - field.centroid
         V = shift_twist(field.twist, arms)
         V = shift_twist(scale_twist(V, max_angular_speed, max_linear_speed), -arms)
-        moving[rows] = goes_on = field.status != BcsdmStatus.GOAL
+        moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
         stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
-        X[rows[goes_on]] = stepped[goes_on]
+        X[rows[unfinished]] = stepped[unfinished]
     motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
     return [
         Rollout(

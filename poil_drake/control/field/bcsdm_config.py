@@ -16,30 +16,30 @@ class BcsdmConfig:
 
     Attributes:
         eta: Gain of the contraction towards the reference [1/s]. 3 is the paper's.
-        interpolate: Whether the closest configuration is sought between the samples too. The
-            paper takes the closest sample, which makes the field jump as the sample changes.
-        progress_window: How far the closest configuration is sought around that of the last tick,
-            (backward, forward) [s]. None seeks it in the whole reference, as in the paper, which
-            lets a disturbance move the index anywhere, and noise too where the reference comes
+        interpolate: Whether the closest configuration may lie between samples. The paper takes the
+            closest sample, which makes the field jump where the sample changes.
+        progress_window: Search range for the closest configuration around that of the last tick,
+            (backward, forward) [s]. None searches the whole reference, as in the paper; then a
+            disturbance can move the index anywhere, and so can noise where the reference comes
             near itself. The window ends at a sample or between it and the next.
-        window_escape_ratio: With a window, the whole reference still wins where its potential is
-            below this part of the window's: the object was carried elsewhere. 0 never leaves.
-        goal_tolerance: Mean distance of the points from the reference's end that counts as there
-            [m]. 3 mm is about a tracker's noise over ten points plus the hand's lag.
-        goal_window: The closest configuration must lie within this time of the reference's end
-            [s] to count as there, so that passing by the end does not.
-        min_spread: Root mean square distance of the points from the line that fits them best which
-            is still enough for a rotation [m]. A mug's handle has 8 mm and more.
+        window_escape_ratio: With a window, the closest configuration of the whole reference is
+            used if its potential is below this fraction of the window's, because the object has
+            been moved. 0 never leaves the window.
+        goal_tolerance: Mean distance of the points from the reference's end below which they are
+            at the goal [m]. 3 mm is about a tracker's noise over ten points plus the hand's lag.
+        goal_window: At the goal the closest configuration must lie within this time of the
+            reference's end [s], so that passing the end early does not count.
+        min_spread: Smallest root mean square distance of the points from their best-fitting line
+            that determines a rotation [m]. A mug's handle has 8 mm or more.
         min_rotation_spread: Root mean square distance of the points from an axis below which a turn
-            about it is slowed instead of following their noise [m]. 0, the paper's, never does; 2
-            mm keeps a tracker's noise of 1 mm over ten points below 10 deg.
-        outlier_test: How points that are not where the tracker says are found and left out.
-            "rigidity": those that neither the best twist nor a rigid motion to the closest
-            configuration explains, see `rigid_inliers`. "velocity": by RANSAC on the velocities,
-            as in the paper, which takes points far from the reference in rotation for outliers.
-            "none": not at all.
-        rigidity: For "rigidity".
-        ransac: For "velocity".
+            about the axis is slowed instead of following their noise [m]. 0, the paper's, never
+            slows it; 2 mm keeps a tracker's noise of 1 mm over ten points below 10 deg.
+        outlier_test: How mistracked points are found and excluded. "rigidity" excludes points that
+            neither the best twist nor a rigid motion to the closest configuration explains, see
+            `rigid_inliers`. "velocity" applies RANSAC to the velocities, as in the paper; far from
+            the reference in rotation it takes true points for outliers. "none" keeps all points.
+        rigidity: Parameters of "rigidity".
+        ransac: Parameters of "velocity".
     """
 
     eta: float = 3.0
@@ -58,7 +58,7 @@ class BcsdmConfig:
         if not self.eta > 0.0:
             raise InvalidValueError(
                 f"BcsdmConfig.eta is {self.eta} / s.",
-                remedy="Pass a positive gain, or the field does not converge.",
+                remedy="Pass a positive gain; otherwise the field does not converge.",
             )
         if self.outlier_test not in get_args(OutlierTest):
             raise InvalidValueError(

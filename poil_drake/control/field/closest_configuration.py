@@ -1,4 +1,4 @@
-"""The configuration of a reference that is closest to the points (POIL eq. 1)."""
+"""The closest configuration of a reference to the points (POIL eq. 1)."""
 
 import math
 
@@ -17,18 +17,18 @@ def closest_configuration(
     escape_ratio: float = 0.0,
     previous_tau: float | None = None,
 ) -> tuple[int, float]:
-    """Returns the place of a reference closest to the points: a sample and a fraction to the next.
+    """Returns the closest configuration: a sample, and the fraction of the way to the next.
 
     Args:
         points: (N, 3) [m], finite.
         reference: The reference of the same N points.
-        weights: (N,) not negative, None for all one. Points of weight zero count for nothing.
-        interpolate: Whether to look between the samples too; the fraction is 0 otherwise.
-        window: How far to look (backward, forward) of the last tick's place [s]; None looks
-            everywhere.
-        escape_ratio: With a window, the closest of all samples still wins where its squared
-            distance is below this part of the one within the window.
-        previous_tau: Time of the last tick's place [s]. None or NaN: no window.
+        weights: (N,) non-negative, None for all one. Points of weight zero are ignored.
+        interpolate: Whether to search between samples too; otherwise the fraction is 0.
+        window: Search range (backward, forward) around the last tick's closest configuration [s];
+            None searches the whole reference.
+        escape_ratio: With a window, the closest of all samples is used if its squared distance is
+            below this fraction of the closest one's within the window.
+        previous_tau: Time of the last tick's closest configuration [s]. None or NaN for no window.
     """
     costs, tolerance = reference.features.relative_costs(points, weights)
     positions = reference.positions
@@ -61,19 +61,19 @@ def squared_distances(
     differences = (positions - points).reshape(len(positions), -1)
     if weights is None:
         return np.einsum("tk,tk->t", differences, differences)
-    # A matrix product rounds some rows otherwise than others, so that equal samples would differ.
+    # A matrix product rounds rows differently, so equal samples would get different sums.
     return np.einsum("tk,k->t", np.square(differences, out=differences), np.repeat(weights, 3))
 
 
 def window_samples(
     times: np.ndarray, previous_tau: float, window: tuple[float, float]
 ) -> tuple[int, int]:
-    """Returns the first sample of a window around the last tick's time, and the one after its last.
+    """Returns the first sample of the progress window and the one after its last.
 
     Args:
         times: (T,) of the samples [s].
         previous_tau: Time of the last tick's closest configuration [s].
-        window: How far to look (backward, forward) of it [s].
+        window: Search range (backward, forward) around it [s].
     """
     backward, forward = window
     begin = int(times.searchsorted(previous_tau - backward))
@@ -86,7 +86,7 @@ def window_samples(
 def between_samples(
     points: np.ndarray, reference: PointTrajectory, index: int, weights: np.ndarray | None = None
 ) -> tuple[int, float]:
-    """Returns the place closest to the points on the two segments that meet at a sample.
+    """Returns the closest configuration on the two segments that meet at a sample.
 
     With x* = a + s (b - a) the squared distance is quadratic in s, and least at
     s = sum_i w_i (x_i - a_i).(b_i - a_i) / sum_i w_i |b_i - a_i|^2.
@@ -98,8 +98,8 @@ def between_samples(
         weights: (N,), None for all one.
 
     Returns:
-        segment: The sample that the place comes after.
-        fraction: Part of the way to the next one, in [0, 1); 0 at the last sample.
+        segment: The sample at which its segment begins.
+        fraction: Fraction of the segment, in [0, 1); 0 at the last sample.
     """
     offset = (points - reference.positions[index]).ravel()
     first, end = max(index - 1, 0), index + 1
@@ -134,13 +134,13 @@ def _last_minimum(
     positions: np.ndarray,
     weights: np.ndarray | None,
 ) -> int:
-    """Returns the closest sample; among equals the last, so that one passes a standstill.
+    """Returns the closest sample, the last of equal ones so that a pause is passed.
 
-    Samples that the costs cannot tell apart are compared by their `squared_distances`.
+    Samples whose costs agree within the tolerance are compared by `squared_distances`.
 
     Args:
         costs: (T,) see `SampleFeatures.relative_costs`.
-        tolerance: How far apart equal ones may seem.
+        tolerance: Largest difference of equal costs by rounding.
         points: (N, 3) [m].
         positions: (T, N, 3) the reference's [m].
         weights: (N,), None for all one.
@@ -150,7 +150,7 @@ def _last_minimum(
     count = np.count_nonzero(close)
     if count == 1:
         return index
-    # Where the costs overflow, none is close.
+    # If the costs overflow, no sample is close.
     candidates = close.nonzero()[0] if count else np.arange(len(costs))
     squares = squared_distances(points, positions[candidates], weights)
     return int(candidates[::-1][squares[::-1].argmin()])

@@ -15,16 +15,16 @@ from poil_drake.errors import InvalidValueError
 
 
 class BcsdmStatus(enum.Enum):
-    """What the field has to say besides a twist."""
+    """Status of the field at one configuration."""
 
     OK = enum.auto()
     """The twist drives the points along the reference."""
 
     LOST = enum.auto()
-    """Too few points, or all on a line: the twist is zero."""
+    """Fewer than three points, or all collinear; the twist is zero."""
 
     GOAL = enum.auto()
-    """The points are at the end of the reference, within the tolerance."""
+    """The points are within the tolerance of the reference's end."""
 
 
 class BcsdmOutput(NamedTuple):
@@ -35,12 +35,12 @@ class BcsdmOutput(NamedTuple):
         v: (3,) velocity of the centroid [m/s, world]; zero when lost.
         centroid: (3,) weighted centroid of the points that the twist was fitted to [m, world].
         tau: Time of the closest configuration of the reference [s]. NaN when lost.
-        index: Its nearest sample. -1 when lost.
+        index: The sample nearest to it. -1 when lost.
         potential: D of POIL eq. 4 over the same points as the velocities [m^2]. NaN when lost.
         mean_error: Mean distance of the points from the closest configuration [m]. NaN when lost.
         goal_error: Mean distance of the points from the reference's end [m]. NaN when lost.
-        point_velocities: (N, 3) the field at each point (POIL eq. 2) [m/s]; NaN where a point was
-            not observed or, by the test of rigidity, is an outlier.
+        point_velocities: (N, 3) the field at each point (POIL eq. 2) [m/s]; NaN for points that
+            were not observed or are outliers by the rigidity test.
         inliers: (N,) bool, which points the twist was fitted to.
         status: See `BcsdmStatus`.
     """
@@ -49,7 +49,7 @@ class BcsdmOutput(NamedTuple):
     v: np.ndarray
     centroid: np.ndarray
     tau: float
-    index: int  # type: ignore[assignment]  # It hides the tuple's own, which nobody needs.
+    index: int  # type: ignore[assignment]  # Hides tuple.index.
     potential: float
     mean_error: float
     goal_error: float
@@ -72,18 +72,18 @@ def point_set_bcsdm(
 ) -> BcsdmOutput:
     """Returns the rigid motion that drives the points along the reference (POIL eqs. 1 to 3).
 
-    Each point wants v_i = x*'_i(tau) + eta (x*_i(tau) - x_i), with tau the closest configuration;
-    the twist is the one that matches these velocities best. The speed is not limited here.
+    The field at each point is v_i = x*'_i(tau) + eta (x*_i(tau) - x_i), with tau the time of the
+    closest configuration; the twist fits these velocities best. The speed is not limited.
 
     Args:
         points: (N, 3) positions [m, world]; NaN where not observed.
         reference: The reference of the same N points.
         config: Parameters of the field.
-        confidence: (N,) weights in [0, 1]; 0 leaves a point out, None weighs all alike.
+        confidence: (N,) weights in [0, 1]; 0 excludes a point, None weights all equally.
         previous_tau: The last tick's tau [s], for the progress window; None or NaN for none.
 
     Raises:
-        InvalidValueError: if the number of points or confidences is not the reference's.
+        InvalidValueError: if the number of points or confidences differs from the reference's.
     """
     if points.shape != reference.positions.shape[1:]:
         raise InvalidValueError(
@@ -95,14 +95,14 @@ def point_set_bcsdm(
     if len(weights) != len(points):
         raise InvalidValueError(
             f"There are {len(weights)} confidences of {len(points)} points.",
-            remedy="Pass one for each point.",
+            remedy="Pass one confidence for each point.",
         )
     numbers, flat = weights.tolist(), points.ravel()
-    # A sum is finite only if all its terms are. NaN fails every comparison.
+    # A sum is finite only if all its terms are, and NaN fails every comparison.
     if numbers and min(numbers) > 0.0 and math.isfinite(sum(numbers) + flat.dot(flat)):
         return _field(points, weights, reference, config, previous_tau)
     observed = (weights > 0.0) & (weights < np.inf) & np.isfinite(points.sum(axis=1))
-    # Points of weight zero count for nothing, wherever they are.
+    # Points of weight zero are ignored, but must be finite.
     points = np.where(observed[:, None], points, 0.0)
     weights = np.where(observed, weights, 0.0)
     return _field(points, weights, reference, config, previous_tau)
@@ -115,16 +115,16 @@ def _field(
     config: BcsdmConfig,
     previous_tau: float | None,
 ) -> BcsdmOutput:
-    """Returns the field of finite points, of which those of weight zero count for nothing."""
+    """Returns the field of finite points; those of weight zero are ignored."""
     numbers = weights.tolist()
     count = len(numbers) - numbers.count(0.0)
     if count < 3:
         return _lost(len(points))
-    alike = numbers.count(numbers[0]) == len(numbers)
+    equal_weights = numbers.count(numbers[0]) == len(numbers)
     segment, fraction = closest_configuration(
         points,
         reference,
-        None if alike else weights,
+        None if equal_weights else weights,
         interpolate=config.interpolate,
         window=config.progress_window,
         escape_ratio=config.window_escape_ratio,
@@ -133,11 +133,13 @@ def _field(
     state = reference.states[segment]
     if fraction > 0.0:
         state = state + fraction * reference.state_steps[segment]
-    errors = state[:2] - points  # From the closest configuration, and from the end.
+    errors = state[:2] - points  # To the closest configuration, and to the end.
     velocities = state[2] + config.eta * errors[0]
-    fit = fit_robust_twist(points, velocities, state[0], weights, config, alike=alike)
+    fit = fit_robust_twist(
+        points, velocities, state[0], weights, config, equal_weights=equal_weights
+    )
     if config.outlier_test == "rigidity" and np.count_nonzero(fit.inliers) < count:
-        # Outliers count for nothing, the closest configuration included.
+        # Outliers do not count for the closest configuration either.
         return _field(points, weights * fit.inliers, reference, config, previous_tau)
     if fit.spread < config.min_spread:
         return _lost(len(points))

@@ -1,4 +1,4 @@
-"""The twist of a control tick, and which points are not where the tracker says."""
+"""The twist of a control tick and the mistracked points."""
 
 import math
 
@@ -11,7 +11,7 @@ from poil_drake.geometry.centred_sums import CentredSums, centred_sums
 from poil_drake.geometry.rigid_consensus import consensus_inliers, motion_squares
 
 _FAR_TURN = 0.25
-"""Sine of the angle from the reference from which on twists leave large residuals anyway."""
+"""Sine of the angle from the reference above which a twist always leaves large residuals."""
 
 
 def fit_robust_twist(
@@ -21,25 +21,25 @@ def fit_robust_twist(
     weights: np.ndarray,
     config: BcsdmConfig,
     *,
-    alike: bool,
+    equal_weights: bool,
 ) -> RobustTwist:
-    """Returns the twist that best matches the velocities of points (POIL eq. 3), and its inliers.
+    """Returns the twist that best fits the velocities of points (POIL eq. 3), and its inliers.
 
-    By the test of velocities it is the inliers' twist; by that of rigidity it is the twist of all,
-    as their velocities are towards a configuration that outliers had a say in.
+    With the velocity test it is the inliers' twist. With the rigidity test it is the twist of all
+    points, because outliers have influenced the closest configuration and so all velocities.
 
     Args:
         points: (N, 3) finite positions [m].
         velocities: (N, 3) their velocities [m/s].
-        targets: (N, 3) their places in the closest configuration [m].
-        weights: (N,) zero for those that are not observed, else positive; at least three are.
+        targets: (N, 3) their positions in the closest configuration [m].
+        weights: (N,) zero for points that are not observed, positive for at least three others.
         config: Parameters of the field.
-        alike: Whether all of the weights are equal, which is faster then.
+        equal_weights: Whether all weights are equal, which is faster.
     """
-    observed = None if alike or (known := weights > 0.0).all() else known
+    observed = None if equal_weights or (known := weights > 0.0).all() else known
     if config.outlier_test == "velocity":
         return _fit_by_velocity(points, velocities, weights, observed, config)
-    sums = centred_sums((points, velocities, targets), None if alike else weights)
+    sums = centred_sums((points, velocities, targets), None if equal_weights else weights)
     omega, spread = twist_turn(sums, config.min_rotation_spread)
     inliers = everyone(len(points)) if observed is None else observed
     if config.outlier_test == "rigidity" and _may_have_outliers(sums, omega, observed, config):
@@ -70,7 +70,7 @@ def _fit_by_velocity(
 
 
 def _scattered(inliers: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Returns the read-only mask (N,) of all points for one (K,) of those observed (N,) bool."""
+    """Returns the read-only mask (N,) of all points for a mask (K,) of the observed ones."""
     mask = np.zeros(len(observed), dtype=bool)
     mask[observed] = inliers
     mask.setflags(write=False)
@@ -83,14 +83,14 @@ def _may_have_outliers(
     observed: np.ndarray | None,
     config: BcsdmConfig,
 ) -> bool:
-    """Returns whether both the best twist and the best motion leave some point too far off.
+    """Returns whether both the best twist and the best motion leave some residual too large.
 
-    Far from the reference in rotation the twist always does, so the motion is tried first there.
+    Far from the reference in rotation the twist always does, so the motion is tested first.
 
     Args:
         sums: Of the points, their velocities and their targets.
-        omega: Of the twist that matches the velocities best [rad/s].
-        observed: (N,) bool, the points that count; None for all.
+        omega: Angular velocity of the twist that fits the velocities best [rad/s].
+        observed: (N,) bool, the observed points; None for all.
         config: Parameters of the field.
     """
     distance = config.rigidity.inlier_distance

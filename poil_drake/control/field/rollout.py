@@ -1,4 +1,4 @@
-"""Where the field leads a rigid object that follows it freely."""
+"""Rollouts of the field: the motion of a rigid object that follows it freely."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, p
 from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
@@ -18,9 +18,8 @@ class Rollout(SharedOnCopy):
 
     Attributes:
         times: (T,) [s], from 0 in even steps.
-        X_W: (T, 4, 4) motion of the object since the start, in the world: a point of it that began
-            at p is at X_W[t] p. The first is the identity. A body that began at the pose X_WB is
-            at X_W[t] X_WB.
+        X_W: (T, 4, 4) motion of the object since the start, in the world: a point that starts at p
+            is at X_W[t] p, a body that starts at X_WB is at X_W[t] X_WB. The first is the identity.
         potentials: (T,) D of POIL eq. 4 at each step [m^2].
         taus: (T,) time of the closest configuration of the reference at each step [s].
         converged: Whether the end of the reference was reached.
@@ -33,13 +32,7 @@ class Rollout(SharedOnCopy):
     converged: bool
 
     def __post_init__(self) -> None:
-        times = frozen_array(self.times, name="Rollout.times", shape=("T",))
-        object.__setattr__(self, "times", times)
-        for name, shape in (("X_W", (4, 4)), ("potentials", ()), ("taus", ())):
-            array = frozen_array(
-                getattr(self, name), name=f"Rollout.{name}", shape=(times.size, *shape)
-            )
-            object.__setattr__(self, name, array)
+        freeze_fields(self, times=("T",), X_W=("T", 4, 4), potentials=("T",), taus=("T",))
 
 
 def rollout(
@@ -53,29 +46,29 @@ def rollout(
     max_linear_speed: float = np.inf,
     limited_point: np.ndarray | None = None,
 ) -> Rollout:
-    """Integrates the field until the end of the reference is reached, or time is up.
+    """Integrates the field until the end of the reference is reached or the time is over.
 
-    Over each step the object turns about its centroid with the field's angular velocity (the
-    exponential map) while the centroid moves straight, both scaled by one factor to the limits.
+    In each step the object turns about its centroid with the field's angular velocity (exponential
+    map) while the centroid moves straight. One factor scales both to the speed limits.
 
     Args:
         points: (N, 3) positions at the start [m, world].
         reference: The reference of the same N points.
         config: Parameters of the field.
         time_step: Length of a step [s].
-        max_time: When to give up [s].
+        max_time: Longest simulated time [s].
         max_angular_speed: Limit of |omega| [rad/s].
         max_linear_speed: Limit of the speed of `limited_point` [m/s].
-        limited_point: (3,) where the point that moves with the object, such as the gripper's
-            origin, is at the start [m, world]; None for the centroid of the points.
+        limited_point: (3,) point that moves with the object, such as the gripper's origin, at the
+            start [m, world]; None for the centroid of the points.
 
     Raises:
-        TrackingError: if the points cannot determine a motion (fewer than 3, or on a line).
+        TrackingError: if the points do not determine a motion (fewer than 3, or collinear).
     """
     if not (time_step > 0.0 and max_time >= 0.0):
         raise InvalidValueError(
             f"rollout() got time_step={time_step} s and max_time={max_time} s.",
-            remedy="Pass a positive step and a time that is not negative.",
+            remedy="Pass a positive time_step and a non-negative max_time.",
         )
     points = np.asarray(points, dtype=float)
     X = np.eye(4)
@@ -87,7 +80,7 @@ def rollout(
         if output.status is BcsdmStatus.LOST:
             raise TrackingError(
                 f"The {len(points)} points do not determine a motion.",
-                remedy="Pass at least three finite points that are not on a line.",
+                remedy="Pass at least three finite points that are not collinear.",
             )
         tau = output.tau
         motions.append(X)
@@ -97,11 +90,11 @@ def rollout(
             converged = True
             break
         origin = output.centroid
-        place = origin if limited_point is None else transform_points(X, limited_point)
+        limited_now = origin if limited_point is None else transform_points(X, limited_point)
         limited = scale_twist(
-            shift_twist(output.twist, place - origin), max_angular_speed, max_linear_speed
+            shift_twist(output.twist, limited_now - origin), max_angular_speed, max_linear_speed
         )
-        X = moved_by_twist(X, shift_twist(limited, origin - place), origin, time_step)
+        X = moved_by_twist(X, shift_twist(limited, origin - limited_now), origin, time_step)
     return Rollout(
         times=time_step * np.arange(len(motions)),
         X_W=np.array(motions),

@@ -1,4 +1,4 @@
-"""What squared distances from the samples of a trajectory are made of, worked out once for all."""
+"""Precomputed terms of the squared distances to the samples of a trajectory."""
 
 from dataclasses import dataclass
 
@@ -9,27 +9,27 @@ _EPSILON = float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class SampleFeatures:
-    """What does not depend on the points in their squared distances from T samples.
+    """The terms of the squared distances to T samples that do not depend on the points.
 
     With c the mean of all positions and z_i = x*_i - c, half the squared distance is
 
         |x_i - x*_i|^2 / 2 = |x_i - c|^2 / 2 - x_i . z_i + (|z_i|^2 / 2 + c . z_i),
 
-    whose first term is the same for all samples. So a weighted sum over the points takes two small
-    matrix products. z_i instead of x*_i keeps the terms and their rounding errors small where the
-    world's origin is far away.
+    whose first term is the same for all samples, so a weighted sum over the points takes two small
+    matrix products. Using z_i instead of x*_i keeps the terms and their rounding errors small far
+    from the world's origin.
 
     Attributes:
         offsets: (3N, T) z_i [m].
         constants: (N, T) |z_i|^2 / 2 + c . z_i [m^2].
         summed_constants: (T,) the sum of these over the points [m^2].
         stacked: (4N, T) `offsets` above `constants`.
-        sizes: (N,) |c|^2 and the largest |z_i|^2 of all samples [m^2], for the rounding errors.
+        sizes: (N,) |c|^2 plus the largest |z_i|^2 of all samples [m^2], for the rounding errors.
         summed_sizes: The sum of these over the points [m^2].
-        tolerance_factor: How far apart costs may seem that are equal, in parts of
+        tolerance_factor: Largest difference of equal costs by rounding, as a fraction of
             sum_i w_i (|x_i|^2 + sizes_i). The terms of a cost add up to at most 3/2 of that, and so
-            do those of the very sum. A sum of 4N terms rounds by less than 4N + 8 times half an
-            epsilon, and there are two of either.
+            do those of `squared_distances`. A sum of 4N terms rounds by less than 4N + 8 times half
+            an epsilon, and two sums of each kind are compared.
         steps: (T - 1, 3N) from each sample to the next [m].
         squared_steps: (T - 1,) their squared lengths, all points' together [m^2].
     """
@@ -46,7 +46,7 @@ class SampleFeatures:
 
     @classmethod
     def of(cls, positions: np.ndarray) -> "SampleFeatures":
-        """Returns those of positions (T, N, 3) [m]."""
+        """Computes the features of positions (T, N, 3) [m]."""
         T, N, _ = positions.shape
         centre = positions.mean(axis=(0, 1))
         offsets = positions - centre
@@ -74,15 +74,15 @@ class SampleFeatures:
     def relative_costs(
         self, points: np.ndarray, weights: np.ndarray | None = None
     ) -> tuple[np.ndarray, float]:
-        """Returns sum_i w_i |x_i - x*_i|^2 / 2 (T,) [m^2] less a constant, and its error.
+        """Returns sum_i w_i |x_i - x*_i|^2 / 2 (T,) [m^2] up to a constant, and its rounding error.
 
         Args:
             points: (N, 3) [m], finite.
-            weights: (N,) not negative, None for all one.
+            weights: (N,) non-negative, None for all one.
 
         Returns:
             costs: (T,).
-            tolerance: More than the rounding errors of two costs, and of the very sums, add up to.
+            tolerance: Bound on the summed rounding errors of two costs and `squared_distances`.
         """
         x = points.ravel()
         if weights is None:

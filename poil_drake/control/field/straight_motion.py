@@ -1,4 +1,4 @@
-"""Straight, rotation-free gripper motions: lift after the grasp, retreat after release."""
+"""Straight gripper motions without rotation: lift after the grasp, retreat after release."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from poil_drake.geometry.rigid_transform import rotation_log
 
 @dataclass(frozen=True, kw_only=True)
 class StraightMotionConfig:
-    """How straight motions are driven.
+    """Speed, acceleration and gain of straight motions.
 
     Attributes:
         speed: Cruising speed [m/s].

@@ -1,11 +1,11 @@
-"""The twists that sets of three points propose, all at once."""
+"""The twists that sets of three points propose."""
 
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import skew
 from poil_drake.geometry.triples import cross, triangle_corners
 
-# The alternating symbol: [-omega] = _NEGATIVE_SKEW @ omega, for many omega (3, K) as well.
+# The alternating symbol: [-omega] = _NEGATIVE_SKEW @ omega, also for many omega (3, K).
 _NEGATIVE_SKEW = np.ascontiguousarray(np.moveaxis(skew(-np.eye(3)), 0, -1))
 
 
@@ -17,7 +17,7 @@ def triangle_twist_squares(
     Args:
         points: (N, 3) positions [m].
         velocities: (N, 3) their velocities [m/s].
-        triples: (K, 3) indices, of points that are not on a line.
+        triples: (K, 3) indices of points that are not collinear.
     """
     omegas, vs, centroids = _fit_triangles(
         triangle_corners(points, triples), triangle_corners(velocities, triples)
@@ -33,9 +33,9 @@ def triangle_twist_squares(
 def _fit_triangles(
     corners: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns omega, v and the centroid (3, K) each of triangles (3, 3, K), x, y, z first.
+    """Returns omega, v and the centroid, (3, K) each, of triangles (3, 3, K), coordinate first.
 
-    About their centroid three points r_i are in a plane. With a normal n, m = sum_i r_i x v_i and
+    Three points r_i about their centroid lie in a plane. With a normal n, m = sum_i r_i x v_i and
     W = sum_i r_i r_i^T the solution of A omega = m is W m / d in the plane, where d is the product
     of the eigenvalues of W there, and n (n . m) / (|n|^2 tr W) along n. For n = r_1 x r_2 (a third
     of the sides' product) Cauchy and Binet give d = 3 |n|^2.

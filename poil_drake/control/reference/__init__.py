@@ -1,1 +1,1 @@
-"""From tracked points to the reference that the field follows."""
+"""The references that the field follows, made from tracked points."""

@@ -1,21 +1,9 @@
-"""Where a demonstration stands still: before, after and in the middle of its motion."""
-
-from dataclasses import dataclass
+"""The parts of a demonstration in which the object moves, without the pauses around them."""
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Samples begin to end of a sequence, the end not included."""
-
-    begin: int
-    end: int
-
-    def __len__(self) -> int:
-        return self.end - self.begin
+from poil_drake.control.reference.point_speeds import rms_length
+from poil_drake.errors import TransferError
 
 
 def split_motion(
@@ -26,45 +14,38 @@ def split_motion(
     dwell_speed: float,
     min_pause: float,
     min_displacement: float,
-) -> list[Interval]:
-    """Returns the stretches of a motion, in order; between and around them it stands still.
+) -> list[slice]:
+    """Returns the stretches of samples in motion, in order; between and around them it pauses.
 
-    A reference has to be without its pauses: the closest configuration moves on only where the
-    reference does, so the field comes to rest at a pause, as at the goal.
+    A reference must not contain pauses: the closest configuration advances only where the reference
+    does, so the field comes to rest at a pause as it does at the goal.
 
     Args:
         times: (T,) [s].
         speeds: (T,) root mean square speed of the points [m/s].
         positions: (T, N, 3) of the points [m].
-        dwell_speed: What is slower stands still [m/s].
-        min_pause: A slow stretch in the middle that is shorter than this is part of the motion [s].
-        min_displacement: A fast stretch whose points stay within this of where they began is noise
+        dwell_speed: Slower samples are at rest [m/s].
+        min_pause: Shorter pauses within the motion are part of it [s].
+        min_displacement: A stretch whose points stay within this of its beginning is noise
             [m, root mean square over the points].
+
+    Raises:
+        TransferError: if nothing moves.
     """
-    if not len(times) == len(speeds) == len(positions):
-        raise InvalidValueError(
-            f"There are {len(times)} times, {len(speeds)} speeds and {len(positions)} positions.",
-            remedy="Pass one of each for every sample.",
+    moving = np.concatenate([[0], (speeds > dwell_speed).astype(np.int8), [0]])
+    bounds = np.flatnonzero(np.diff(moving)).tolist()
+    stretches: list[slice] = []
+    for begin, end in zip(bounds[::2], bounds[1::2], strict=True):
+        if rms_length(positions[begin:end] - positions[begin]).max() < min_displacement:
+            continue
+        if stretches and times[begin] - times[stretches[-1].stop - 1] < min_pause:
+            begin = stretches.pop().start
+        stretches.append(slice(begin, end))
+    if not stretches:
+        raise TransferError(
+            f"Nothing moves in the demonstration: over {times[-1] - times[0]:.1f} s the points "
+            f"stay slower than {dwell_speed} m/s or within {min_displacement} m.",
+            remedy="Check that the tracker followed the moving object, or lower "
+            "ReferenceConfig.dwell_speed and min_displacement.",
         )
-    stretches = [
-        stretch
-        for stretch in _runs(speeds > dwell_speed)
-        if _displacement(positions[stretch.begin : stretch.end]) >= min_displacement
-    ]
-    joined: list[Interval] = []
-    for stretch in stretches:
-        if joined and times[stretch.begin] - times[joined[-1].end - 1] < min_pause:
-            joined[-1] = Interval(joined[-1].begin, stretch.end)
-        else:
-            joined.append(stretch)
-    return joined
-
-
-def _runs(flags: np.ndarray) -> list[Interval]:
-    changes = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return [Interval(int(a), int(b)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
-
-
-def _displacement(positions: np.ndarray) -> float:
-    offsets = positions - positions[0]
-    return float(np.sqrt(np.max(np.mean(np.sum(offsets**2, axis=-1), axis=-1))))
+    return stretches

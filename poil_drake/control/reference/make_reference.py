@@ -1,15 +1,17 @@
-"""From tracked points of a demonstration to the reference that the controller follows."""
+"""Makes the reference that the controller follows from a demonstration's tracked points."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from poil_drake.control.reference.dwell import Interval, split_motion
+from poil_drake.control.reference.dwell import split_motion
+from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses, smooth_poses
 from poil_drake.control.reference.retiming import RetimingConfig, retime
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion
 from poil_drake.errors import InvalidValueError, TransferError
+from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_transform import (
     make_transform,
@@ -24,20 +26,20 @@ class ReferenceConfig:
     """How tracked points become a reference.
 
     Attributes:
-        sample_period: Time between the reference's samples [s]. 1/32 s is some 3 mm at 0.1 m/s.
+        sample_period: Time between the reference's samples [s]. 1/32 s is about 3 mm at 0.1 m/s.
         smoothing_time: Bandwidth of the smoothing [s]; motion shorter than twice this is smoothed
-            away. 0.25 s takes in some five samples of a tracker at 8 Hz.
-        dwell_speed: What is slower stands still [m/s, root mean square over the points]. Noise of
-            1 mm at 8 Hz is some 0.003 m/s after smoothing.
-        min_pause: Shorter pauses are not cut out [s]; the speed's lower limit passes them.
-        min_displacement: What moves less than this and stops again is noise [m].
-        settle_time: Samples this soon after the motion stopped do not count for the pose at rest
-            [s], where they are less than half of the pause.
-        blend_time: How long before and after a pause the smoothed motion is led onto the pose at
-            rest [s].
-        rigidity: When a tracked point has left the body and does not count. Wider than for
-            control, since trackers of demonstrations may hold no shape.
-        retiming: How fast the reference is followed.
+            away. 0.25 s spans about five samples of a tracker at 8 Hz.
+        dwell_speed: Slower samples are at rest [m/s, root mean square over the points]. Noise of
+            1 mm at 8 Hz is about 0.003 m/s after smoothing.
+        min_pause: Shorter pauses are not cut out [s]; the lower speed limit passes them.
+        min_displacement: A stretch of motion that moves less than this is noise [m].
+        settle_time: Samples within this time after the motion stops, but at most half of the pause,
+            do not count for the pose at rest [s].
+        blend_time: Time before and after a pause in which the smoothed motion is blended into the
+            pose at rest [s].
+        rigidity: When a tracked point is an outlier. Wider than for control, because trackers of
+            demonstrations need not preserve the shape.
+        retiming: Speed limits of the reference.
     """
 
     sample_period: float = 1.0 / 32.0
@@ -57,41 +59,35 @@ class ReferenceConfig:
             raise InvalidValueError(
                 f"ReferenceConfig has sample_period={self.sample_period} s and "
                 f"smoothing_time={self.smoothing_time} s.",
-                remedy="Both must be positive.",
+                remedy="Pass positive times.",
             )
 
 
 def make_reference(
     times: np.ndarray, positions: np.ndarray, config: ReferenceConfig | None = None
 ) -> PointTrajectory:
-    """Returns the reference behind tracked points of one rigid object.
+    """Returns the reference for tracked points of one rigid object.
 
-    The points are fitted with one rigid shape; its motion is smoothed; where it stands still it is
-    cut, and led through the mean pose at rest, the last of which is the goal; what remains is
-    resampled evenly in time, at the demonstrated speed within limits, and comes to rest at the end.
-    Every sample is the same rigid shape, and every velocity but the last (zero) a rigid motion's.
+    One rigid shape is fitted to the points, and its motion is smoothed. Pauses are cut, and the
+    motion is led through the mean pose of each; that of the last is the goal. The rest is resampled
+    evenly in time at the demonstrated speed, within limits, and comes to rest at the end. Every
+    sample is the same rigid shape, and every velocity is a rigid motion's; the last is zero.
 
     Args:
         times: (T,) sample times [s], increasing.
         positions: (T, N, 3) tracked positions [m, world]; NaN where a point was not observed.
-        config: Parameters, None for the defaults.
+        config: Parameters; None for the defaults.
 
     Raises:
-        TransferError: if too few samples can be used, their times do not increase, or nothing
-            moves.
+        TransferError: if too few samples are usable, times do not increase, or nothing moves.
     """
     config = config or ReferenceConfig()
-    times, positions = np.asarray(times, dtype=float), np.asarray(positions, dtype=float)
-    if positions.ndim != 3 or positions.shape[2] != 3 or times.shape != positions.shape[:1]:
-        raise InvalidValueError(
-            f"make_reference() got times of shape {times.shape} and positions of shape "
-            f"{positions.shape}.",
-            remedy="Pass (T,) times and (T, N, 3) positions.",
-        )
+    times = frozen_array(times, name="times", shape=("T",))
+    positions = frozen_array(positions, name="positions", shape=(len(times), "N", 3), finite=False)
     if np.any(np.diff(times) <= 0.0):
         raise TransferError(
             "The times of the tracked positions do not increase.",
-            remedy="Pass the samples in order of time, each once.",
+            remedy="Pass each sample once, in order of time.",
         )
     body, X, usable = fit_rigid_motion(positions, config.rigidity)
     times = times[usable]
@@ -107,41 +103,33 @@ def make_reference(
         min_pause=config.min_pause,
         min_displacement=config.min_displacement,
     )
-    if not stretches:
-        raise TransferError(
-            f"Nothing moves in the demonstration: over {times[-1] - times[0]:.1f} s the points "
-            f"stay slower than {config.dwell_speed} m/s or within {config.min_displacement} m.",
-            remedy="Check that the tracker followed the moving object, or lower "
-            "ReferenceConfig.dwell_speed and min_displacement.",
-        )
     X_path = _anchored(fine, X_smooth, stretches, times, X, config)
-    path_speeds = np.concatenate([speeds[s.begin : s.end] for s in stretches])
+    path_speeds = np.concatenate([speeds[s] for s in stretches])
     return _resample(X_path, path_speeds, body, config)
 
 
 def _rms_speed(V: np.ndarray, X: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Returns the root mean square speed (T,) of the points of a moving shape [m/s]."""
     arms = body @ np.swapaxes(X[:, :3, :3], -1, -2)
-    velocities = V[:, None, 3:] + np.cross(V[:, None, :3], arms)
-    return np.sqrt(np.mean(np.sum(velocities**2, axis=2), axis=1))
+    return rms_length(V[:, None, 3:] + np.cross(V[:, None, :3], arms))
 
 
 def _anchored(
     fine: np.ndarray,
     X_smooth: np.ndarray,
-    stretches: list[Interval],
+    stretches: list[slice],
     times: np.ndarray,
     X: np.ndarray,
     config: ReferenceConfig,
 ) -> np.ndarray:
-    """Returns the stretches, one after the other, each led from rest pose to rest pose."""
-    begins = [-np.inf] + [fine[s.end - 1] for s in stretches]
-    ends = [fine[s.begin] for s in stretches] + [np.inf]
+    """Returns the poses of all stretches, each blended from rest pose to rest pose."""
+    begins = [-np.inf] + [fine[s.stop - 1] for s in stretches]
+    ends = [fine[s.start] for s in stretches] + [np.inf]
     rests = [_rest_pose(times, X, b, e, config) for b, e in zip(begins, ends, strict=True)]
     parts = []
     for k, stretch in enumerate(stretches):
-        part = X_smooth[stretch.begin : stretch.end]
-        t = fine[stretch.begin : stretch.end] - fine[stretch.begin]
+        part = X_smooth[stretch]
+        t = fine[stretch] - fine[stretch.start]
         blend = max(min(config.blend_time, 0.5 * t[-1]), 1e-9)
         for rest, end, remaining in ((rests[k], 0, t), (rests[k + 1], -1, t[-1] - t)):
             if rest is None:
@@ -160,7 +148,7 @@ def _anchored(
 def _rest_pose(
     times: np.ndarray, X: np.ndarray, begin: float, end: float, config: ReferenceConfig
 ) -> np.ndarray | None:
-    """Returns the mean pose of the samples at rest in a pause, None where there are none."""
+    """Returns the mean pose of the settled samples in a pause, None if it has no samples."""
     inside = np.flatnonzero((times >= begin) & (times <= end))
     if inside.size == 0:
         return None
@@ -176,9 +164,9 @@ def _rest_pose(
 def _resample(
     X: np.ndarray, speeds: np.ndarray, body: np.ndarray, config: ReferenceConfig
 ) -> PointTrajectory:
-    steps = np.diff(transform_points(X, body), axis=0)
-    lengths = np.sqrt(np.mean(np.sum(steps**2, axis=2), axis=1))
-    # A path without points on top of each other, on which length determines place.
+    """Returns the poses of a path, with the speeds along it, as a trajectory even in time."""
+    lengths = rms_length(np.diff(transform_points(X, body), axis=0))
+    # Without coincident poses the length along the path determines the pose.
     kept = np.concatenate([[True], lengths > 1e-9])
     path_lengths = np.concatenate([[0.0], np.cumsum(lengths)])[kept]
     X, speeds = X[kept], speeds[kept]
@@ -186,21 +174,9 @@ def _resample(
     passed = retime(even, np.interp(even, path_lengths, speeds), config.retiming)
     count = max(2, int(np.ceil(passed[-1] / config.sample_period)))
     times = config.sample_period * np.arange(count + 1)
-    # Slower by less than a sample, so that the last sample is the path's end.
+    # Stretched by less than a sample, so that the last sample is the path's end.
     lengths_at = np.interp(times * (passed[-1] / times[-1]), passed, even)
     X = interpolate_poses(path_lengths, X, lengths_at)
     positions = transform_points(X, body)
-    return PointTrajectory(times, positions, _velocities(X, positions, config.sample_period))
-
-
-def _velocities(X: np.ndarray, positions: np.ndarray, period: float) -> np.ndarray:
-    """Returns central differences of a rigid motion as rigid motions; the last is zero."""
-    before, after = X[[0, *range(len(X) - 2)]], X[1:]
-    spans = np.array([period] + [2.0 * period] * (len(X) - 2))[:, None]
-    turns = rotation_log(after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2))
-    omega = turns / spans
-    v = (after[:, :3, 3] - before[:, :3, 3]) / spans
-    arms = positions[:-1] - X[:-1, None, :3, 3]
-    velocities = np.zeros_like(positions)
-    velocities[:-1] = v[:, None] + np.cross(omega[:, None], arms)
-    return velocities
+    velocities = rigid_velocities(X, X[:, :3, 3], positions, config.sample_period)
+    return PointTrajectory(times, positions, velocities)

@@ -1,4 +1,4 @@
-"""The reference that the controller follows."""
+"""Trajectories of point sets: the references that the controller follows."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,12 +8,12 @@ import numpy as np
 
 from poil_drake.control.field.sample_features import SampleFeatures
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
 class PointTrajectory(SharedOnCopy):
-    """N points over T samples.
+    """The motion of N points over T samples.
 
     Attributes:
         times: (T,) sample times [s], strictly increasing from 0, T >= 2.
@@ -27,42 +27,32 @@ class PointTrajectory(SharedOnCopy):
     velocities: np.ndarray
 
     def __post_init__(self) -> None:
-        times = frozen_array(self.times, name="PointTrajectory.times", shape=("T",))
-        if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
+        freeze_fields(self, times=("T",), positions=("T", "N", 3), velocities=("T", "N", 3))
+        if len(self.times) < 2 or self.times[0] != 0.0 or np.any(np.diff(self.times) <= 0.0):
             raise InvalidValueError(
-                f"PointTrajectory.times has {times.size} samples that do not increase from 0.",
+                f"PointTrajectory.times has {len(self.times)} samples that do not increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
-        T = times.size
-        positions = frozen_array(
-            self.positions, name="PointTrajectory.positions", shape=(T, "N", 3)
-        )
-        velocities = frozen_array(
-            self.velocities, name="PointTrajectory.velocities", shape=positions.shape
-        )
-        if np.any(velocities[-1] != 0.0):
+        if np.any(self.velocities[-1] != 0.0):
             raise InvalidValueError(
                 "The last sample of PointTrajectory.velocities is not zero.",
                 remedy="Set velocities[-1] = 0: the reference must end at rest.",
             )
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "velocities", velocities)
 
     def __getstate__(self) -> dict[str, Any]:
-        # What can be worked out again does not travel to other processes.
+        # Cached properties are recomputed in other processes.
         return {name: getattr(self, name) for name in ("times", "positions", "velocities")}
 
     @cached_property
     def features(self) -> SampleFeatures:
-        """What squared distances from all samples are made of."""
+        """Precomputed terms of the squared distances to all samples."""
         return SampleFeatures.of(self.positions)
 
     @cached_property
     def states(self) -> np.ndarray:
-        """(T, 3, N, 3) each sample's positions, those of the end, and velocities.
+        """(T, 3, N, 3) each sample's positions, the end's positions, and each sample's velocities.
 
-        Side by side they are interpolated, and compared with the points, in one step each.
+        In one array they are interpolated in one step, and so are the errors of both positions.
         """
         ends = np.broadcast_to(self.positions[-1], self.positions.shape)
         states = np.stack([self.positions, ends, self.velocities], axis=1)
@@ -70,9 +60,9 @@ class PointTrajectory(SharedOnCopy):
         return states
 
     def positions_at(self, time: float) -> np.ndarray:
-        """Returns the points (N, 3) [m, world] at a time [s], linear between samples.
+        """Returns the positions (N, 3) [m, world] at a time [s], linear between samples.
 
-        Before the start and after the end they are those there.
+        Times outside the trajectory are clamped to it.
         """
         after = min(max(int(self.times.searchsorted(time)), 1), self.times.size - 1)
         start, end = self.times[after - 1 : after + 1].tolist()
@@ -81,7 +71,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def state_steps(self) -> np.ndarray:
-        """(T - 1, 3, N, 3) from each of `states` to the next."""
+        """(T - 1, 3, N, 3) differences of successive `states`."""
         steps = np.diff(self.states, axis=0)
         steps.flags.writeable = False
         return steps

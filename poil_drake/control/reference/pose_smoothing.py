@@ -1,28 +1,24 @@
-"""Smooth rigid motion from noisy poses: local polynomial regression on translation and rotation."""
+"""Smooths noisy poses by local polynomial regression on translation and rotation."""
 
 import numpy as np
 
-from poil_drake.geometry.rigid_transform import (
-    make_transform,
-    rotation_exp,
-    rotation_log,
-)
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, rotation_log
 
 
 def smooth_poses(
     times: np.ndarray, X: np.ndarray, query_times: np.ndarray, bandwidth: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the smooth motion behind noisy poses, at any times, and its spatial velocity.
+    """Returns a smooth motion through noisy poses, and its spatial velocity, at query times.
 
-    At each query time a quadratic is fitted to the samples nearby, with Gaussian weights, and
-    evaluated there (a Savitzky-Golay filter that takes uneven samples). Rotations are fitted as
-    rotation vectors relative to the estimate itself, found by a second round, so that there is no
-    chart to wrap around in and the result is a rotation exactly.
+    At each query time a quadratic is fitted to nearby samples with Gaussian weights and evaluated
+    there, like a Savitzky-Golay filter for uneven samples. Rotations are fitted as rotation vectors
+    relative to the estimate itself, in two rounds, so that nothing wraps around and the result is
+    an exact rotation.
 
     Args:
         times: (T,) sample times [s], increasing.
         X: (T, 4, 4) noisy poses.
-        query_times: (Q,) where to evaluate [s].
+        query_times: (Q,) [s].
         bandwidth: Standard deviation of the Gaussian [s]. Noise falls with its square root; motion
             faster than about twice this time is smoothed away.
 
@@ -38,8 +34,8 @@ def smooth_poses(
     R = X[nearby[np.arange(len(query_times)), nearest]][:, :3, :3]
     omega = np.zeros((len(query_times), 3))
     for _ in range(2):
-        # Rotation vectors on the left, in the base's axes, where the slope is the angular velocity
-        # once the value has become zero.
+        # Rotation vectors in the base's axes: once the value is zero, the slope is the angular
+        # velocity.
         relative = X[nearby][..., :3, :3] @ np.swapaxes(R, -1, -2)[:, None]
         value, omega = np.einsum("qkj,qji->kqi", weights, rotation_log(relative))
         R = rotation_exp(value) @ R
@@ -47,9 +43,9 @@ def smooth_poses(
 
 
 def interpolate_poses(times: np.ndarray, X: np.ndarray, query_times: np.ndarray) -> np.ndarray:
-    """Returns poses (Q, 4, 4) between samples (T, 4, 4): straight in translation and rotation.
+    """Returns poses (Q, 4, 4) interpolated linearly in translation and rotation.
 
-    Outside the samples the first or last pose is returned.
+    Times outside the samples (T, 4, 4) are clamped to them.
     """
     position = np.interp(query_times, times, np.arange(len(times), dtype=float))
     index = np.minimum(position.astype(np.intp), max(len(times) - 2, 0))
@@ -65,7 +61,7 @@ def interpolate_poses(times: np.ndarray, X: np.ndarray, query_times: np.ndarray)
 def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float) -> np.ndarray:
     """Returns the indices (Q, M) of the samples within four bandwidths, at least 7 of them.
 
-    Every row has the same number of samples, as many as the most crowded query needs.
+    All rows have the same number of samples, the largest that any query needs.
     """
     reach = 4.0 * bandwidth
     begin = np.searchsorted(times, query_times - reach)
@@ -77,15 +73,15 @@ def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float
 
 
 def _value_and_slope_weights(offsets: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns (Q, 2, M): the weights with which samples make the fit's value and slope at 0."""
-    # Relative to the nearest sample, so that not all weights underflow inside a gap.
+    """Returns the weights (Q, 2, M) of the samples in the fit's value and slope at 0."""
+    # Relative to the nearest sample, so that not all weights underflow in a gap.
     squares = (offsets / bandwidth) ** 2
     gaussian = np.exp(-0.5 * (squares - squares.min(axis=1, keepdims=True)))
     scaled = offsets / bandwidth
     powers = np.stack([np.ones_like(scaled), scaled, scaled**2], axis=1)
     weighted = powers * gaussian[:, None]
     gram = weighted @ np.swapaxes(powers, -1, -2)
-    # A little ridge on the slope and curvature settles what too few samples leave open.
+    # A small ridge on slope and curvature regularises fits to too few samples.
     ridge = np.diag([0.0, 1e-9, 1e-9])
     coefficients = np.linalg.solve(gram + ridge, weighted)
     return coefficients[:, :2] / np.array([1.0, bandwidth])[:, None]

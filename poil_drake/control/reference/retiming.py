@@ -1,4 +1,4 @@
-"""The speed along a path: as demonstrated, but never stalled, and gently to rest at the end."""
+"""Retimes a path: the demonstrated speed within limits, and a smooth stop at the end."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,16 @@ from poil_drake.errors import InvalidValueError
 
 @dataclass(frozen=True, kw_only=True)
 class RetimingConfig:
-    """How fast the reference is followed. Speeds are root mean square over the points.
+    """Speed limits of a reference. Speeds are root mean square over the points.
 
     Attributes:
         speed_scale: Factor on the demonstrated speed.
-        min_speed: Slowest speed before the final approach [m/s]. The closest configuration only
-            moves on where the reference does.
-        max_speed: Fastest speed [m/s]; 0.25 is the limit for a collaborative robot near people.
-        acceleration_time: Time to reach the mean speed from rest, and the same to come to rest at
-            the end [s].
-        max_duration: The whole reference takes at most this long [s]; None for no limit. It is
-            sped up evenly, past max_speed if need be.
+        min_speed: Lowest speed before the final deceleration [m/s]. The closest configuration
+            advances only where the reference does.
+        max_speed: Highest speed [m/s]; 0.25 is the limit for a collaborative robot near people.
+        acceleration_time: Time to reach the mean speed from rest, and to stop at the end [s].
+        max_duration: Longest duration of the reference [s]; None for no limit. A longer one is sped
+            up evenly, beyond max_speed if necessary.
     """
 
     speed_scale: float = 1.0
@@ -29,16 +28,11 @@ class RetimingConfig:
     max_duration: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.speed_scale > 0.0 and 0.0 < self.min_speed <= self.max_speed):
+        positive = min(self.speed_scale, self.min_speed, self.acceleration_time) > 0.0
+        if not (positive and self.min_speed <= self.max_speed):
             raise InvalidValueError(
-                f"RetimingConfig has speed_scale={self.speed_scale}, min_speed={self.min_speed} "
-                f"and max_speed={self.max_speed}.",
-                remedy="All must be positive, and min_speed not above max_speed.",
-            )
-        if not self.acceleration_time > 0.0:
-            raise InvalidValueError(
-                f"RetimingConfig.acceleration_time is {self.acceleration_time} s.",
-                remedy="Pass a positive time.",
+                f"{self} is not valid.",
+                remedy="Pass positive values, with min_speed at most max_speed.",
             )
 
 
@@ -47,14 +41,14 @@ def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig)
 
     Args:
         path_lengths: (M,) length of the path up to each point [m], increasing from 0.
-        speeds: (M,) demonstrated speed there [m/s].
-        config: Limits.
+        speeds: (M,) demonstrated speeds there [m/s].
+        config: The limits.
     """
     v = np.clip(config.speed_scale * speeds, config.min_speed, config.max_speed)
     steps = np.diff(path_lengths)
     mean_speed = path_lengths[-1] / np.sum(2.0 * steps / (v[1:] + v[:-1]))
     acceleration = mean_speed / config.acceleration_time
-    # v^2 grows by at most 2 a s along the path, forwards from a crawl, backwards from rest.
+    # v^2 grows by at most 2 a s along the path: forwards from min_speed, backwards from rest.
     squares = v**2
     squares[0], squares[-1] = config.min_speed**2, 0.0
     for k in range(1, len(squares)):
@@ -62,7 +56,7 @@ def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig)
     for k in range(len(squares) - 2, -1, -1):
         squares[k] = min(squares[k], squares[k + 1] + 2.0 * acceleration * steps[k])
     v = np.sqrt(squares)
-    # Exact for constant acceleration over a step, also where it ends at rest.
+    # Exact for constant acceleration over a step, even if it ends at rest.
     times = np.concatenate([[0.0], np.cumsum(2.0 * steps / (v[1:] + v[:-1]))])
     if config.max_duration is not None and times[-1] > config.max_duration:
         times *= config.max_duration / times[-1]

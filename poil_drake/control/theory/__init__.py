@@ -1,1 +1,1 @@
-"""Stability analysis of the field: saddles, sampling, delay and degenerate point sets."""
+"""The stability theory of the field: saddles, sampling, delay and degenerate point sets."""

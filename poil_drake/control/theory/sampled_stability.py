@@ -1,4 +1,4 @@
-"""How long the field's twist may be held before the potential rises again.
+"""How long the field's twist may be held until the potential rises.
 
 A controller holds its twist for a period dt. The object then turns by h omega(R) (the exponential
 map; h = eta dt, omega at eta = 1) about its centroid, and the centroid moves straight, so that its
@@ -6,17 +6,15 @@ offset e becomes (1 - h) e. The setting is that of `stability`.
 """
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poil_drake.control.theory.stability import point_inertia, rotation_velocity
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
-TRANSLATION_SAMPLING_GAIN = 2.0
-"""The largest eta dt for translation: |1 - eta dt| < 1."""
-
 WORST_SAMPLING_GAIN = np.pi / 2.0
-"""The smallest `largest_sampling_gain` of any points, in the limit of points on a line: found by
-search, not proven. Proven is `proven_sampling_gain`, which is never below 1.351."""
+"""The smallest `largest_sampling_gain` of any points, in the limit of collinear points. Found by
+search and not proven; the proven `proven_sampling_gain` is never below 1.351."""
 
 
 def sampling_gain_limit(W: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -27,8 +25,8 @@ def sampling_gain_limit(W: np.ndarray, R: np.ndarray) -> np.ndarray:
         D(s) = c - p cos s - q sin s,    p = tr(W R) - u^T W R u,    q = |omega| u^T A u,
 
     since exp(s [u]) = I + sin s [u] + (1 - cos s) [u]^2, and -q is the slope -omega^T A omega of D
-    per radian. D falls up to s = atan2(q, p) and is back where it was at twice that:
-    h = 2 atan2(q, p) / |omega|. Infinite where omega is zero, since nothing moves there.
+    per radian. D falls up to s = atan2(q, p) and returns to its value at twice that, so
+    h = 2 atan2(q, p) / |omega|. It is infinite where omega is zero, because nothing moves.
     """
     omega = rotation_velocity(W, R)
     speed = np.linalg.norm(omega, axis=-1)
@@ -41,7 +39,7 @@ def sampling_gain_limit(W: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 def largest_speed(W: np.ndarray) -> float:
-    """Returns the largest |omega| of all rotations, at eta = 1 [rad/s]: sharp, and below sqrt(2).
+    """Returns the largest |omega| of all rotations at eta = 1 [rad/s], which is below sqrt(2).
 
     A component d^T omega, |d| = 1, is tr(W R [y]) with y = A^-1 d, which is largest over rotations
     at the sum of the singular values of [y] W, a matrix of rank two:
@@ -66,38 +64,32 @@ def proven_sampling_gain(W: np.ndarray) -> float:
     """Returns an eta dt below which D falls from every rotation: 2 atan(r) / r, r = largest_speed.
 
     For every W and R, p <= u^T A u (docs/control.md has the proof), hence q / p >= |omega|, and
-    2 atan(|omega|) / |omega| falls with |omega|. At least sqrt(2) atan(sqrt(2)) = 1.351, and pi / 2
-    for equal eigenvalues. `largest_sampling_gain` finds what is lost by the bounds.
+    2 atan(|omega|) / |omega| falls with |omega|. It is at least sqrt(2) atan(sqrt(2)) = 1.351, and
+    pi / 2 for equal eigenvalues. `largest_sampling_gain` shows how conservative it is.
     """
     speed = largest_speed(W)
     return 2.0 * np.arctan(speed) / speed
 
 
-def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000, seed: int = 0) -> float:
-    """Returns the largest eta dt for which D falls from every rotation, found by search.
+def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
+    """Searches the largest eta dt for which D falls from every rotation.
 
-    The smallest `sampling_gain_limit` of random rotations, improved by a random search around the
-    best of them; 2 next to the goal, which is the answer for all but elongated sets (as long as the
-    condition of A is at most 4). It goes to pi / 2 for points near a line.
+    It is the smallest `sampling_gain_limit` of random rotations, improved by a random search around
+    the best of them. Next to the goal it is 2, which is the result if the condition of A is at most
+    4; for elongated sets it is less, and goes to pi / 2 for points near a line.
 
     Args:
-        W: (3, 3) moments of points that are not on a line [m^2].
-        starts: Random rotations at the start.
-        seed: Of the rotations.
+        W: (3, 3) moments of points that are not collinear [m^2].
+        starts: Number of random rotations at the start.
     """
     _regular_eigenvalues(W)
-    rng = np.random.default_rng(seed)
-    quaternions = rng.normal(size=(starts, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
-    vectors = quaternions[:, 1:]
-    lengths = np.linalg.norm(vectors, axis=1)
-    angles = 2.0 * np.arctan2(lengths, quaternions[:, 0])
-    R = rotation_exp(vectors * (angles / lengths)[:, None])
+    rng = np.random.default_rng(0)
+    R = Rotation.random(starts, rng=rng).as_matrix()
     limits = sampling_gain_limit(W, R)
     kept = np.argsort(limits)[:8]
     R, best = R[kept], limits[kept]
     rows = np.arange(len(R))
-    # From half a radian down to what rounding allows.
+    # From half a radian down to the effect of rounding.
     for scale in np.geomspace(0.5, 1e-4, 24):
         tried = R[:, None] @ rotation_exp(scale * rng.normal(size=(len(R), 40, 3)))
         limits = sampling_gain_limit(W, tried)
@@ -105,14 +97,15 @@ def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000, seed: int = 0) -
         better = limits[rows, winners] < best
         best = np.where(better, limits[rows, winners], best)
         R = np.where(better[:, None, None], tried[rows, winners], R)
-    return float(min(np.min(best), TRANSLATION_SAMPLING_GAIN))
+    # For translation the limit is 2: |1 - eta dt| < 1.
+    return float(min(np.min(best), 2.0))
 
 
 def _regular_eigenvalues(W: np.ndarray) -> np.ndarray:
     eigenvalues = np.linalg.eigvalsh(W)
     if eigenvalues[0] + eigenvalues[1] <= 1e-12 * eigenvalues[2]:
         raise InvalidValueError(
-            f"W has the eigenvalues {eigenvalues}: its points are on a line.",
-            remedy="Choose points that are not on a line.",
+            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
+            remedy="Pass the moments of points that are not collinear.",
         )
     return np.maximum(eigenvalues, 0.0)

@@ -1,4 +1,4 @@
-"""The stability analysis of POIL, section III-B: what the field does around its goal.
+"""The stability analysis of POIL, section III-B: the field around its goal.
 
 The setting of the paper: a rigid object whose points x_i = R x_i^b are centred, the target is
 R = I, the reference is at rest, and eta = 1. Angular velocities are in the body's frame, so that
@@ -44,17 +44,17 @@ def potential_rate(W: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 def critical_rotations(W: np.ndarray) -> np.ndarray:
-    """Returns where omega vanishes besides the goal: (3, 3, 3), rotations by pi.
+    """Returns the rotations (3, 3, 3) other than the goal where omega vanishes: turns by pi.
 
-    The k-th turns about the k-th principal axis of W, in order of rising eigenvalues. For distinct
-    eigenvalues there are no others (theorem 1 of POIL).
+    The k-th turns about the k-th principal axis of W, in ascending order of the eigenvalues. For
+    distinct eigenvalues there are no others (theorem 1 of POIL).
     """
     eigenvalues, axes = np.linalg.eigh(W)
     if np.min(np.diff(eigenvalues)) <= 1e-9 * eigenvalues[-1]:
         raise InvalidValueError(
-            f"W has the eigenvalues {eigenvalues}, of which two agree: its critical rotations are "
-            "not isolated.",
-            remedy="Choose points without rotational symmetry.",
+            f"Two eigenvalues of W are equal, {eigenvalues}, so its critical rotations are not "
+            "isolated.",
+            remedy="Pass the moments of points without rotational symmetry.",
         )
     outer = np.einsum("ik,jk->kij", axes, axes)
     return 2.0 * outer - np.eye(3)

@@ -1,4 +1,4 @@
-"""A rigid object that moves with the twist of safe entry, at limited speed."""
+"""Runs of a rigid object that moves with the twist of safe entry, at limited speed."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import BcsdmStatus
 from poil_drake.control.field.twist_fit import scale_twist
 from poil_drake.geometry.rigid_fit import kabsch
-from poil_drake.geometry.rigid_transform import rotation_exp, transform_points
+from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 STEP = 1.0 / 32.0
 
@@ -25,14 +25,6 @@ class Run:
     @property
     def X_WO(self):
         return np.array(self.poses)
-
-
-def moved(X, V, origin, step):
-    turn = rotation_exp(V[:3] * step)
-    X = X.copy()
-    X[:3, :3] = turn @ X[:3, :3]
-    X[:3, 3] = turn @ (X[:3, 3] - origin) + origin + V[3:] * step
-    return X
 
 
 def drive(
@@ -66,14 +58,14 @@ def drive(
             run.reached = True
             return run
         V = scale_twist(state.output.twist, 1.5, 0.3)
-        X_WO = moved(X_WO, V, state.output.centroid, STEP)
+        X_WO = moved_by_twist(X_WO, V, state.output.centroid, STEP)
     return run
 
 
 def shortfall(scene: Scene, X_WO: np.ndarray, *, margin, slack):
-    """Returns by how much poses (K, 4, 4) are too close to the scene (K,) [m].
+    """Returns by how much the clearance at poses (K, 4, 4) is too small (K,) [m].
 
-    Enough is the margin, or what the nearest sample of the demonstration has, less the slack.
+    Required is the margin, or that of the demonstration's nearest sample less the slack.
     """
     positions = scene.reference.positions
     shown = scene.distance(kabsch(np.broadcast_to(scene.points, positions.shape), positions))

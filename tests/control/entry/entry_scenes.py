@@ -1,6 +1,6 @@
-"""Small scenes made of sampled surfaces, in which the shortest way collides."""
+"""Small scenes made of sampled surfaces, in which the shortest path collides."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,7 +10,7 @@ from poil_drake.control.reference.make_reference import ReferenceConfig, make_re
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
-from poil_drake.geometry.scene_distance import SceneDistance, SceneDistanceConfig
+from poil_drake.geometry.scene_distance import SceneDistance
 
 SPACING = 0.004
 
@@ -63,13 +63,19 @@ class Scene:
         X_WO = np.eye(4) if X_WO is None else X_WO
         return SafeEntryPlanner(
             reference=self.reference,
-            scene=SceneDistance(
-                self.obstacles, config=SceneDistanceConfig(ground_height=self.ground)
-            ),
+            scene=SceneDistance(self.obstacles, ground_height=self.ground),
             object_cloud=transform_points(X_WO, self.cloud),
             object_points=transform_points(X_WO, self.points),
             config=config,
         )
+
+    def points_at(self, X_WO):
+        return transform_points(X_WO, self.points)
+
+    def closed_in(self, X_WO) -> "Scene":
+        """Returns the scene with a pose of the object enclosed in a box."""
+        cage = box([0.2, 0.2, 0.2], X_WO[:3, 3] + [0, 0, 0.06])
+        return replace(self, obstacles=np.concatenate([self.obstacles, cage]))
 
     def distance(self, X_WO):
         """Returns the clearance (K,) at poses of the object, by brute force over all pairs."""

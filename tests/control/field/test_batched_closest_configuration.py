@@ -2,22 +2,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import still_reference
 
 from poil_drake.control.field.batched_closest_configuration import closest_configurations as dut
 from poil_drake.control.field.closest_configuration import closest_configuration
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 
 SAMPLES, COUNT = 30, 5
-TIMES = 0.1 * np.arange(SAMPLES)
-
-
-def make_reference(positions: np.ndarray) -> PointTrajectory:
-    return PointTrajectory(TIMES[: len(positions)], positions, np.zeros_like(positions))
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 1000.0]))
 @settings(derandomize=True, max_examples=50)
-def test_the_choice_is_the_single_states_however_far_the_origin_is(seed, distance):
+def test_result_is_that_of_single_states_at_any_distance_from_the_origin(seed, distance):
     rng = np.random.default_rng(seed)
     positions = np.cumsum(rng.normal(scale=0.01, size=(SAMPLES, COUNT, 3)), axis=0) + distance
     # Some samples stand still, and the second half of the rest comes back.
@@ -27,7 +22,7 @@ def test_the_choice_is_the_single_states_however_far_the_origin_is(seed, distanc
     points[:20] = positions[:20]
     weights = rng.uniform(0.1, 1.0, size=(40, COUNT))
 
-    reference = make_reference(positions)
+    reference = still_reference(positions)
 
     segments, fractions = dut(points, reference, weights, interpolate=True)
 
@@ -38,9 +33,9 @@ def test_the_choice_is_the_single_states_however_far_the_origin_is(seed, distanc
         assert segments[b] + fractions[b] == pytest.approx(segment + fraction, abs=1e-9)
 
 
-def test_between_samples_only_if_asked():
+def test_interpolation_is_optional():
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    reference = make_reference(corners + np.arange(6.0)[:, None, None] * [1.0, 0, 0])
+    reference = still_reference(corners + np.arange(6.0)[:, None, None] * [1.0, 0, 0])
     points = corners + np.array([[2.75, 0.3, 0.0], [9.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])[:, None]
 
     between = dut(points, reference, np.ones((3, 3)), interpolate=True)

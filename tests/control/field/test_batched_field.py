@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import moving_reference, resting_reference, still_reference
 
 from poil_drake.control.field.batched_field import batched_field as dut
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
@@ -17,20 +18,17 @@ SAMPLES, COUNT, PERIOD = 40, 8, 0.1
 
 
 def random_reference(rng: np.random.Generator) -> PointTrajectory:
-    """Goes some way, stands still for five equal samples in between, and goes on."""
-    times = PERIOD * np.arange(SAMPLES)
+    """Moves, pauses for five equal samples, and moves on."""
     progress = np.concatenate([np.linspace(0, 1, 20), np.ones(4), np.linspace(1, 2, 16)])
     body = rng.normal(scale=0.04, size=(COUNT, 3))
     turns = rotation_exp(progress[:, None] * rng.normal(size=3))
     path = progress[:, None] * rng.normal(scale=0.2, size=3) + [0.5, 0.2, 0.3]
     positions = body @ np.swapaxes(turns, -1, -2) + path[:, None]
-    velocities = np.gradient(positions, times, axis=0)
-    velocities[-1] = 0.0
-    return PointTrajectory(times, positions, velocities)
+    return moving_reference(positions, PERIOD)
 
 
 def random_states(rng: np.random.Generator, reference: PointTrajectory, count: int) -> np.ndarray:
-    """Rigid states (count, N, 3) anywhere, with noise of 0.5 mm."""
+    """Random rigid states (count, N, 3) with noise of 0.5 mm."""
     starts = reference.positions[rng.integers(SAMPLES, size=count)]
     centres = starts.mean(axis=1, keepdims=True)
     turns = rotation_exp(rng.normal(scale=0.8, size=(count, 3)))
@@ -46,7 +44,7 @@ def assert_each_is_the_single_field(
     confidence: np.ndarray | None = None,
     previous_tau: np.ndarray | None = None,
 ) -> list[BcsdmStatus]:
-    """Compares and returns the statuses."""
+    """Compares all outputs and returns the statuses."""
     field = dut(points, reference, config, confidence, previous_tau)
 
     for b in range(len(points)):
@@ -61,7 +59,7 @@ def assert_each_is_the_single_field(
             np.testing.assert_allclose(
                 getattr(field, name)[b], getattr(expected, name), rtol=0.0, atol=1e-9
             )
-        # Half way between two samples rounding decides which is the nearest.
+        # Halfway between two samples rounding decides which is nearest.
         halfway = config.interpolate and abs(expected.tau / PERIOD % 1.0 - 0.5) < 1e-9
         assert halfway or field.index[b] == expected.index
         assert field.status[b] is expected.status
@@ -125,12 +123,13 @@ def test_equally_close_samples(seed, interpolate):
     )
 
 
-def test_a_place_that_is_passed_twice_counts_as_the_later():
+def test_of_equal_samples_the_last_is_the_closest():
     reference = random_reference(np.random.default_rng(1))
     positions = np.concatenate([reference.positions, reference.positions[::-1]])
-    again = PointTrajectory(PERIOD * np.arange(2 * SAMPLES), positions, np.zeros_like(positions))
 
-    field = dut(reference.positions[:15], again, BcsdmConfig(interpolate=False))
+    field = dut(
+        reference.positions[:15], still_reference(positions), BcsdmConfig(interpolate=False)
+    )
 
     np.testing.assert_array_equal(field.index, 2 * SAMPLES - 1 - np.arange(15))
 
@@ -171,9 +170,7 @@ def test_states_at_the_goal(seed):
 def test_points_close_to_a_line(min_rotation_spread):
     body = np.random.default_rng(3).normal(size=(6, 3))
     positions = body * [0.1, 0.0, 0.0] + np.array([0.5, 0.0, 0.2])
-    reference = PointTrajectory(
-        np.array([0.0, 1.0]), np.stack([positions] * 2), np.zeros((2, 6, 3))
-    )
+    reference = resting_reference(positions)
     thickness = np.array([0.0, 1e-4, 9e-4, 0.003, 0.01])[:, None, None]
     points = positions + thickness * body + np.array([0.0, 0.02, 0.0])
 
@@ -185,31 +182,26 @@ def test_points_close_to_a_line(min_rotation_spread):
 
 
 def test_three_points_have_no_outliers_and_two_are_lost():
-    positions = 0.1 * np.stack([np.eye(3)] * 2)
-    three = PointTrajectory(np.array([0.0, 1.0]), positions, np.zeros((2, 3, 3)))
-    two = PointTrajectory(np.array([0.0, 1.0]), positions[:, :2], np.zeros((2, 2, 3)))
-    points = 0.1 * np.eye(3)[None] + np.diag([0.0, 0.05, 0.0])
+    body = 0.1 * np.eye(3)
+    points = body[None] + np.diag([0.0, 0.05, 0.0])
 
-    statuses = assert_each_is_the_single_field(points, three, BcsdmConfig())
-    lost = assert_each_is_the_single_field(points[:, :2], two, BcsdmConfig())
+    statuses = assert_each_is_the_single_field(points, resting_reference(body), BcsdmConfig())
+    lost = assert_each_is_the_single_field(
+        points[:, :2], resting_reference(body[:2]), BcsdmConfig()
+    )
 
     assert statuses == [BcsdmStatus.OK]
     assert lost == [BcsdmStatus.LOST]
 
 
-def test_twists_are_omega_and_v():
+@pytest.mark.parametrize("count", [0, 3])
+def test_twists_are_omega_and_v(count):
     reference = random_reference(np.random.default_rng(2))
 
-    field = dut(reference.positions[:3] + 0.01, reference, BcsdmConfig())
+    field = dut(reference.positions[:count] + 0.01, reference, BcsdmConfig())
 
+    assert field.twist.shape == (count, 6)
     np.testing.assert_array_equal(field.twist, np.hstack([field.omega, field.v]))
-
-
-def test_no_states_give_no_field():
-    field = dut(np.zeros((0, COUNT, 3)), random_reference(np.random.default_rng(0)), BcsdmConfig())
-
-    assert field.omega.shape == (0, 3)
-    assert field.status.shape == (0,)
 
 
 @pytest.mark.parametrize(

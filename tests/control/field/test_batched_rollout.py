@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from point_references import moving_reference
 
 from poil_drake.control.field.batched_rollout import batched_rollout as dut
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
@@ -13,15 +14,10 @@ STARTS = 12
 
 def arc_reference() -> PointTrajectory:
     """A third of a circle in the xy plane that seven points turn with, slowing down to rest."""
-    times = np.linspace(0.0, 3.0, 61)
-    angles = 2.0 * np.sin(0.5 * np.pi * times / 3.0)
+    angles = 2.0 * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, 61))
     body = np.random.default_rng(0).normal(scale=0.04, size=(7, 3))
     turns = rotation_exp(angles[:, None] * np.array([0.0, 0.0, 1.0]))
-    positions = (body + np.array([0.3, 0.0, 0.1])) @ turns.swapaxes(-1, -2)
-    rates = np.pi / 3.0 * np.cos(0.5 * np.pi * times / 3.0)
-    velocities = np.cross(rates[:, None, None] * np.array([0.0, 0.0, 1.0]), positions)
-    velocities[-1] = 0.0
-    return PointTrajectory(times, positions, velocities)
+    return moving_reference((body + np.array([0.3, 0.0, 0.1])) @ turns.swapaxes(-1, -2), 0.05)
 
 
 def random_starts(reference: PointTrajectory) -> np.ndarray:
@@ -69,7 +65,7 @@ def test_every_run_is_the_single_rollout(limited, window):
     assert len(runs[0].times) == 1
 
 
-def test_runs_that_time_is_up_for_have_not_converged():
+def test_runs_that_run_out_of_time_have_not_converged():
     reference = arc_reference()
     starts = np.stack([reference.positions[0], reference.positions[-1]])
 
@@ -84,15 +80,12 @@ def test_no_starts_give_no_runs():
     assert dut(np.zeros((0, 7, 3)), arc_reference(), BcsdmConfig()) == []
 
 
-def test_the_starts_that_cannot_be_rolled_out_are_named():
+def test_lost_starts_and_invalid_steps_are_rejected():
     reference = arc_reference()
     starts = random_starts(reference)[:3]
-    starts[1] = starts[1, :1]
 
+    with pytest.raises(InvalidValueError, match="time_step"):
+        dut(starts, reference, BcsdmConfig(), 0.0)
+    starts[1] = starts[1, :1]
     with pytest.raises(TrackingError, match=r"\[1\]"):
         dut(starts, reference, BcsdmConfig())
-
-
-def test_step_must_be_positive():
-    with pytest.raises(InvalidValueError, match="time_step"):
-        dut(np.zeros((1, 7, 3)), arc_reference(), BcsdmConfig(), 0.0)

@@ -2,6 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import (
+    moving_reference,
+    resting_reference,
+    still_reference,
+    straight_reference,
+)
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
@@ -18,46 +24,28 @@ SPEED = 0.1
 CONFIG = BcsdmConfig(eta=3.0)
 
 
-def straight_reference(count=17, period=0.25):
-    """Moves along x at an even speed."""
-    times = period * np.arange(count)
-    positions = BODY + SPEED * times[:, None, None] * np.array([1.0, 0, 0])
-    velocities = np.zeros_like(positions)
-    velocities[:-1, :, 0] = SPEED
-    return PointTrajectory(times, positions, velocities)
-
-
-def resting_reference(body):
-    return PointTrajectory(np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape)))
+STRAIGHT = straight_reference(BODY, 17, speed=SPEED)
 
 
 def random_reference(rng):
-    times = 0.1 * np.arange(20)
     turns = rotation_exp(np.outer(np.linspace(0, 1.5, 20), rng.normal(size=3)))
     path = np.cumsum(rng.normal(scale=0.02, size=(20, 3)), axis=0)
-    positions = BODY @ np.swapaxes(turns, -1, -2) + path[:, None]
-    velocities = np.gradient(positions, times, axis=0)
-    velocities[-1] = 0.0
-    return PointTrajectory(times, positions, velocities)
+    return moving_reference(BODY @ np.swapaxes(turns, -1, -2) + path[:, None], 0.1)
 
 
 def test_points_on_the_reference_move_with_it():
-    reference = straight_reference()
-
-    output = dut(reference.positions[4], reference, CONFIG)
+    output = dut(STRAIGHT.positions[4], STRAIGHT, CONFIG)
 
     np.testing.assert_allclose(output.v, [SPEED, 0, 0], atol=1e-12)
     np.testing.assert_allclose(output.omega, np.zeros(3), atol=1e-12)
-    assert output.tau == reference.times[4]
+    assert output.tau == STRAIGHT.times[4]
     assert output.index == 4
     assert output.potential == pytest.approx(0.0, abs=1e-20)
     assert output.status is BcsdmStatus.OK
 
 
 def test_points_beside_the_reference_are_drawn_to_it():
-    reference = straight_reference()
-
-    output = dut(reference.positions[4] + np.array([0.0, 0.02, 0.0]), reference, CONFIG)
+    output = dut(STRAIGHT.positions[4] + np.array([0.0, 0.02, 0.0]), STRAIGHT, CONFIG)
 
     # POIL eq. 2: the reference's velocity, and 3 / s times 0.02 m.
     np.testing.assert_allclose(output.v, [SPEED, -0.06, 0.0], atol=1e-12)
@@ -67,11 +55,10 @@ def test_points_beside_the_reference_are_drawn_to_it():
     np.testing.assert_allclose(output.centroid, [SPEED, 0.02, 0.0], atol=1e-12)
 
 
-def test_between_samples_the_closest_place_is_used():
-    reference = straight_reference()
+def test_the_closest_configuration_may_lie_between_samples():
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, reference, CONFIG)
+    output = dut(points, STRAIGHT, CONFIG)
 
     assert output.tau == pytest.approx(1.1)
     assert output.mean_error == pytest.approx(0.0, abs=1e-12)
@@ -79,34 +66,17 @@ def test_between_samples_the_closest_place_is_used():
 
 
 @pytest.mark.parametrize(("time", "index"), [(1.1, 4), (1.15, 5), (1.25, 5)])
-def test_index_is_the_sample_nearest_to_the_closest_place(time, index):
-    reference = straight_reference()
-
-    output = dut(BODY + np.array([SPEED * time, 0.0, 0.0]), reference, CONFIG)
-
-    assert output.index == index
+def test_index_is_the_sample_nearest_to_the_closest_configuration(time, index):
+    assert dut(BODY + np.array([SPEED * time, 0.0, 0.0]), STRAIGHT, CONFIG).index == index
 
 
-def test_paper_takes_the_closest_sample():
-    reference = straight_reference()
+def test_without_interpolation_the_closest_sample_is_used():
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, reference, BcsdmConfig(eta=3.0, interpolate=False))
+    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=False))
 
     assert output.tau == 1.0
     np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * 0.1, 0.0, 0.0], atol=1e-12)
-
-
-def test_interpolated_field_does_not_jump_between_samples():
-    reference = straight_reference()
-    x = np.linspace(0.0, 0.3, 601)
-
-    def speeds(config):
-        places = BODY + x[:, None, None] * np.array([1.0, 0, 0])
-        return np.array([dut(p, reference, config).v[0] for p in places])
-
-    assert np.max(np.abs(np.diff(speeds(CONFIG)))) < 1e-9
-    assert np.max(np.abs(np.diff(speeds(BcsdmConfig(interpolate=False))))) > 0.05
 
 
 @given(seeds)
@@ -150,37 +120,28 @@ def test_at_rest_the_field_is_the_gradient_flow_of_the_potential(seed):
     assert (after.potential - output.potential) / step == pytest.approx(rate, rel=1e-3)
 
 
-def test_unobserved_points_are_left_out():
-    reference = straight_reference()
-    points = reference.positions[4] + np.array([0.0, 0.02, 0.0])
-    expected = dut(points, reference, CONFIG)
+def test_unobserved_points_are_excluded():
+    points = STRAIGHT.positions[4] + np.array([0.0, 0.02, 0.0])
+    expected = dut(points, STRAIGHT, CONFIG)
     points[1] = np.nan
     points[3] += 0.5
 
-    output = dut(points, reference, CONFIG, np.array([1.0, 1.0, 1.0, 0.0, np.nan, 1.0]))
+    output = dut(points, STRAIGHT, CONFIG, np.array([1.0, 1.0, 1.0, 0.0, np.nan, 1.0]))
 
-    np.testing.assert_allclose(output.omega, expected.omega, atol=1e-12)
-    np.testing.assert_allclose(output.v, expected.v, atol=1e-12)
+    np.testing.assert_allclose(output.twist, expected.twist, atol=1e-12)
     assert output.inliers.tolist() == [True, False, True, False, False, True]
     assert np.isnan(output.point_velocities).any(axis=1).tolist() == [0, 1, 0, 1, 1, 0]
     assert output.mean_error == pytest.approx(0.02)
     assert output.goal_error == pytest.approx(expected.goal_error)
-
-
-def test_a_place_that_is_not_a_number_is_left_out_without_any_confidence():
-    reference = straight_reference()
-    points = reference.positions[4] + np.array([0.0, 0.02, 0.0])
-    expected = dut(points, reference, CONFIG)
-    points[1] = np.nan
-
-    output = dut(points, reference, CONFIG)
-
-    np.testing.assert_allclose(output.twist, expected.twist, atol=1e-12)
-    assert output.inliers.tolist() == [i != 1 for i in range(6)]
+    # Without confidences NaN excludes a point too.
+    points[3] -= 0.5
+    without = dut(points, STRAIGHT, CONFIG)
+    np.testing.assert_allclose(without.twist, expected.twist, atol=1e-12)
+    assert without.inliers.tolist() == [i != 1 for i in range(6)]
 
 
 def test_confidence_weighs_the_points():
-    # Two points up, two down: the mean velocity leans to the heavier.
+    # Two points up, two down: the heavier ones dominate the mean velocity.
     body = 0.03 * np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
     points = body + np.array([[0, 0, 0.001]] * 2 + [[0, 0, -0.001]] * 2)
 
@@ -193,7 +154,7 @@ def test_confidence_weighs_the_points():
 
 @pytest.mark.parametrize("outlier_test", ["rigidity", "velocity", "none"])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])
-def test_a_confidence_that_makes_no_sense_leaves_its_point_out(wrong, outlier_test):
+def test_an_invalid_confidence_excludes_its_point(wrong, outlier_test):
     config = BcsdmConfig(eta=3.0, outlier_test=outlier_test)
     confidence = np.ones(6)
     confidence[2] = wrong
@@ -208,29 +169,22 @@ def test_a_confidence_that_makes_no_sense_leaves_its_point_out(wrong, outlier_te
     assert output.potential == expected.potential
 
 
-@pytest.mark.parametrize("seen", [[0, 1], [0, 1, 4], []])
-def test_too_few_points_or_all_on_a_line_are_lost(seen):
+@pytest.mark.parametrize(
+    ("seen", "min_spread"),
+    [([0, 1], 0.001), ([0, 1, 4], 0.001), ([], 0.001), ([0, 2], 0.0), ([], 0.0)],
+)
+def test_too_few_or_collinear_points_are_lost(seen, min_spread):
     body = BODY.copy()
     body[4] = [0.01, 0.0, 0.0]
     confidence = np.zeros(6)
     confidence[seen] = 1.0
 
-    output = dut(body, resting_reference(body), CONFIG, confidence)
+    output = dut(body, resting_reference(body), BcsdmConfig(min_spread=min_spread), confidence)
 
     assert output.status is BcsdmStatus.LOST
     assert not output.twist.any()
     assert np.isnan(output.tau)
     assert output.index == -1
-
-
-@pytest.mark.parametrize("seen", [[0, 2], []])
-def test_two_points_are_lost_even_if_points_on_a_line_are_not(seen):
-    confidence = np.zeros(6)
-    confidence[seen] = 1.0
-
-    output = dut(BODY, resting_reference(BODY), BcsdmConfig(min_spread=0.0), confidence)
-
-    assert output.status is BcsdmStatus.LOST
 
 
 @pytest.mark.parametrize("seen", [6, 2])
@@ -242,13 +196,12 @@ def test_arrays_of_the_output_are_read_only(seen):
     assert not any(a.flags.writeable for a in output if isinstance(a, np.ndarray))
 
 
-def test_point_off_its_place_counts_for_nothing():
-    reference = straight_reference()
-    points = reference.positions[4] + np.array([0.0, 0.002, 0.0])
-    expected = dut(points, reference, CONFIG, np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
+def test_a_mistracked_point_is_ignored():
+    points = STRAIGHT.positions[4] + np.array([0.0, 0.002, 0.0])
+    expected = dut(points, STRAIGHT, CONFIG, np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
     points[2] += [0.05, 0.0, 0.03]
 
-    output = dut(points, reference, CONFIG)
+    output = dut(points, STRAIGHT, CONFIG)
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
     np.testing.assert_array_equal(output.twist, expected.twist)
@@ -257,12 +210,11 @@ def test_point_off_its_place_counts_for_nothing():
     assert output.potential == expected.potential
 
 
-def test_velocity_ransac_leaves_the_outlier_out_of_the_twist_alone():
-    reference = straight_reference()
-    points = reference.positions[4].copy()
+def test_velocity_test_excludes_the_outlier_from_the_twist_only():
+    points = STRAIGHT.positions[4].copy()
     points[2] += [0.0, 0.0, 0.03]
 
-    output = dut(points, reference, BcsdmConfig(outlier_test="velocity"))
+    output = dut(points, STRAIGHT, BcsdmConfig(outlier_test="velocity"))
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
     np.testing.assert_allclose(output.twist, [0, 0, 0, SPEED, 0, 0], atol=1e-12)
@@ -270,17 +222,16 @@ def test_velocity_ransac_leaves_the_outlier_out_of_the_twist_alone():
 
 
 def test_without_outlier_test_every_point_counts():
-    reference = straight_reference()
-    points = reference.positions[4].copy()
+    points = STRAIGHT.positions[4].copy()
     points[2] += [0.0, 0.0, 0.03]
 
-    output = dut(points, reference, BcsdmConfig(outlier_test="none"))
+    output = dut(points, STRAIGHT, BcsdmConfig(outlier_test="none"))
 
     assert output.inliers.all()
     assert output.v[2] == pytest.approx(-3.0 * 0.03 / 6)
 
 
-def test_large_rotations_are_no_outliers():
+def test_large_rotations_do_not_make_outliers():
     points = BODY @ rotation_exp([0.0, 1.5, 1.5]).T
 
     assert dut(points, resting_reference(BODY), CONFIG).inliers.all()
@@ -288,27 +239,19 @@ def test_large_rotations_are_no_outliers():
     assert not dut(points, resting_reference(BODY), velocity).inliers.all()
 
 
-def test_unknown_outlier_test_is_refused():
-    with pytest.raises(InvalidValueError, match="rigidity, velocity, none"):
-        BcsdmConfig(outlier_test="magic")  # type: ignore[arg-type]
-
-
 def test_goal_is_reached_within_the_tolerance_of_the_end():
-    reference = straight_reference()
-    near = reference.positions[-1] + np.array([0.0, 0.0029, 0.0])
-    far = reference.positions[-1] + np.array([0.0, 0.0031, 0.0])
+    near = STRAIGHT.positions[-1] + np.array([0.0, 0.0029, 0.0])
+    far = STRAIGHT.positions[-1] + np.array([0.0, 0.0031, 0.0])
 
-    assert dut(near, reference, CONFIG).status is BcsdmStatus.GOAL
-    assert dut(far, reference, CONFIG).status is BcsdmStatus.OK
-    assert dut(far, reference, CONFIG).goal_error == pytest.approx(0.0031)
+    assert dut(near, STRAIGHT, CONFIG).status is BcsdmStatus.GOAL
+    assert dut(far, STRAIGHT, CONFIG).status is BcsdmStatus.OK
+    assert dut(far, STRAIGHT, CONFIG).goal_error == pytest.approx(0.0031)
 
 
-def test_close_to_the_reference_shortly_before_its_end_is_not_yet_the_goal():
-    reference = straight_reference()
-
+def test_on_the_reference_shortly_before_its_end_is_not_the_goal():
     # 2 mm and 2 cm along the last segment, which takes 0.25 s of the window's 0.5 s.
     there, not_yet = (
-        dut(reference.positions[-1] - np.array([x, 0, 0]), reference, CONFIG) for x in (0.002, 0.02)
+        dut(STRAIGHT.positions[-1] - np.array([x, 0, 0]), STRAIGHT, CONFIG) for x in (0.002, 0.02)
     )
 
     assert there.status is BcsdmStatus.GOAL
@@ -316,10 +259,10 @@ def test_close_to_the_reference_shortly_before_its_end_is_not_yet_the_goal():
     assert not_yet.mean_error == pytest.approx(0.0, abs=1e-12)
 
 
-def test_passing_by_the_end_early_is_not_the_goal():
+def test_passing_the_end_early_is_not_the_goal():
     there_and_back = np.concatenate([np.linspace(0, 0.1, 11), np.linspace(0.09, 0.0, 10)])
     positions = BODY + there_and_back[:, None, None] * np.array([1.0, 0, 0])
-    reference = PointTrajectory(0.25 * np.arange(21), positions, np.zeros_like(positions))
+    reference = still_reference(positions, 0.25)
     config = BcsdmConfig(progress_window=(0.5, 0.5), window_escape_ratio=0.0)
 
     start = dut(BODY, reference, config, previous_tau=0.0)
@@ -330,28 +273,21 @@ def test_passing_by_the_end_early_is_not_the_goal():
     assert end.status is BcsdmStatus.GOAL
 
 
-def test_window_holds_on_to_the_last_tick_after_a_lost_one():
-    reference = straight_reference()
+def test_progress_window_needs_the_last_ticks_time():
     config = BcsdmConfig(progress_window=(0.25, 0.25), window_escape_ratio=0.0)
-    points = reference.positions[10]
+    points = STRAIGHT.positions[10]
 
-    # The last sample in the window is at 1.25 s, and the closest place just before the next.
-    assert dut(points, reference, config, previous_tau=1.0).tau == 1.5
-    assert dut(points, reference, config, previous_tau=np.nan).tau == 2.5
+    # The last sample in the window is at 1.25 s, and the closest configuration at the next.
+    assert dut(points, STRAIGHT, config, previous_tau=1.0).tau == 1.5
+    assert dut(points, STRAIGHT, config, previous_tau=np.nan).tau == 2.5
 
 
-def test_another_number_of_points_is_refused():
+def test_invalid_input_is_rejected():
     with pytest.raises(InvalidValueError, match=r"\(5, 3\)"):
-        dut(BODY[:5], straight_reference(), CONFIG)
-
-
-def test_gain_must_be_positive():
+        dut(BODY[:5], STRAIGHT, CONFIG)
+    with pytest.raises(InvalidValueError, match="1 confidences of 6 points"):
+        dut(BODY, STRAIGHT, CONFIG, np.ones(1))
     with pytest.raises(InvalidValueError, match="eta"):
         BcsdmConfig(eta=0.0)
-
-
-def test_there_is_a_confidence_for_each_point():
-    reference = random_reference(np.random.default_rng(0))
-
-    with pytest.raises(InvalidValueError, match="1 confidences of 6 points"):
-        dut(reference.positions[0], reference, CONFIG, np.ones(1))
+    with pytest.raises(InvalidValueError, match="rigidity, velocity, none"):
+        BcsdmConfig(outlier_test="magic")  # type: ignore[arg-type]

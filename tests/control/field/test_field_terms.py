@@ -2,42 +2,33 @@
 
 import numpy as np
 import pytest
+from point_references import resting_reference, still_reference, straight_reference
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
 from poil_drake.control.field.twist_fit import RansacConfig
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
 
 
-def resting_reference(body):
-    return PointTrajectory(np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape)))
+STRAIGHT = straight_reference(BODY, 9)
 
 
-def straight_reference():
-    times = 0.25 * np.arange(9)
-    positions = BODY + 0.1 * times[:, None, None] * np.array([1.0, 0, 0])
-    velocities = np.zeros_like(positions)
-    velocities[:-1, :, 0] = 0.1
-    return PointTrajectory(times, positions, velocities)
-
-
-def test_confidence_decides_how_far_along_the_points_are():
+def test_confidence_weighs_the_closest_configuration():
     # Half of the points are 1 cm ahead of the others.
     points = BODY + np.array([0.05, 0.0, 0.0])
     points[:3, 0] += 0.01
     confidence = np.array([1.0, 1.0, 1.0, 0.25, 0.25, 0.25])
 
-    output = dut(points, straight_reference(), BcsdmConfig(outlier_test="none"), confidence)
+    output = dut(points, STRAIGHT, BcsdmConfig(outlier_test="none"), confidence)
 
     # (3 * 6 cm + 0.75 * 5 cm) / 3.75 at 0.1 m/s.
     assert output.tau == pytest.approx(0.58)
 
 
 @pytest.mark.parametrize("outlier_test", ["rigidity", "velocity"])
-def test_confidence_decides_which_half_of_the_points_left_the_body(outlier_test):
+def test_confidence_decides_which_half_of_the_points_are_outliers(outlier_test):
     points = BODY.copy()
     points[[1, 3, 5]] += np.array([0.0, 0.0, 0.04])
     reference = resting_reference(BODY)
@@ -51,7 +42,7 @@ def test_confidence_decides_which_half_of_the_points_left_the_body(outlier_test)
     assert other.inliers.tolist() == [False, True] * 3
 
 
-def test_confidence_weighs_the_points_that_are_left_after_an_outlier():
+def test_confidence_weighs_the_inliers():
     # Two points up, two down, one far off.
     body = 0.03 * np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1]])
     points = body + np.array([[0, 0, 0.001]] * 2 + [[0, 0, -0.001]] * 2 + [[0.1, 0, 0]])
@@ -65,13 +56,12 @@ def test_confidence_weighs_the_points_that_are_left_after_an_outlier():
 
 @pytest.mark.parametrize("off", [0.015, 0.03])
 @pytest.mark.parametrize("eta", [0.1, 1.0, 10.0])
-def test_outliers_are_found_by_distance_whatever_the_gain(eta, off):
-    reference = straight_reference()
-    points = reference.positions[4].copy()
+def test_outliers_are_found_by_distance_for_any_gain(eta, off):
+    points = STRAIGHT.positions[4].copy()
     points[2] += [0.0, 0.0, off]
     points[4] += [0.0, 0.0, 0.002]
 
-    output = dut(points, reference, BcsdmConfig(eta=eta))
+    output = dut(points, STRAIGHT, BcsdmConfig(eta=eta))
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
 
@@ -83,7 +73,7 @@ def test_outliers_are_found_by_distance_whatever_the_gain(eta, off):
         BcsdmConfig(eta=3.0, outlier_test="velocity", ransac=RansacConfig(inlier_threshold=0.06)),
     ],
 )
-def test_how_far_off_an_outlier_is_can_be_set(config):
+def test_threshold_of_outliers_can_be_set(config):
     points = BODY.copy()
     points[2] += [0.0, 0.0, 0.05]
     points[4] += [0.0, 0.0, 0.01]
@@ -93,25 +83,24 @@ def test_how_far_off_an_outlier_is_can_be_set(config):
     assert output.inliers.tolist() == [True, True, False, True, True, True]
 
 
-def test_outliers_are_sought_among_the_places_now_and_not_at_the_end():
+def test_outliers_are_determined_by_the_closest_configuration_and_not_by_the_end():
     # Five points are where the first sample has them, and not as the last has them.
     positions = np.stack([BODY, BODY, BODY])
     positions[2, 4:] += [[0.05, 0.0, 0.0], [0.0, 0.04, 0.0]]
-    reference = PointTrajectory(np.arange(3.0), positions, np.zeros_like(positions))
     points = BODY.copy()
     points[2] += [0.0, 0.0, 0.02]
 
-    output = dut(points, reference, BcsdmConfig())
+    output = dut(points, still_reference(positions), BcsdmConfig())
 
     assert output.inliers.tolist() == [True, True, False, True, True, True]
 
 
-def test_last_closest_configuration_counts_for_the_points_that_an_outlier_leaves_too():
+def test_progress_window_applies_after_outliers_are_removed():
     # Out along x and back over the same places.
     out = np.linspace(0.0, 0.1, 11)
     path = np.concatenate([out, out[-2::-1]])
     positions = BODY + path[:, None, None] * np.array([1.0, 0, 0])
-    reference = PointTrajectory(0.25 * np.arange(21), positions, np.zeros_like(positions))
+    reference = still_reference(positions, 0.25)
     config = BcsdmConfig(progress_window=(0.5, 0.5))
     points = BODY + np.array([0.05, 0.0, 0.0])
     points[2] += [0.0, 0.0, 0.05]
@@ -123,26 +112,13 @@ def test_last_closest_configuration_counts_for_the_points_that_an_outlier_leaves
 
 
 def test_closest_configuration_stays_within_the_sample_beside_the_window():
-    reference = straight_reference()
     config = BcsdmConfig(progress_window=(0.25, 0.25), window_escape_ratio=0.0)
 
-    # The window ends at 1.25 s; the points are at 0.5 s, long before the sample next to it.
-    output = dut(reference.positions[2], reference, config, previous_tau=1.5)
+    # The window begins at 1.25 s, and the points are at 0.5 s, far before it.
+    output = dut(STRAIGHT.positions[2], STRAIGHT, config, previous_tau=1.5)
 
     assert output.tau == pytest.approx(1.0)
     assert output.mean_error == pytest.approx(0.05)
-
-
-def test_points_that_the_best_triple_misses_are_won_back_by_the_motion_of_its_inliers():
-    # Drawn so that the noise in the best three points throws one true point out at first.
-    rng = np.random.default_rng(34)
-    body = rng.normal(scale=0.03, size=(10, 3))
-    points = body + rng.normal(scale=0.002, size=(10, 3))
-    points[[1, 4]] += [[0.05, 0.0, 0.0], [0.0, -0.06, 0.0]]
-
-    output = dut(points, resting_reference(body), BcsdmConfig())
-
-    assert output.inliers.tolist() == [i not in (1, 4) for i in range(10)]
 
 
 def test_a_mirror_image_is_no_rigid_motion():

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from point_references import moving_reference, resting_reference
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.field.rollout import rollout as dut
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory.stability import moment_matrix, rotation_velocity
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.rigid_transform import (
@@ -17,30 +17,23 @@ BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1.5, 0], [0, -1.5, 0], [0, 
 STEP = 1.0 / 32.0
 
 
-def curved_reference(count=65, speed=0.1):
+def curved_reference():
     """Half a circle in the xy plane that the body turns with, slowing down to rest."""
-    times = STEP * np.arange(count)
-    progress = np.sin(0.5 * np.pi * times / times[-1])
-    angles = np.pi * progress
+    angles = np.pi * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, 65))
     turns = rotation_exp(angles[:, None] * np.array([0.0, 0, 1]))
     centres = 0.1 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    positions = BODY @ np.swapaxes(turns, -1, -2) + centres[:, None]
-    rates = np.pi * 0.5 * np.pi / times[-1] * np.cos(0.5 * np.pi * times / times[-1])
-    velocities = np.cross(rates[:, None, None] * np.array([0.0, 0, 1]), positions)
-    velocities[-1] = 0.0
-    return PointTrajectory(times, positions, velocities)
+    return moving_reference(BODY @ np.swapaxes(turns, -1, -2) + centres[:, None], STEP)
 
 
-def resting_reference(body):
-    return PointTrajectory(np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape)))
+CURVED = curved_reference()
 
 
-def test_offset_from_a_resting_reference_dies_out_geometrically():
+def test_offset_from_a_resting_reference_decays_geometrically():
     offset = np.array([0.1, -0.2, 0.05])
 
     run = dut(BODY + offset, resting_reference(BODY), BcsdmConfig(eta=3.0), STEP, 10.0)
 
-    # Each step takes off 3 / 32 of what is left.
+    # Each step removes 3 / 32 of the rest.
     expected = -offset * (1.0 - (1.0 - 3.0 * STEP) ** np.arange(len(run.times))[:, None])
     np.testing.assert_allclose(run.X_W[:, :3, 3], expected, atol=1e-12)
     assert run.converged
@@ -61,25 +54,22 @@ def test_turn_follows_the_closed_form_flow():
 
 
 def test_reference_is_followed_to_its_end_from_anywhere_near():
-    reference = curved_reference()
     rng = np.random.default_rng(0)
     for _ in range(5):
         turn = rotation_exp(rng.normal(scale=0.5, size=3))
-        start = (reference.positions[0] - [0.1, 0, 0]) @ turn.T + [0.1, 0, 0]
+        start = (CURVED.positions[0] - [0.1, 0, 0]) @ turn.T + [0.1, 0, 0]
         start = start + rng.normal(scale=0.05, size=3)
 
-        run = dut(start, reference, BcsdmConfig(), STEP, 20.0)
+        run = dut(start, CURVED, BcsdmConfig(), STEP, 20.0)
 
         assert run.converged
         end = transform_points(run.X_W[-1], start)
-        assert np.mean(np.linalg.norm(end - reference.positions[-1], axis=1)) < 0.003
-        assert run.taus[-1] == pytest.approx(reference.times[-1], abs=0.5)
+        assert np.mean(np.linalg.norm(end - CURVED.positions[-1], axis=1)) < 0.003
+        assert run.taus[-1] == pytest.approx(CURVED.times[-1], abs=0.5)
 
 
 def test_motion_starts_at_the_identity_and_stays_rigid():
-    reference = curved_reference()
-
-    run = dut(reference.positions[0] + 0.02, reference, BcsdmConfig(), STEP, 20.0)
+    run = dut(CURVED.positions[0] + 0.02, CURVED, BcsdmConfig(), STEP, 20.0)
 
     np.testing.assert_array_equal(run.X_W[0], np.eye(4))
     R = run.X_W[:, :3, :3]
@@ -91,12 +81,11 @@ def test_motion_starts_at_the_identity_and_stays_rigid():
 
 
 def test_speed_limits_hold_at_the_limited_point():
-    reference = curved_reference()
-    gripper = reference.positions[0, 0] + np.array([0.2, 0.0, 0.1])
+    gripper = CURVED.positions[0, 0] + np.array([0.2, 0.0, 0.1])
 
     run = dut(
-        reference.positions[0] + 0.1,
-        reference,
+        CURVED.positions[0] + 0.1,
+        CURVED,
         BcsdmConfig(),
         STEP,
         60.0,
@@ -109,38 +98,32 @@ def test_speed_limits_hold_at_the_limited_point():
     path = np.array([transform_points(X, gripper) for X in run.X_W])
     speeds = np.linalg.norm(np.diff(path, axis=0), axis=1) / STEP
     turns = run.X_W[1:, :3, :3] @ np.swapaxes(run.X_W[:-1, :3, :3], -1, -2)
-    # Over a step the point's velocity turns a little, away from the one that was limited.
+    # During a step the point's velocity turns a little away from the limited one.
     assert np.max(speeds) == pytest.approx(0.1, rel=0.005)
     assert np.max(rotation_angle(turns)) / STEP <= 0.4 + 1e-9
 
 
-def test_time_is_up_before_the_end():
-    reference = curved_reference()
-
-    run = dut(reference.positions[0], reference, BcsdmConfig(), STEP, 0.5)
+def test_run_that_runs_out_of_time_has_not_converged():
+    run = dut(CURVED.positions[0], CURVED, BcsdmConfig(), STEP, 0.5)
 
     assert not run.converged
     assert run.times[-1] == 0.5
 
 
-def test_smaller_steps_lead_the_same_way():
-    reference = curved_reference()
+def test_smaller_steps_lead_to_the_same_pose():
     turn = make_transform(rotation_exp([0.3, 0.0, 0.2]), [0.0, 0.02, 0.01])
-    start = transform_points(turn, reference.positions[0])
+    start = transform_points(turn, CURVED.positions[0])
 
-    coarse = dut(start, reference, BcsdmConfig(), 1.0 / 32.0, 1.0)
-    fine = dut(start, reference, BcsdmConfig(), 1.0 / 256.0, 1.0)
+    coarse = dut(start, CURVED, BcsdmConfig(), 1.0 / 32.0, 1.0)
+    fine = dut(start, CURVED, BcsdmConfig(), 1.0 / 256.0, 1.0)
 
     np.testing.assert_allclose(coarse.X_W[-1], fine.X_W[-1], atol=0.01)
 
 
-def test_points_on_a_line_cannot_be_rolled_out():
+def test_collinear_points_and_invalid_steps_are_rejected():
     body = np.linspace(0.0, 1.0, 5)[:, None] * np.array([1.0, 0, 0])
 
     with pytest.raises(TrackingError, match="do not determine"):
         dut(body, resting_reference(body), BcsdmConfig())
-
-
-def test_step_must_be_positive():
     with pytest.raises(InvalidValueError, match="time_step"):
         dut(BODY, resting_reference(BODY), BcsdmConfig(), 0.0)

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,7 +22,7 @@ def random_arms(rng, scales):
 @given(seeds, st.floats(0.0, 3.0), st.floats(0.0, 3.0))
 @property_test
 def test_turn_and_spread_are_those_of_the_decomposition(seed, first, second):
-    # From bodies over plates and rods to points nearly on a line.
+    # From bodies over plates and rods to nearly collinear points.
     rng = np.random.default_rng(seed)
     moments = second_moments(random_arms(rng, [1.0, 10.0**-first, 10.0**-second]))
     moment = tuple(rng.normal(size=3).tolist())
@@ -68,7 +66,7 @@ def test_largest_eigenvalue_of_equal_ones(diagonal):
 
 
 @pytest.mark.parametrize("length", [1e-60, 1.0, 1e60])
-def test_points_on_a_line_get_no_turn_about_it_whatever_their_size(length):
+def test_collinear_points_of_any_size_get_no_turn_about_their_line(length):
     square = length * length
 
     omega, spread = dut.solve_turn((square, 0.0, 0.0, 0.0, 0.0, 0.0), (square, square, 0.0))
@@ -79,7 +77,7 @@ def test_points_on_a_line_get_no_turn_about_it_whatever_their_size(length):
 
 @given(seeds, st.sampled_from([1e-3, 1.0, 1e6]))
 @property_test
-def test_points_on_any_line_get_no_turn_about_it(seed, length):
+def test_collinear_points_in_any_direction_get_no_turn_about_their_line(seed, length):
     rng = np.random.default_rng(seed)
     line = rng.normal(size=3)
     arms = length * np.outer([-1.0, 0.2, 0.8], line)
@@ -94,7 +92,7 @@ def test_points_on_any_line_get_no_turn_about_it(seed, length):
 
 
 @pytest.mark.parametrize("size", [1.0, 100.0])
-def test_turn_about_an_axis_that_the_points_are_near_is_slowed(size):
+def test_turn_about_an_axis_near_the_points_is_slowed(size):
     # 1 m along x, and 0.1 m off it: well conditioned, but closer than the 0.2 m asked for.
     moments = (size**2, 0.0, 0.0, 0.01 * size**2, 0.0, 0.0)
     moment = (0.01 * size**2, size**2, 1.01 * size**2)
@@ -105,9 +103,5 @@ def test_turn_about_an_axis_that_the_points_are_near_is_slowed(size):
     assert spread == pytest.approx(0.1 * size)
 
 
-def test_no_points_have_no_turn():
-    omega, spread = dut.solve_turn((0.0,) * 6, (0.0,) * 3)
-
-    assert omega == (0.0, 0.0, 0.0)
-    assert spread == 0.0
-    assert all(map(math.isfinite, omega))
+def test_without_points_there_is_no_turn():
+    assert dut.solve_turn((0.0,) * 6, (0.0,) * 3) == ((0.0, 0.0, 0.0), 0.0)

@@ -29,7 +29,7 @@ def make_trajectory(**changed) -> PointTrajectory:
         (9.0, [0.0, 2.0, 0.0]),
     ],
 )
-def test_positions_are_linear_between_samples_and_stay_beyond_them(
+def test_positions_are_linear_between_samples_and_clamped_outside(
     time: float, second_point: list[float]
 ) -> None:
     positions = make_trajectory().positions_at(time)
@@ -48,6 +48,6 @@ def test_positions_are_linear_between_samples_and_stay_beyond_them(
         ("velocities", np.ones((3, 2, 3)), "last sample .* not zero"),
     ],
 )
-def test_what_is_no_trajectory_is_refused(field: str, value: np.ndarray, says: str) -> None:
+def test_invalid_trajectories_are_rejected(field: str, value: np.ndarray, says: str) -> None:
     with pytest.raises(InvalidValueError, match=says):
         make_trajectory(**{field: value})

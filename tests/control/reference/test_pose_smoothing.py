@@ -14,10 +14,11 @@ def screw(times):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_steady_turn_and_quadratic_path_are_kept_exactly(uneven):
-    times = np.arange(0.0, 8.0, 0.125)
+def test_constant_turn_and_quadratic_path_are_kept_exactly(uneven):
+    # In 20 s it turns by more than three revolutions.
+    times = np.arange(0.0, 20.0, 0.125)
     if uneven:
-        times = np.sort(np.random.default_rng(0).uniform(0.0, 8.0, size=64))
+        times = np.sort(np.random.default_rng(0).uniform(0.0, 20.0, size=160))
         times = np.delete(times, slice(20, 24))
     queries = np.linspace(times[0], times[-1], 97)
 
@@ -27,15 +28,6 @@ def test_steady_turn_and_quadratic_path_are_kept_exactly(uneven):
     np.testing.assert_allclose(V[:, :3], np.tile([0.3, -0.5, 0.8], (97, 1)), atol=1e-5)
     v = np.stack([0 * queries + 0.1, 0.04 * queries, 0 * queries - 0.05], axis=1)
     np.testing.assert_allclose(V[:, 3:], v, atol=1e-5)
-
-
-def test_turns_past_half_a_revolution_do_not_wrap():
-    times = np.arange(0.0, 20.0, 0.125)
-
-    X, V = dut.smooth_poses(times, screw(times), times, 0.25)
-
-    np.testing.assert_allclose(X, screw(times), atol=1e-6)
-    assert np.max(np.abs(V[:, :3] - [0.3, -0.5, 0.8])) < 1e-5
 
 
 def test_noise_is_reduced():

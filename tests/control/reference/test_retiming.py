@@ -5,11 +5,11 @@ from poil_drake.control.reference.retiming import RetimingConfig
 from poil_drake.control.reference.retiming import retime as dut
 from poil_drake.errors import InvalidValueError
 
-# Fine enough for speeds to be read off differences of times.
+# Fine enough to read speeds off differences of times.
 PATH = np.linspace(0.0, 1.0, 2001)
 
 
-def test_even_speed_takes_distance_over_speed_and_the_ramps():
+def test_constant_speed_takes_distance_over_speed_and_the_ramps():
     config = RetimingConfig(min_speed=0.02, max_speed=0.25, acceleration_time=0.5)
 
     times = dut(PATH, np.full(2001, 0.1), config)
@@ -20,7 +20,7 @@ def test_even_speed_takes_distance_over_speed_and_the_ramps():
     assert times[-1] == pytest.approx(0.4 + 0.5 + (1.0 - 0.024 - 0.025) / 0.1, rel=1e-3)
 
 
-def test_end_is_approached_at_even_deceleration():
+def test_end_is_approached_at_constant_deceleration():
     times = dut(PATH, np.full(2001, 0.1), RetimingConfig(acceleration_time=0.5))
 
     remaining = times[-1] - times[-30:]
@@ -51,6 +51,6 @@ def test_long_reference_is_sped_up_evenly():
 @pytest.mark.parametrize(
     "wrong", [{"speed_scale": 0.0}, {"min_speed": 0.3}, {"acceleration_time": 0.0}]
 )
-def test_limits_must_make_sense(wrong):
+def test_inconsistent_limits_are_rejected(wrong):
     with pytest.raises(InvalidValueError, match=next(iter(wrong))):
         RetimingConfig(**wrong)

@@ -56,5 +56,5 @@ def test_one_sample_with_every_point_is_needed():
     _, _, positions = motion(np.random.default_rng(3))
     positions[:, 0] = np.nan
 
-    with pytest.raises(TransferError, match="0 hold all"):
+    with pytest.raises(TransferError, match="0 have all"):
         dut(positions, CONFIG)

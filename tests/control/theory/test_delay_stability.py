@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from point_references import resting_reference
 from scipy.spatial.transform import Rotation
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory import delay_stability as dut
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
@@ -12,9 +12,7 @@ ETA = 3.0
 # Two points on each axis, with the moments 1 : 2 : 3.
 BODY = np.array([[s * r if i == j else 0.0 for j in range(3)]
                  for s in (1, -1) for i, r in enumerate((0.03, 0.0424, 0.052))])  # fmt: skip
-REFERENCE = PointTrajectory(
-    np.array([0.0, 1.0]), np.stack([BODY, BODY]), np.zeros((2, *BODY.shape))
-)
+REFERENCE = resting_reference(BODY)
 
 
 def delayed_run(start, step, *, delay, hold, count):
@@ -34,7 +32,7 @@ def delayed_run(start, step, *, delay, hold, count):
             output = point_set_bcsdm(history[n - delay], REFERENCE, BcsdmConfig(eta=ETA))
         points = history[-1]
         now = points.mean(axis=0)
-        # The twist is one of the whole space: at the centroid's old place v, elsewhere another.
+        # The twist is that of a rigid motion, with v at the centroid's old position.
         v = output.v + np.cross(output.omega, now - output.centroid)
         turn = rotation_exp(step * output.omega)
         history.append((points - now) @ turn.T + now + step * v)
@@ -51,49 +49,43 @@ def near_start():
     return BODY @ rotation_exp(np.array([0.01, -0.02, 0.01])).T + np.array([1e-3, 2e-3, -1e-3])
 
 
+def stable_limit(k):
+    """Of e_{n+1} = e_n - h e_{n-k} (Levin and May 1976)."""
+    return 2.0 * np.sin(np.pi / (2.0 * (2.0 * k + 1.0)))
+
+
+def overshoot_limit(k):
+    """Up to which z^(k+1) - z^k + h has a positive root: z^k (z - 1) is least at k / (k + 1)."""
+    return (k / (k + 1.0)) ** k / (k + 1.0)
+
+
 @pytest.mark.parametrize("periods", [0, 1, 2, 3, 6])
-def test_closed_forms_are_where_the_roots_change(periods):
-    stable = dut.largest_delay_gain(periods)
-    calm = dut.largest_delay_gain_without_overshoot(periods)
+def test_limits_of_whole_periods_are_the_closed_forms(periods):
+    without_overshoot, stable = dut.delayed_loop_limits(periods)
 
-    def roots(h):
-        return np.roots([1.0, -1.0, *[0.0] * (periods - 1), h] if periods else [1.0, h - 1.0])
-
-    assert np.max(np.abs(roots(0.999 * stable))) < 1.0 < np.max(np.abs(roots(1.001 * stable)))
-    assert np.any((roots(0.999 * calm).imag == 0.0) & (roots(0.999 * calm).real > 0.0))
-    assert not np.any((roots(1.001 * calm).imag == 0.0) & (roots(1.001 * calm).real > 0.0))
+    assert stable == pytest.approx(stable_limit(periods))
+    # np.roots resolves a double root to about 1e-7.
+    assert without_overshoot == pytest.approx(overshoot_limit(periods), rel=1e-5)
 
 
-def test_known_limits():
-    assert dut.largest_delay_gain(0) == pytest.approx(2.0)
-    assert dut.largest_delay_gain(1) == pytest.approx(1.0)
-    # The golden ratio less one: z^3 - z^2 + h at a tenth of a turn.
-    assert dut.largest_delay_gain(2) == pytest.approx((np.sqrt(5.0) - 1.0) / 2.0)
-    assert [dut.largest_delay_gain_without_overshoot(k) for k in (0, 1, 2)] == [1.0, 0.25, 4 / 27]
+def test_limits_between_whole_periods():
+    without_overshoot, stable = dut.delayed_loop_limits(0.5)
+
+    # z^2 - (1 - h / 2) z + h / 2: stable to h = 2, and its discriminant vanishes at 6 - sqrt(32).
+    assert stable == pytest.approx(2.0)
+    assert without_overshoot == pytest.approx(6.0 - np.sqrt(32.0))
 
 
 def test_many_short_periods_have_the_limits_of_the_continuous_delay():
-    assert 500 * dut.largest_delay_gain(500) == pytest.approx(dut.LARGEST_DELAY_GAIN, rel=2e-3)
-    assert 500 * dut.largest_delay_gain_without_overshoot(500) == pytest.approx(
+    assert 500 * stable_limit(500) == pytest.approx(dut.LARGEST_DELAY_GAIN, rel=2e-3)
+    assert 500 * overshoot_limit(500) == pytest.approx(
         dut.LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT, rel=2e-3
     )
 
 
-def test_limits_between_whole_periods():
-    calm, stable = dut.delayed_loop_limits(0.5)
-
-    # z^2 - (1 - h / 2) z + h / 2: stable to h = 2, and its discriminant vanishes at 6 - sqrt(32).
-    assert stable == pytest.approx(2.0)
-    assert calm == pytest.approx(6.0 - np.sqrt(32.0))
-    assert dut.delayed_loop_limits(2.0) == (
-        pytest.approx(dut.largest_delay_gain_without_overshoot(2)),
-        pytest.approx(dut.largest_delay_gain(2)),
-    )
-
-
 @pytest.mark.parametrize("periods", [0, 1, 2, 3])
-def test_field_settles_just_below_the_stable_gain_and_runs_away_just_above(periods):
-    limit = dut.largest_delay_gain(periods)
+def test_field_settles_just_below_the_stable_gain_and_diverges_just_above(periods):
+    limit = stable_limit(periods)
     _, below = delayed_run(near_start(), 0.96 * limit / ETA, delay=periods, hold=1, count=250)
     _, above = delayed_run(near_start(), 1.04 * limit / ETA, delay=periods, hold=1, count=150)
 
@@ -103,10 +95,10 @@ def test_field_settles_just_below_the_stable_gain_and_runs_away_just_above(perio
 
 @pytest.mark.parametrize("periods", [1, 2, 3])
 def test_field_with_delay_lowers_the_potential_up_to_the_gain_without_overshoot(periods):
-    gain = dut.largest_delay_gain_without_overshoot(periods)
+    gain = overshoot_limit(periods)
     rng = np.random.default_rng(periods)
 
-    # Far off too, where the twist of old points turns the object about a place that it has left.
+    # Also far off, where the twist of old points turns the object about a point that it has left.
     for offset in (0.05,) * 10 + (1.0,) * 10:
         start = random_start(rng, offset)
         _, potentials = delayed_run(start, gain / ETA, delay=periods, hold=1, count=60)
@@ -116,7 +108,7 @@ def test_field_with_delay_lowers_the_potential_up_to_the_gain_without_overshoot(
 
 @pytest.mark.parametrize("periods", [1, 2, 3])
 def test_field_with_delay_passes_the_goal_above_that_gain(periods):
-    gain = 1.15 * dut.largest_delay_gain_without_overshoot(periods)
+    gain = 1.15 * overshoot_limit(periods)
     points, potentials = delayed_run(
         BODY + np.array([0.1, 0.0, 0.0]), gain / ETA, delay=periods, hold=1, count=80
     )
@@ -148,8 +140,8 @@ def test_tracker_of_the_paper_without_propagation_overshoots_and_settles():
 
     np.testing.assert_allclose(offsets, expected[2:], atol=1e-9)
     size = np.max(np.abs(dut.delayed_loop_roots(0.375, 1.5)))
-    calm, stable = dut.delayed_loop_limits(1.5)
-    assert calm < 0.375 < stable
+    without_overshoot, stable = dut.delayed_loop_limits(1.5)
+    assert without_overshoot < 0.375 < stable
     assert size < 1.0
     assert -0.4 < np.min(offsets) < -0.1
     assert np.max(np.abs(offsets[40:])) < 2.0 * size**40
@@ -157,4 +149,4 @@ def test_tracker_of_the_paper_without_propagation_overshoots_and_settles():
 
 def test_delay_must_not_be_negative():
     with pytest.raises(InvalidValueError, match="delay"):
-        dut.largest_delay_gain(-1)
+        dut.delayed_loop_limits(-1.0)

@@ -4,7 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poil_drake.control.theory import saddle_escape as dut
-from poil_drake.control.theory.stability import critical_rotations, moment_matrix, rotation_velocity
+from poil_drake.control.theory.stability import (
+    critical_rotations,
+    moment_matrix,
+    rotation_velocity,
+)
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp, rotation_log
 
@@ -37,7 +41,7 @@ def times_to_turn(W, R, origin, angle, step=0.02, max_time=40.0):
 
 @given(seeds)
 @property_test
-def test_rates_are_those_of_the_flow_beside_the_saddles(seed):
+def test_rates_are_those_of_the_flow_near_the_saddles(seed):
     W = random_moments(np.random.default_rng(seed))
     axes = np.linalg.eigh(W)[1]
     step = 1e-5
@@ -54,21 +58,7 @@ def test_rates_are_those_of_the_flow_beside_the_saddles(seed):
             )
 
 
-@given(seeds)
-@property_test
-def test_linearised_flow_has_these_rates_from_either_side(seed):
-    W = random_moments(np.random.default_rng(seed))
-
-    for saddle, rates in zip(critical_rotations(W), dut.escape_rates(W), strict=True):
-        flow = dut.linearised_flow(W, saddle)
-        # A rotation zeta in the world is R*^T zeta in the body.
-        from_left = saddle @ flow @ saddle.T
-        for matrix in (flow, from_left):
-            found = np.sort(np.linalg.eigvals(matrix).real)
-            np.testing.assert_allclose(found, np.sort(rates), atol=1e-9)
-
-
-def test_rates_of_a_set_worked_out_by_hand():
+def test_rates_of_a_set_by_hand():
     rates = dut.escape_rates(np.diag([1.0, 2.0, 4.0]))
 
     # (l_j - l_k) / (l_j + l_k) off the diagonal, j the third axis.
@@ -77,8 +67,8 @@ def test_rates_of_a_set_worked_out_by_hand():
 
 
 @pytest.mark.parametrize(("saddle", "axis"), [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (2, 2)])
-def test_escape_takes_the_logarithm_of_the_distance_along_every_way_out(saddle, axis):
-    # W is diagonal, so that rounding does not push the path towards a faster way out.
+def test_escape_time_is_logarithmic_in_the_distance_in_every_unstable_direction(saddle, axis):
+    # W is diagonal, so that rounding does not push the flow towards a faster direction.
     W = np.diag([1.0, 2.0, 4.0])
     rate = [[1.0, 3 / 5, 1 / 3], [2 / 6, 1.0, None], [None, None, 1.0]][saddle][axis]
     origin = critical_rotations(W)[saddle]
@@ -94,7 +84,7 @@ def test_escape_takes_the_logarithm_of_the_distance_along_every_way_out(saddle, 
 
 @given(seeds)
 @settings(derandomize=True, max_examples=10)
-def test_escape_in_any_direction_takes_the_logarithm_of_the_distance_at_the_fastest_rate(seed):
+def test_escape_in_any_direction_has_the_fastest_rate(seed):
     rng = np.random.default_rng(seed)
     W = random_moments(rng)
     axes = np.linalg.eigh(W)[1]
@@ -113,7 +103,7 @@ def test_escape_in_any_direction_takes_the_logarithm_of_the_distance_at_the_fast
     np.testing.assert_allclose(slopes, 1.0, rtol=0.05)
 
 
-def test_path_about_a_saddles_own_axis_ends_at_the_goal_and_about_another_at_a_saddle():
+def test_flow_about_a_saddles_own_axis_ends_at_the_goal_and_about_another_at_a_saddle():
     W = np.diag([1.0, 2.0, 4.0])
     saddles = critical_rotations(W)
     ends = {0: np.eye(3), 1: saddles[2], 2: saddles[1]}
@@ -125,11 +115,8 @@ def test_path_about_a_saddles_own_axis_ends_at_the_goal_and_about_another_at_a_s
         assert np.linalg.norm(rotation_log(R.T @ end)) < 1e-6
 
 
-def test_a_direction_that_leads_back_has_no_escape_time():
+def test_stable_directions_and_collinear_points_are_rejected():
     with pytest.raises(InvalidValueError, match="rate"):
         dut.escape_time(-0.3, 0.1, 1.0)
-
-
-def test_points_on_a_line_have_no_rates():
-    with pytest.raises(InvalidValueError, match="on a line"):
+    with pytest.raises(InvalidValueError, match="collinear"):
         dut.escape_rates(np.diag([0.0, 0.0, 1.0]))

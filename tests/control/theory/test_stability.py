@@ -20,8 +20,8 @@ def centred_points(rng):
 
 def least_squares_velocity(points, R):
     """The fit of POIL eq. 3 with eta = 1 and the target at R = I, in the body frame."""
-    omega, _ = fit_twist(points @ R.T, points - points @ R.T)
-    return R.T @ omega
+    fit, _ = fit_twist(points @ R.T, points - points @ R.T)
+    return R.T @ fit.omega
 
 
 @given(seeds)
@@ -108,28 +108,8 @@ def test_hessian_is_the_second_difference_of_the_potential(seed):
         assert curvature == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.trace(W))
 
 
-def test_flow_converges_from_random_rotations_away_from_the_critical_ones():
-    rng = np.random.default_rng(0)
-    points = centred_points(rng)
-    W = dut.moment_matrix(points)
-    R = rotation_exp(rng.normal(size=(200, 3)) * 3.0)
-    critical = dut.critical_rotations(W)
-    distance = rotation_angle(np.swapaxes(critical, -1, -2)[:, None] @ R).min(axis=0)
-    R = R[distance > np.radians(5.0)]
-    assert len(R) > 150
-    potential = dut.rotation_potential(W, R)
-
-    for _ in range(1500):
-        R = R @ rotation_exp(0.02 * dut.rotation_velocity(W, R))
-        fallen = dut.rotation_potential(W, R)
-        assert np.all(fallen <= potential + 1e-12)
-        potential = fallen
-
-    assert np.max(rotation_angle(R)) < np.radians(0.1)
-
-
 def critical_rotations_found(W, R):
-    """Where Newton's method leads from rotations R (K, 3, 3): zeros of (R^T W - W R)^vee.
+    """Zeros of (R^T W - W R)^vee that Newton's method finds from rotations R (K, 3, 3).
 
     A small rotation xi in the body's frame changes it by -(tr(W R) I - (W R)^T) xi.
     """
@@ -148,7 +128,7 @@ def critical_rotations_found(W, R):
 
 @given(seeds, st.booleans())
 @settings(derandomize=True, max_examples=20)
-def test_the_flow_rests_at_the_goal_and_three_rotations_and_nowhere_else(seed, flat):
+def test_the_flow_rests_only_at_the_goal_and_three_rotations(seed, flat):
     rng = np.random.default_rng(seed)
     # Points in a plane have a singular W, but no other critical rotations.
     points = centred_points(rng) * ([0.0, 1.0, 1.0] if flat else [1.0, 1.0, 1.0])
@@ -181,7 +161,7 @@ def test_flow_of_any_points_converges_from_any_rotation(seed):
     assert np.max(rotation_angle(R)) < np.radians(0.1)
 
 
-def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_full_rate():
+def test_symmetric_points_have_a_critical_circle_that_the_flow_leaves_at_full_rate():
     W = np.diag([1.0, 2.0, 2.0])
     angles = np.linspace(0.0, np.pi, 7)
     circle = rotation_exp(np.pi * np.stack([0.0 * angles, np.cos(angles), np.sin(angles)], axis=1))
@@ -194,7 +174,7 @@ def test_points_with_an_axis_of_symmetry_rest_on_a_circle_that_they_leave_at_ful
         )
 
 
-def test_moment_matrix_is_taken_about_the_weighted_centroid():
+def test_moment_matrix_is_about_the_weighted_centroid():
     points = np.array([[0.0, 0, 0], [3.0, 0, 0]])
 
     # Centroid at x = 1: 2 * 1^2 + 1 * 2^2.

@@ -36,7 +36,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.scene_distance import SceneDistance, SceneDistanceConfig
+from poil_drake.geometry.scene_distance import SceneDistance
 
 CONTROL_PERIOD = 1 / 64
 """Of the analytic policies [s]."""
@@ -151,7 +151,7 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
     scene, body = TaskClouds(task)
     return SafeEntryPlanner(
         reference=TaskReference(task),
-        scene=SceneDistance(scene, config=SceneDistanceConfig(ground_height=0.0)),
+        scene=SceneDistance(scene, ground_height=0.0),
         object_cloud=body,
         object_points=TaskDemonstration(task).points[0],
         bcsdm=field_config(task, noise),

@@ -18,7 +18,7 @@ def view(mug_scene):
 
 def test_the_window_shows_the_image_around_the_points(view):
     dut, frame = view
-    uv, _ = project(POINTS, frame.cameras[1])
+    uv, _ = project(POINTS, frame.cameras[1].K, frame.cameras[1].X_WC)
     u0, v0 = dut.corner
     height, width = dut.depth.shape
 
@@ -31,7 +31,7 @@ def test_the_window_shows_the_image_around_the_points(view):
 def test_points_project_to_the_same_pixels_as_in_the_image(view):
     dut, frame = view
     X_WO = make_transform(rotation_exp(np.array([0.3, -0.2, 0.5])), np.array([0.4, 0.1, 0.0]))
-    uv, z = project(POINTS, frame.cameras[1])
+    uv, z = project(POINTS, frame.cameras[1].K, frame.cameras[1].X_WC)
     points_O = (POINTS - X_WO[:3, 3]) @ X_WO[:3, :3]
 
     points_C = dut.sight(X_WO).to_camera(points_O)
