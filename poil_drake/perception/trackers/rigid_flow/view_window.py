@@ -7,10 +7,16 @@ import numpy as np
 
 from poil_drake.geometry.depth_masks import depth_edges
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.perception.trackers.rigid_flow.alignment.config import WindowConfig
 
-_MIN_SIDE = 24  # a smaller window has no room for contours to be searched in
+EDGE_JUMP = 0.015
+"""Neighbouring pixels whose depth differs by more than this share are at a depth edge, where depths
+of both surfaces mix. 0.015 is 1 cm at 0.65 m."""
+
+_MARGIN = 24  # around the predicted outline [px]: room for the object's motion and contour searches
+_MIN_SIDE = 24  # in a smaller window [px] contours cannot be searched
+_BLUR = 1.0  # standard deviation of the blur before image gradients are taken [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +25,8 @@ class Sight:
 
     Attributes:
         R_CO: (3, 3) rotation.
-        origin: (3,) the object frame's origin in the camera [m].
-        eye: (3,) the camera's centre in the object frame [m].
+        origin: (3,) origin of the object's frame in the camera [m].
+        eye: (3,) centre of the camera in the object's frame [m].
     """
 
     R_CO: np.ndarray
@@ -38,10 +44,10 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class ViewWindow(SharedOnCopy):
-    """A window of one view, ready to align with.
+    """A window of one view, prepared for alignment.
 
     Attributes:
-        index: Which view of the frame.
+        index: Index of the view in the frame.
         corner: (u, v) of the window's first pixel in the image.
         depth: (h, w) float32 measured depth [m], 0 where invalid.
         surface: (h, w) float32, `depth` without the pixels at depth edges.
@@ -49,7 +55,7 @@ class ViewWindow(SharedOnCopy):
         grey: (h, w, 3) float32: blurred grey level and its gradients along u and v.
         focal: (fx, fy) [px].
         centre: (cx, cy) in the window [px].
-        X_CW: (4, 4) the world in the camera.
+        X_CW: (4, 4) pose of the world in the camera.
     """
 
     index: int
@@ -90,15 +96,12 @@ class ViewWindow(SharedOnCopy):
     def pixel_gradient(
         self, direction_u: np.ndarray, direction_v: np.ndarray, points_C: np.ndarray
     ) -> np.ndarray:
-        """Returns how a projection moves along a direction of the image as its point moves.
+        """Returns the derivative (..., 3) of g . (u, v) by the point [px/m, camera].
 
         Args:
-            direction_u: (...) component along u of a direction g.
+            direction_u: (...) component along u of a direction g in the image.
             direction_v: (...) component along v.
             points_C: (..., 3) [m, camera].
-
-        Returns:
-            (..., 3) derivative of g . (u, v) by the point [px/m, camera].
         """
         inverse_z = 1.0 / points_C[..., 2]
         gx = direction_u * self.focal[0] * inverse_z
@@ -108,39 +111,28 @@ class ViewWindow(SharedOnCopy):
 
 
 def make_window(
-    index: int,
-    camera: CameraModel,
-    image: RgbdImage,
-    points_W: np.ndarray,
-    config: WindowConfig,
+    index: int, camera: CameraModel, image: RgbdImage, points_W: np.ndarray
 ) -> ViewWindow | None:
-    """Cuts out the window around points.
+    """Returns the window around points, or None where they lie outside the view.
 
     Args:
-        index: Which view of the frame this is.
+        index: Index of the view in the frame.
         camera: Its camera.
         image: Its images.
-        points_W: (P, 3) points of the object where it is expected [m, world].
-        config: Parameters.
-
-    Returns:
-        The window, or None where the points lie outside the view.
+        points_W: (P, 3) points of the object at its predicted pose [m, world].
     """
-    box = _bounding_box(camera, points_W, config.margin)
+    box = _bounding_box(camera, points_W)
     if box is None:
         return None
     u0, v0, u1, v1 = box
     depth = image.depth[v0:v1, u0:u1]
-    edges = depth_edges(depth, config.edge_jump)
+    edges = depth_edges(depth, EDGE_JUMP)
     rgb = np.ascontiguousarray(image.rgb[v0:v1, u0:u1])
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), config.blur)
+    blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _BLUR)
     # Scharr's kernel sums to 32 for a unit slope.
     gu = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
     gv = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
-    R_CW = camera.X_WC[:3, :3].T
-    X_CW = np.eye(4)
-    X_CW[:3, :3], X_CW[:3, 3] = R_CW, -R_CW @ camera.X_WC[:3, 3]
     return ViewWindow(
         index=index,
         corner=(u0, v0),
@@ -150,21 +142,33 @@ def make_window(
         grey=cv2.merge([blurred, gu, gv]),
         focal=(float(camera.K[0, 0]), float(camera.K[1, 1])),
         centre=(float(camera.K[0, 2]) - u0, float(camera.K[1, 2]) - v0),
-        X_CW=X_CW,
+        X_CW=inverse(camera.X_WC),
     )
 
 
-def _bounding_box(
-    camera: CameraModel, points_W: np.ndarray, margin: int
-) -> tuple[int, int, int, int] | None:
-    """Returns the pixels (u0, v0, u1, v1) around the projections of points, None if too few."""
+def unproject_to_world(
+    camera: CameraModel, depth: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Returns the points (M, 3) [m, world] at pixels (M,) of a depth image (H, W) [m]."""
+    z = depth[v, u].astype(float)
+    pixels = np.stack([u * z, v * z, z], axis=1)
+    return transform_points(camera.X_WC, pixels @ np.linalg.inv(camera.K).T)
+
+
+def square_kernel(radius: int) -> np.ndarray:
+    """Returns the kernel of `cv2.dilate` and `cv2.erode` that reaches `radius` pixels."""
+    return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)
+
+
+def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
+    """Returns the pixels (u0, v0, u1, v1) around projected points, None if there are too few."""
     points_C = (points_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
     points_C = points_C[points_C[:, 2] > 0.05]
     if len(points_C) == 0:
         return None
     uv = points_C @ camera.K.T
     uv = uv[:, :2] / uv[:, 2:]
-    low, high = np.floor(uv.min(axis=0)) - margin, np.ceil(uv.max(axis=0)) + margin + 1
+    low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
     u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
     u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
     if u1 - u0 < _MIN_SIDE or v1 - v0 < _MIN_SIDE:

@@ -3,7 +3,6 @@ import pytest
 
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
 from poil_drake.geometry.unprojection import project
-from poil_drake.perception.trackers.rigid_flow.alignment.config import WindowConfig
 from poil_drake.perception.trackers.rigid_flow.view_window import make_window
 
 POINTS = np.array([[0.45, 0.02, 0.05], [0.48, -0.03, 0.09], [0.42, 0.0, 0.01]])
@@ -12,7 +11,7 @@ POINTS = np.array([[0.45, 0.02, 0.05], [0.48, -0.03, 0.09], [0.42, 0.0, 0.01]])
 @pytest.fixture
 def view(mug_scene):
     frame = mug_scene.shoot(mug_scene.start).frame
-    dut = make_window(1, frame.cameras[1], frame.images[1], POINTS, WindowConfig())
+    dut = make_window(1, frame.cameras[1], frame.images[1], POINTS)
     return dut, frame
 
 
@@ -56,10 +55,10 @@ def test_pixel_gradients_are_the_projection_s_derivative(view):
         np.testing.assert_allclose(gradient[:, axis], expected, rtol=1e-6, atol=1e-3)
 
 
-def test_pixels_at_depth_edges_are_no_surface(view):
+def test_pixels_at_depth_edges_are_not_surface(view):
     dut, _ = view
 
-    # The outline of the mug before the table: depth is there, surface is not.
+    # The outline of the mug in front of the table has depth, but no surface.
     at_edges = (dut.depth > 0) & (dut.surface == 0)
     assert 100 < np.count_nonzero(at_edges) < 0.2 * at_edges.size
     np.testing.assert_array_equal(dut.surface[~at_edges], dut.depth[~at_edges])
@@ -69,5 +68,5 @@ def test_there_is_no_window_where_the_points_are_out_of_view(mug_scene):
     frame = mug_scene.shoot(mug_scene.start).frame
 
     for away in ([0.0, 0.0, 5.0], [3.0, 0.0, 0.0]):
-        window = make_window(0, frame.cameras[0], frame.images[0], POINTS + away, WindowConfig())
+        window = make_window(0, frame.cameras[0], frame.images[0], POINTS + away)
         assert window is None

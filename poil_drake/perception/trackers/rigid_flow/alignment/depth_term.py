@@ -1,59 +1,61 @@
-"""Model points against the depth that is measured where they project to."""
+"""The depth term: model points against the depth measured where they project to (ICP)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.perception.trackers.rigid_flow.alignment.config import DepthConfig
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
     tukey_weights,
 )
+from poil_drake.perception.trackers.rigid_flow.rows import Rows
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+
+_MIN_COSINE = 0.25  # between a surface normal and the line of sight
+_DEVIATION = 0.001  # of a residual [m]: depth noise and the model's error
+_CORRELATION = 20.0  # so many residuals count as one, because neighbours err together
+_NORMAL_DEVIATION = 0.06  # of the model's normals [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class OrientedPoints:
+class OrientedPoints(Rows):
     """Points of a surface with what the point-to-plane residual needs of them, in one frame.
 
     Attributes:
         points: (M, 3) [m].
         normals: (M, 3) unit.
         offsets: (M,) n . q [m].
-        rows: (M, 6) (q x n, n), the Jacobian of n . q by a motion (ω, v).
+        jacobian: (M, 6) (q x n, n), the derivative of n . q by a motion (ω, v).
         trust: (M,) weights in (0, 1].
-        features: (3, M) of their colours, as of `color_features`.
+        features: (M, 3) of their colours, see `color_features`.
     """
 
     points: np.ndarray
     normals: np.ndarray
     offsets: np.ndarray
-    rows: np.ndarray
+    jacobian: np.ndarray
     trust: np.ndarray
     features: np.ndarray
 
-    def select(self, index: np.ndarray) -> "OrientedPoints":
-        """Returns some of the points, by index."""
-        return OrientedPoints(
-            self.points[index],
-            self.normals[index],
-            self.offsets[index],
-            self.rows[index],
-            self.trust[index],
-            self.features[:, index],
-        )
+    @classmethod
+    def make(
+        cls, points: np.ndarray, normals: np.ndarray, features: np.ndarray, trust: float
+    ) -> "OrientedPoints":
+        """Returns points that all have one weight."""
+        jacobian = np.hstack([np.cross(points, normals), normals])
+        offsets = np.einsum("mi,mi->m", points, normals)
+        return cls(points, normals, offsets, jacobian, np.full(len(points), trust), features)
 
 
 @dataclass(frozen=True, eq=False)
 class DepthSamples:
-    """Depth measured at the model points that face a camera and have depth, K of them.
+    """Depth measured at K model points: those that face the camera and have valid depth.
 
     Attributes:
-        index: (K,) which model points.
-        pixels: (2, K) u and v of theirs in the window.
-        residuals: (K,) how far outward along its normal each one's surface is measured [m].
-        behind: (K,) how much farther than predicted the depth is measured [m].
+        index: (K,) indices of the model points.
+        pixels: (2, K) their u and v in the window.
+        residuals: (K,) distance of the measured surface along the normal, positive outward [m].
+        behind: (K,) measured less predicted depth [m].
     """
 
     index: np.ndarray
@@ -63,12 +65,15 @@ class DepthSamples:
 
 
 def sample_depth(
-    surface: OrientedPoints, window: ViewWindow, X_WO: np.ndarray, min_cosine: float
+    surface: OrientedPoints,
+    window: ViewWindow,
+    X_WO: np.ndarray,
+    min_cosine: float = _MIN_COSINE,
 ) -> DepthSamples:
     """Looks up the depth at each model point's pixel.
 
-    The measured point lies on that pixel's own line of sight, so that rounding to the pixel costs
-    nothing on a plane.
+    The measured point lies on the line of sight of that pixel, so rounding to pixels causes no
+    error on planes.
 
     Args:
         surface: Model points in the object's frame.
@@ -100,23 +105,30 @@ def add_depth_term(
     window: ViewWindow,
     X_WO: np.ndarray,
     gate: float,
-    config: DepthConfig,
     *,
     final: bool,
 ) -> None:
-    """Adds the point-to-plane residuals of one view; if final, also what is spurious in them."""
-    samples = sample_depth(surface, window, X_WO, config.min_cosine)
+    """Adds the point-to-plane residuals of one view.
+
+    Args:
+        equations: The sums to add to.
+        surface: Model points in the object's frame.
+        window: The view.
+        X_WO: (4, 4) pose of the object.
+        gate: Residuals above this do not count [m].
+        final: Whether to add the spurious information due to errors of the normals, too.
+    """
+    samples = sample_depth(surface, window, X_WO)
     weights = tukey_weights(samples.residuals, gate)
-    # At a slant a small distance along the normal may be a large one along the line of sight.
+    # On a slanted surface, a short distance along the normal may be a long one in depth.
     weights[np.abs(samples.behind) > 3.0 * gate] = 0.0
-    weights *= surface.trust[samples.index] / (config.deviation**2 * config.correlation)
-    equations.add(surface.rows[samples.index], samples.residuals, weights)
+    weights *= surface.trust[samples.index] / (_DEVIATION**2 * _CORRELATION)
+    equations.add(surface.jacobian[samples.index], samples.residuals, weights)
     if not final:
         return
     points = surface.points[samples.index]
-    errors = weights * config.normal_deviation**2
-    for axis in np.eye(3):
-        # A normal that errs along this axis.
+    errors = weights * _NORMAL_DEVIATION**2
+    for axis in np.eye(3):  # Errors of the normals along this axis.
         equations.add_spurious(
-            np.hstack([cross_rows(points, axis), np.broadcast_to(axis, points.shape)]), errors
+            np.hstack([np.cross(points, axis), np.broadcast_to(axis, points.shape)]), errors
         )
