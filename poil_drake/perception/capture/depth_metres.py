@@ -1,25 +1,25 @@
-"""Depth of any camera in metres."""
+"""Conversion of any camera's depth to metres."""
 
 import numpy as np
 
 from poil_drake.errors import NoImageError
 
 _TOO_FAR = 65535
-"""16-bit depth that is too large to be told, in Drake's images and those of saturated cameras."""
+"""16-bit depth beyond the range, in Drake's images and those of saturated cameras."""
 
 
 def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
     """Returns depth [m] as float32, 0 where invalid.
 
-    Invalid are, of floats, those that are not finite or not above 0; of integers 0 and 65535, which
-    means "too far".
+    Invalid floats are those that are not finite or not positive; invalid integers are 0 and 65535
+    ("too far").
 
     Args:
         raw: Depth of any shape, float32 [m] or uint16 [steps].
-        step: What one step of integers is [m].
+        step: One step of integer depth [m].
 
     Raises:
-        NoImageError: if it is of another type; in other units it would look right and be wrong.
+        NoImageError: if it has another type.
     """
     if raw.dtype == np.uint16:
         metres = np.multiply(raw, np.float32(step), dtype=np.float32)

@@ -8,7 +8,7 @@ from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, Re
 
 
 @pytest.mark.parametrize("kind", [RealSense, Zed, OpenCvStreams, McapPlayback])
-def test_everything_has_a_default(kind: type) -> None:
+def test_all_fields_have_defaults(kind: type) -> None:
     assert kind() == kind()
 
 
@@ -37,12 +37,12 @@ def test_everything_has_a_default(kind: type) -> None:
         (McapPlayback, "lead_in", -1.0),
     ],
 )
-def test_values_that_make_no_sense_are_named(kind: type, field: str, value: object) -> None:
+def test_an_error_names_an_invalid_value(kind: type, field: str, value: object) -> None:
     with pytest.raises(InvalidValueError, match=rf"{kind.__name__}\.{field} is '?{value}'?\."):
         kind(**{field: value})
 
 
-def test_it_loads_no_library_of_a_camera() -> None:
+def test_no_camera_library_is_loaded() -> None:
     code = (
         "import sys, poil_drake.perception.capture.config, poil_drake.perception.capture.registry\n"
         "print(*({'pyrealsense2', 'pyzed', 'cv2', 'mcap'} & sys.modules.keys()))"

@@ -8,7 +8,7 @@ from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
 from poil_drake.perception.capture.registry import make_device
 
 
-def test_the_configuration_chooses_the_device() -> None:
+def test_the_configuration_selects_the_device() -> None:
     config = OpenCvStreams(rgb="0", depth="1")
 
     device = make_device(config, camera=CAMERA, clock=SettableClock())
@@ -17,7 +17,7 @@ def test_the_configuration_chooses_the_device() -> None:
 
 
 @pytest.mark.parametrize(("config", "module"), [(RealSense(), "pyrealsense2"), (Zed(), "pyzed.sl")])
-def test_a_library_that_is_missing_is_named_before_anything_is_opened(
+def test_an_error_names_a_missing_library_before_anything_is_opened(
     monkeypatch: pytest.MonkeyPatch, config: RealSense | Zed, module: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
@@ -26,6 +26,6 @@ def test_a_library_that_is_missing_is_named_before_anything_is_opened(
         make_device(config, camera=CAMERA, clock=SettableClock())
 
 
-def test_an_unknown_configuration_is_refused() -> None:
+def test_an_unknown_configuration_is_rejected() -> None:
     with pytest.raises(InvalidValueError, match=r"'left'.*object"):
         make_device(object(), camera=CAMERA, clock=SettableClock())  # type: ignore[arg-type]

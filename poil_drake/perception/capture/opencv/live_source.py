@@ -1,4 +1,4 @@
-"""A live source of OpenCV, of which only the newest image counts."""
+"""A live source of OpenCV, read as fast as it delivers."""
 
 import threading
 from dataclasses import dataclass
@@ -9,28 +9,28 @@ import numpy as np
 from poil_drake.perception.capture.device import Clock
 from poil_drake.runtime.interpreter_turns import TURNS
 
-_GRACE = 1.0
+_JOIN_TIMEOUT = 1.0
 """How long `stop` waits for the thread [s]. A source may block for longer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """An image as OpenCV delivers it, and when it came [s, by the clock]."""
+    """An image as OpenCV delivers it, and when it arrived [s, by the clock]."""
 
     pixels: np.ndarray
     time: float
 
 
 class LiveSource:
-    """Reads a source on a thread of its own, as fast as it comes, and keeps the newest image.
+    """Reads a source on its own thread and keeps the newest image.
 
-    A source that is read more slowly than it delivers would hand over ever older images. The time
-    of an image is when it was fetched from its driver: after this program was halted, images that
-    waited there, a handful, look newer than they are.
+    A source that is read more slowly than it delivers would queue ever older images. The time of an
+    image is when it is fetched from its driver. After a halt of this program, the few images that
+    waited in the driver therefore look newer than they are.
 
     Attributes:
         newest: The newest image; None before the first.
-        ended: Whether no more will come.
+        ended: Whether no more images will come.
     """
 
     newest: Arrival | None
@@ -42,10 +42,10 @@ class LiveSource:
         """Starts to read.
 
         Args:
-            capture: The source, open. From now on only the thread uses it, and releases it.
+            capture: The open source. From now on only the thread uses it; it also releases it.
             name: For the name of the thread.
             clock: The time now [s since the epoch].
-            changed: Notified of each image, and of the end.
+            changed: Notified of each image and of the end.
         """
         self.newest, self.ended = None, False
         self._capture, self._clock, self._changed = capture, clock, changed
@@ -54,9 +54,9 @@ class LiveSource:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread; one that hangs in its source ends by itself later."""
+        """Ends the thread. A thread that is blocked in its source ends later."""
         self._stopped.set()
-        self._thread.join(_GRACE)
+        self._thread.join(_JOIN_TIMEOUT)
 
     def _run(self) -> None:
         try:
@@ -65,14 +65,11 @@ class LiveSource:
                 TURNS.wait()
                 came, pixels = self._capture.retrieve()
                 if came:
-                    self._show(Arrival(pixels, time))
+                    with self._changed:
+                        self.newest = Arrival(pixels, time)
+                        self._changed.notify_all()
         finally:
             self._capture.release()
             with self._changed:
                 self.ended = True
                 self._changed.notify_all()
-
-    def _show(self, arrival: Arrival) -> None:
-        with self._changed:
-            self.newest = arrival
-            self._changed.notify_all()
