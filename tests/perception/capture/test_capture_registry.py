@@ -16,13 +16,20 @@ def test_the_configuration_selects_the_device() -> None:
     assert type(device).__name__ == "OpenCvStreamsDevice"
 
 
-@pytest.mark.parametrize(("config", "module"), [(RealSense(), "pyrealsense2"), (Zed(), "pyzed.sl")])
+@pytest.mark.parametrize(
+    ("config", "module", "remedy"),
+    [
+        (RealSense(), "pyrealsense2", "pip install"),
+        (Zed(), "pyzed.sl", "ZED SDK"),
+        (Zed(), "pyzed", "ZED SDK"),
+    ],
+)
 def test_an_error_names_a_missing_library_before_anything_is_opened(
-    monkeypatch: pytest.MonkeyPatch, config: RealSense | Zed, module: str
+    monkeypatch: pytest.MonkeyPatch, config: RealSense | Zed, module: str, remedy: str
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
 
-    with pytest.raises(MissingDependencyError, match=module.split(".")[0]):
+    with pytest.raises(MissingDependencyError, match=f"{module.split('.')[0]}.*{remedy}"):
         make_device(config, camera=CAMERA, clock=SettableClock())
 
 
