@@ -48,13 +48,13 @@ class CameraModel(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage(SharedOnCopy):
-    """One camera's colour and depth image of one instant.
+    """A camera's colour and depth image of one instant.
 
     Attributes:
         rgb: (H, W, 3) uint8 colour.
         depth: (H, W) float32 depth along the optical axis [m]; 0 where invalid.
         stamp: Time of capture [s].
-        label: (H, W) int16 render labels, or None. Only a simulator gives them.
+        label: (H, W) int16 render labels of a simulator, or None.
     """
 
     rgb: np.ndarray
@@ -81,14 +81,14 @@ class RgbdImage(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class MultiViewFrame(SharedOnCopy):
-    """What all cameras saw at one instant.
+    """The images of all cameras at one instant.
 
     Attributes:
         cameras: The cameras' models, V of them.
         images: Their images, in the same order.
-        label_ids: Which render labels stand for what: "<object>" for the whole object,
-            "<object>/<part>" for a part. An object's own labels include those of its parts.
-            Empty where the images carry no labels.
+        label_ids: The render labels of each name: "<object>" for the whole object,
+            "<object>/<part>" for a part. An object's labels include those of its parts. Empty if
+            the images have no labels.
     """
 
     cameras: tuple[CameraModel, ...]
@@ -106,7 +106,7 @@ class MultiViewFrame(SharedOnCopy):
                 raise InvalidValueError(
                     f"The image of camera '{camera.name}' has shape {image.depth.shape}, but the "
                     f"camera's model says ({camera.height}, {camera.width}).",
-                    remedy="Use the calibration that belongs to this image size.",
+                    remedy="Use the calibration for this image size.",
                 )
         object.__setattr__(self, "cameras", tuple(self.cameras))
         object.__setattr__(self, "images", tuple(self.images))
@@ -117,10 +117,10 @@ class MultiViewFrame(SharedOnCopy):
         )
 
     def __reduce__(self) -> tuple:
-        """Makes a frame of its parts again in another process; a read-only view is not pickled."""
+        """Supports pickling, which does not support the read-only view of `label_ids`."""
         return type(self), (self.cameras, self.images, dict(self.label_ids))
 
     @property
     def stamp(self) -> float:
-        """The time of capture [s]: the oldest of the images'."""
+        """The time of capture of the oldest image [s]."""
         return min(image.stamp for image in self.images)
