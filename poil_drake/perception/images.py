@@ -66,17 +66,11 @@ class RgbdImage(SharedOnCopy):
         rgb = frozen_array(self.rgb, name="RgbdImage.rgb", shape=("H", "W", 3), dtype=np.uint8)
         size = rgb.shape[:2]
         object.__setattr__(self, "rgb", rgb)
-        object.__setattr__(
-            self,
-            "depth",
-            frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32),
-        )
+        depth = frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32)
+        object.__setattr__(self, "depth", depth)
         if self.label is not None:
-            object.__setattr__(
-                self,
-                "label",
-                frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16),
-            )
+            label = frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16)
+            object.__setattr__(self, "label", label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +104,8 @@ class MultiViewFrame(SharedOnCopy):
                 )
         object.__setattr__(self, "cameras", tuple(self.cameras))
         object.__setattr__(self, "images", tuple(self.images))
-        object.__setattr__(
-            self,
-            "label_ids",
-            MappingProxyType({k: tuple(int(i) for i in v) for k, v in self.label_ids.items()}),
-        )
+        label_ids = {name: tuple(int(i) for i in ids) for name, ids in self.label_ids.items()}
+        object.__setattr__(self, "label_ids", MappingProxyType(label_ids))
 
     def __reduce__(self) -> tuple:
         """Supports pickling, which does not support the read-only view of `label_ids`."""

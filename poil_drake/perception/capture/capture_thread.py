@@ -3,7 +3,7 @@
 import math
 import threading
 
-from poil_drake.errors import InvalidValueError, NoImageError, PoilError
+from poil_drake.errors import NoImageError, PoilError
 from poil_drake.perception.capture.device import CaptureDevice
 from poil_drake.perception.images import RgbdImage
 
@@ -51,14 +51,7 @@ class CaptureThread:
             name: The camera's name, for the name of the thread.
             size: Required (height, width) of the images [px].
             reopen_period: From a failure to the next attempt to open the device [s].
-
-        Raises:
-            InvalidValueError: if the period is not positive.
         """
-        if not reopen_period > 0.0:
-            raise InvalidValueError(
-                f"CaptureThread.reopen_period is {reopen_period}.", remedy="It must be positive."
-            )
         self.newest, self.count, self.problem = None, 0, ""
         self._last_stamp = -math.inf
         self._device, self._size, self._reopen_period = device, size, reopen_period

@@ -1,10 +1,12 @@
-"""Checks what a camera has delivered."""
+"""Checks what a camera has delivered, and converts its depth to metres."""
 
 import numpy as np
 
 from poil_drake.errors import NoImageError
-from poil_drake.perception.capture.depth_metres import depth_in_metres
 from poil_drake.perception.images import RgbdImage
+
+_TOO_FAR = 65535
+"""16-bit depth beyond the range, in Drake's images and those of saturated cameras."""
 
 
 def checked_image(
@@ -47,3 +49,28 @@ def checked_image(
         if pixels.flags.owndata:
             pixels.flags.writeable = False
     return RgbdImage(rgb, metres, stamp)
+
+
+def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
+    """Returns depth [m] as float32, 0 where invalid.
+
+    Invalid floats are those that are not finite or not positive; invalid integers are 0 and 65535
+    ("too far").
+
+    Args:
+        raw: Depth of any shape, float32 [m] or uint16 [steps].
+        step: One step of integer depth [m].
+
+    Raises:
+        NoImageError: if it has another type.
+    """
+    if raw.dtype == np.uint16:
+        metres = np.multiply(raw, np.float32(step), dtype=np.float32)
+        metres[raw == _TOO_FAR] = 0.0
+        return metres
+    if raw.dtype == np.float32:
+        return np.where(np.isfinite(raw) & (raw > 0.0), raw, np.float32(0.0))
+    raise NoImageError(
+        f"Depth has the type {raw.dtype}.",
+        remedy="Deliver 32-bit floats in metres, or 16-bit integers.",
+    )

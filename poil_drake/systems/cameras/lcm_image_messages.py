@@ -9,7 +9,7 @@ import numpy as np
 from drake import lcmt_image, lcmt_image_array
 
 from poil_drake.errors import NoImageError
-from poil_drake.perception.capture.depth_metres import depth_in_metres
+from poil_drake.perception.capture.checked_image import depth_in_metres
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.cameras.encoded_image_size import encoded_image_size
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
 
-from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
+from poil_drake.errors import CaptureError, NoImageError
 from poil_drake.perception.capture import capture_thread
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
@@ -230,8 +230,3 @@ def test_close_does_not_wait_for_a_thread_that_hangs_in_its_device(
     (thread,) = [t for t in threading.enumerate() if t.name == "capture_left"]
     thread.join(TIMEOUT)
     assert device.closed == 1
-
-
-def test_a_period_that_is_not_positive_is_rejected(device: ScriptedDevice) -> None:
-    with pytest.raises(InvalidValueError, match="reopen_period is 0"):
-        CaptureThread(device, name="left", size=SIZE, reopen_period=0.0)

@@ -94,13 +94,16 @@ class ViewWindow(SharedOnCopy):
         return np.stack([x, y, z], axis=-1)
 
     def pixel_gradient(
-        self, direction_u: np.ndarray, direction_v: np.ndarray, points_C: np.ndarray
+        self,
+        direction_u: np.ndarray | float,
+        direction_v: np.ndarray | float,
+        points_C: np.ndarray,
     ) -> np.ndarray:
         """Returns the derivative (..., 3) of g . (u, v) by the point [px/m, camera].
 
         Args:
-            direction_u: (...) component along u of a direction g in the image.
-            direction_v: (...) component along v.
+            direction_u: (...) or one component along u of a direction g in the image.
+            direction_v: Likewise along v.
             points_C: (..., 3) [m, camera].
         """
         inverse_z = 1.0 / points_C[..., 2]

@@ -14,6 +14,7 @@ import numpy as np
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
+    motion_jacobian,
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.rows import evenly_spaced
@@ -112,16 +113,13 @@ def add_contour_term(
     du, dv = matches.directions[:, 0], matches.directions[:, 1]
     residuals = matches.targets - (du * u + dv * v)
     gradients = window.pixel_gradient(du, dv, points_C) @ sight.R_CO
-    jacobian = np.hstack([np.cross(matches.points, gradients), gradients])
     weights = tukey_weights(residuals, gate) / (_DEVIATION**2 * _CORRELATION)
-    equations.add(jacobian, residuals, weights)
-    if not final:
-        return
-    across = window.pixel_gradient(-dv, du, points_C) @ sight.R_CO
-    equations.add_spurious(
-        np.hstack([np.cross(matches.points, across), across]),
-        weights * _DIRECTION_DEVIATION**2,
-    )
+    equations.add(motion_jacobian(matches.points, gradients), residuals, weights)
+    if final:
+        across = motion_jacobian(
+            matches.points, window.pixel_gradient(-dv, du, points_C) @ sight.R_CO
+        )
+        equations.add_spurious(across, weights * _DIRECTION_DEVIATION**2)
 
 
 def render_depth(surface: OrientedPoints, window: ViewWindow, sight: Sight) -> np.ndarray | None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
+    motion_jacobian,
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.rows import Rows
@@ -42,9 +43,9 @@ class OrientedPoints(Rows):
         cls, points: np.ndarray, normals: np.ndarray, features: np.ndarray, trust: float
     ) -> "OrientedPoints":
         """Returns points that all have one weight."""
-        jacobian = np.hstack([np.cross(points, normals), normals])
         offsets = np.einsum("mi,mi->m", points, normals)
-        return cls(points, normals, offsets, jacobian, np.full(len(points), trust), features)
+        jacobian, weights = motion_jacobian(points, normals), np.full(len(points), trust)
+        return cls(points, normals, offsets, jacobian, weights, features)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +130,4 @@ def add_depth_term(
     points = surface.points[samples.index]
     errors = weights * _NORMAL_DEVIATION**2
     for axis in np.eye(3):  # Errors of the normals along this axis.
-        equations.add_spurious(
-            np.hstack([np.cross(points, axis), np.broadcast_to(axis, points.shape)]), errors
-        )
+        equations.add_spurious(motion_jacobian(points, axis), errors)

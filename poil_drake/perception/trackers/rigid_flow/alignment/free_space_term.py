@@ -9,6 +9,7 @@ import numpy as np
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
+    motion_jacobian,
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.free_space import (
@@ -52,6 +53,6 @@ def add_free_space_term(
     ]
     outward = np.stack(slopes, axis=1) / (2.0 * free_space.spacing)
     # A motion d = (ω, v) of the object moves a point q of the world by -(v + ω x q) within it.
-    jacobian = -np.hstack([np.cross(points, outward), outward])
+    jacobian = -motion_jacobian(points, outward)
     weights = observed.weights[inside] * tukey_weights(depth, GATE)
     equations.add(jacobian, -depth, weights / (_DEVIATION**2 * _CORRELATION))

@@ -14,6 +14,20 @@ def huber_weights(residuals: np.ndarray, threshold: float) -> np.ndarray:
     return threshold / np.maximum(np.abs(residuals), threshold)
 
 
+def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Returns the derivative of scalars by a motion d = (ω, v) that moves a point q by ω x q + v.
+
+    Args:
+        points: (..., 3) the points q [m].
+        gradients: (..., 3) or (3,) the derivatives g of the scalars by q.
+
+    Returns:
+        (..., 6) rows (q x g, g).
+    """
+    gradients = np.broadcast_to(gradients, points.shape)
+    return np.concatenate([np.cross(points, gradients), gradients], axis=-1)
+
+
 class NormalEquations:
     """H d = b of a Gauss-Newton step: H = sum w J^T J, b = sum w J^T r.
 

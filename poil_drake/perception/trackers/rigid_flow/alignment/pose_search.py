@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.geometry.rigid_transform import inverse, rotation_exp
+from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.appearance_model import color_similarity, observe
@@ -155,11 +155,7 @@ def _motions(rng: np.random.Generator, count: int, angular: float, linear: float
     motions = rng.standard_normal((count, 6))
     # Scales from 0.2 to 1: near poses are likelier and need a finer sampling.
     motions *= np.linspace(0.2, 1.0, count)[:, None]
-    X = np.zeros((count, 4, 4))
-    X[:, :3, :3] = rotation_exp(motions[:, :3] * angular)
-    X[:, :3, 3] = motions[:, 3:] * linear
-    X[:, 3, 3] = 1.0
-    return X
+    return make_transform(rotation_exp(motions[:, :3] * angular), motions[:, 3:] * linear)
 
 
 def _distinct(poses: np.ndarray) -> list[np.ndarray]:

@@ -15,6 +15,7 @@ import numpy as np
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
     huber_weights,
+    motion_jacobian,
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.texture_patches import (
@@ -208,12 +209,10 @@ def _add_patches(
         sight: Where the camera is.
     """
     points_C = sight.to_camera(centres)
-    ones, zeros = np.ones(len(centres)), np.zeros(len(centres))
-    jacobian = np.empty((len(centres), 2, 6))
-    for axis, (gu, gv) in enumerate(((ones, zeros), (zeros, ones))):
-        along = window.pixel_gradient(gu, gv, points_C) @ sight.R_CO
-        jacobian[:, axis, 3:] = along
-        jacobian[:, axis, :3] = np.cross(centres, along)
+    gradients = [
+        window.pixel_gradient(gu, gv, points_C) @ sight.R_CO for gu, gv in ((1.0, 0.0), (0.0, 1.0))
+    ]
+    jacobian = np.stack([motion_jacobian(centres, along) for along in gradients], axis=1)
     flat = jacobian.reshape(-1, 6)
     equations.H += flat.T @ (tensor @ jacobian).reshape(-1, 6)
     equations.b += pull.reshape(-1) @ flat
