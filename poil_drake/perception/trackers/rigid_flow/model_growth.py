@@ -30,7 +30,11 @@ from poil_drake.perception.trackers.rigid_flow.view_surface import (
     view_normals,
     view_surface,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import Sight, ViewWindow, square_kernel
+from poil_drake.perception.trackers.rigid_flow.view_window import (
+    PosedView,
+    ViewWindow,
+    square_kernel,
+)
 
 _ROTATION = float(np.radians(10.0))  # between keyframes of a view [rad]
 _TRAVEL = 0.03  # or so far [m]: other things may have hidden the object
@@ -50,11 +54,11 @@ class Keyframe(SharedOnCopy):
     """A view from which the model was learnt.
 
     Attributes:
-        sight: (3,) unit direction from the object to the camera, in the object's frame.
+        direction: (3,) unit, from the object to the camera, in the object's frame.
         position: (3,) where the object was [m, world].
     """
 
-    sight: np.ndarray
+    direction: np.ndarray
     position: np.ndarray
 
     @classmethod
@@ -67,7 +71,8 @@ def needs_keyframe(new: Keyframe, keyframes: tuple[Keyframe, ...]) -> bool:
     """Returns whether a view may show something that no keyframe has shown."""
     nearest = np.cos(_ROTATION)
     return not any(
-        new.sight @ old.sight > nearest and np.linalg.norm(new.position - old.position) < _TRAVEL
+        new.direction @ old.direction > nearest
+        and np.linalg.norm(new.position - old.position) < _TRAVEL
         for old in keyframes
     )
 
@@ -86,8 +91,8 @@ def grow_model(
     surface, patches = model.surface, model.patches
     tree = cKDTree(surface.points)
     for window in windows:
-        sight = window.sight(X_WO)
-        rendering = render_depth(surface, window, sight)
+        view = window.at(X_WO)
+        rendering = render_depth(surface, view)
         if rendering is None:
             continue
         covered = rendering < rendering.max()
@@ -96,23 +101,21 @@ def grow_model(
         around = cv2.dilate((reachable & ~known).astype(np.uint8), square_kernel(_SURROUNDINGS))
         seen = view_surface(window, reachable & (around > 0))
         new = np.flatnonzero(_is_new(seen, rendering, window))
-        points_O = sight.to_object(seen.points[new])
+        points_O = view.to_object(seen.points[new])
         allowed = tree.query(points_O)[0] < _DISTANCE
-        for view in model.appearance.reference_views:
-            allowed &= view.allows(points_O, transform_points(X_WO, points_O))
+        for reference in model.appearance.reference_views:
+            allowed &= reference.allows(points_O, transform_points(X_WO, points_O))
         joining = OrientedPoints.make(
             points_O[allowed],
-            seen.normals[new[allowed]] @ sight.R_CO,
+            seen.normals[new[allowed]] @ view.R_CO,
             color_features(seen.colors[new[allowed]]),
             _TRUST,
         )
         surface = surface.joined(joining, _MAX_POINTS)
         known_normals = view_normals(window, known)
         usable = known & np.isfinite(known_normals[..., 0])
-        usable &= ~_near_patches(model, window, sight)
-        taken = take_patches(
-            window, X_WO, usable, known_normals, count=_PATCHES_PER_VIEW, trust=_TRUST
-        )
+        usable &= ~_near_patches(model, view)
+        taken = take_patches(view, usable, known_normals, count=_PATCHES_PER_VIEW, trust=_TRUST)
         patches = patches.joined(taken, MAX_PATCHES)
     if len(surface) == len(model.surface) and len(patches) == len(model.patches):
         return model
@@ -146,11 +149,11 @@ def _is_new(seen: ViewSurface, rendering: np.ndarray, window: ViewWindow) -> np.
     return facing & (np.abs(z - rendering[v, u]) > _KNOWN_ERROR)
 
 
-def _near_patches(model: ObjectModel, window: ViewWindow, sight: Sight) -> np.ndarray:
+def _near_patches(model: ObjectModel, view: PosedView) -> np.ndarray:
     """Returns the pixels (h, w) bool around those of the model's patches that face the view."""
-    facing = facing_patches(model.patches, sight.eye)
-    u, v = window.project(sight.to_camera(model.patches.centres[facing]))
-    near = np.zeros(window.depth.shape, dtype=bool)
+    facing = facing_patches(model.patches, view.eye)
+    u, v = view.project(model.patches.centres[facing])
+    near = np.zeros(view.window.depth.shape, dtype=bool)
     reach = 2 * HALF_WIDTH
     for x, y in zip(np.rint(u).astype(int), np.rint(v).astype(int), strict=True):
         near[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = True

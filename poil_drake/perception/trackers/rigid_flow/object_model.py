@@ -29,6 +29,7 @@ from poil_drake.perception.trackers.rigid_flow.texture_patches import (
 )
 from poil_drake.perception.trackers.rigid_flow.view_surface import ViewSurface, view_surface
 from poil_drake.perception.trackers.rigid_flow.view_window import (
+    PosedView,
     ViewWindow,
     make_window,
     unproject_to_world,
@@ -99,27 +100,28 @@ def build_model(
             f"needed; the masks mark {marked} pixels.",
             remedy="Check the masks and the depth images, or move a camera nearer.",
         )
-    in_world = [(window.sight(np.eye(4)), seen) for window, seen in surfaces]
-    points_W = np.concatenate([sight.to_object(seen.points) for sight, seen in in_world])
-    normals = np.concatenate([seen.normals @ sight.R_CO for sight, seen in in_world])
+    in_world = [(window.at(np.eye(4)), seen) for window, seen in surfaces]
+    points_W = np.concatenate([view.to_object(seen.points) for view, seen in in_world])
+    normals = np.concatenate([seen.normals @ view.R_CO for view, seen in in_world])
     colors = np.concatenate([seen.colors for _, seen in surfaces])
     origin = points_W.mean(axis=0)
     X_WO = make_transform(np.eye(3), origin)
     radius = float(np.linalg.norm(points_W - origin, axis=1).max())
     surface = OrientedPoints.make(points_W - origin, normals, color_features(colors), 1.0)
+    views = [window.at(X_WO) for window, _ in surfaces]
     patches = TexturePatches.empty()
-    for window, seen in surfaces:
+    for view, (_, seen) in zip(views, surfaces, strict=True):
         taken = take_patches(
-            window, X_WO, seen.usable, seen.normal_image, count=_PATCHES_PER_VIEW, trust=1.0
+            view, seen.usable, seen.normal_image, count=_PATCHES_PER_VIEW, trust=1.0
         )
         patches = patches.joined(taken, MAX_PATCHES)
-    views = make_reference_views(frame, masks, X_WO)
+    reference_views = make_reference_views(frame, masks, X_WO)
     model = assemble_model(
         surface,
         patches,
-        appearance=learn_appearance(frame, masks, views, radius),
+        appearance=learn_appearance(frame, masks, reference_views, radius),
         part_points=query_points - origin,
-        contour_bias=_contour_bias(surface, [window for window, _ in surfaces], X_WO),
+        contour_bias=_contour_bias(surface, views),
         config=config,
     )
     return model, X_WO
@@ -173,9 +175,9 @@ def _window_of_mask(frame: MultiViewFrame, index: int, mask: np.ndarray) -> View
     return make_window(index, camera, image, unproject_to_world(camera, image.depth, u, v))
 
 
-def _contour_bias(surface: OrientedPoints, windows: list[ViewWindow], X_WO: np.ndarray) -> float:
-    """Measures, at a known pose, how far outward of the rendered outline the edges are [px]."""
-    matches = (match_contour(surface, 0.0, window, X_WO) for window in windows)
+def _contour_bias(surface: OrientedPoints, views: list[PosedView]) -> float:
+    """Measures, at the known pose, how far outward of the rendered outline the edges are [px]."""
+    matches = (match_contour(surface, 0.0, view) for view in views)
     shifts = np.concatenate([[], *(found.displacements for found in matches if found is not None)])
     shifts = shifts[np.abs(shifts) < SEARCH_REACH - 2]
     return float(np.median(shifts)) if shifts.size else 0.5

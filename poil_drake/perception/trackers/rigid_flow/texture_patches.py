@@ -12,7 +12,11 @@ import numpy as np
 
 from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.perception.trackers.rigid_flow.rows import Rows
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, square_kernel
+from poil_drake.perception.trackers.rigid_flow.view_window import (
+    PosedView,
+    ViewWindow,
+    square_kernel,
+)
 
 HALF_WIDTH = 2
 """A patch has 2 HALF_WIDTH + 1 samples on each side."""
@@ -55,8 +59,7 @@ class TexturePatches(Rows):
 
 
 def take_patches(
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     usable: np.ndarray,
     normals_C: np.ndarray,
     *,
@@ -66,13 +69,13 @@ def take_patches(
     """Returns patches from where a view shows texture.
 
     Args:
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         usable: (h, w) bool, pixels of the window that show the object's surface.
         normals_C: (h, w, 3) normals in the camera's frame, finite where usable.
         count: Largest number of patches.
         trust: Their weight.
     """
+    window = view.window
     reach = int(np.ceil(HALF_WIDTH * _SPACING))
     closed = cv2.morphologyEx(usable.astype(np.uint8), cv2.MORPH_CLOSE, square_kernel(1))
     inner = cv2.erode(
@@ -93,13 +96,12 @@ def take_patches(
         return TexturePatches.empty()
     chosen = chosen[farthest_point_sampling(centres[chosen], min(count, len(chosen)))]
     u, v, centres, normals, rays = (x[chosen] for x in (u, v, centres, normals, rays))
-    sight = window.sight(X_WO)
     return TexturePatches(
-        sight.to_object(centres),
-        normals @ sight.R_CO,
-        sight.to_object(_on_plane(window, *_grid(u, v), centres, normals)),
+        view.to_object(centres),
+        normals @ view.R_CO,
+        view.to_object(_on_plane(window, *_grid(u, v), centres, normals)),
         values[chosen],
-        rays @ sight.R_CO,
+        rays @ view.R_CO,
         np.full(len(u), trust),
     )
 

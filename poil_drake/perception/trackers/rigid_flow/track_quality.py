@@ -17,7 +17,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import P
 from poil_drake.perception.trackers.rigid_flow.appearance_model import color_similarity
 from poil_drake.perception.trackers.rigid_flow.free_space import FEW_OBSERVED, ObservedPoints
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, ViewWindow
 
 MIN_COSINE = 0.4
 """Between normal and line of sight of the model points that are compared."""
@@ -157,21 +157,21 @@ def examine(
     pose: PoseEstimate,
 ) -> Evidence:
     """Compares the model at a pose with the views and with the observed points around it."""
-    X_WO = pose.X_WO
     counts = np.zeros(5, dtype=int)
     supported = np.zeros(len(model.support), dtype=bool)
     confirmed = searched = 0
     for window in windows:
-        support = sample_depth(model.support, window, X_WO, MIN_COSINE)
+        view = window.at(pose.X_WO)
+        support = sample_depth(model.support, view, MIN_COSINE)
         supported[support.index[np.abs(support.residuals) < _SEEN_ERROR]] = True
-        matches = match_contour(model.surface, model.contour_bias, window, X_WO)
+        matches = match_contour(model.surface, model.contour_bias, view)
         if matches is not None:
             error = np.abs(matches.displacements - model.contour_bias)
             confirmed += int(np.count_nonzero(error < _EDGE_ERROR))
             searched += matches.searched
-        counts += _count(model.aligned, window, X_WO, matches)
+        counts += _count(model.aligned, view, matches)
     explained, conflicting = model.appearance.free_space.conflict(
-        observed, X_WO[None], model.radius
+        observed, pose.X_WO[None], model.radius
     )
     seen, other_color, seen_through, in_front, occluded = counts.tolist()
     return Evidence(
@@ -200,18 +200,17 @@ def part_confidence(
     agreement = np.clip((evidence.agreement - LOST_AGREEMENT) / (1.0 - LOST_AGREEMENT), 0.0, 1.0)
     if not evidence.is_supported:
         agreement = 0.0
-    visible = _is_visible(pose.X_WO, model.part_points, windows)
+    visible = np.any([_is_visible(w.at(pose.X_WO), model.part_points) for w in windows], axis=0)
     shown = np.where(visible, 1.0, _HIDDEN_CONFIDENCE)
     unopposed = np.clip(1.0 - evidence.conflict / MAX_CONFLICT, 0.1, 1.0)
     factor = (0.2 + 0.8 * agreement) * unopposed * shown
     return np.clip(np.exp(-0.5 * deviations**2) * factor, 0.0, 1.0)
 
 
-def _count(
-    surface: OrientedPoints, window: ViewWindow, X_WO: np.ndarray, matches: ContourMatches | None
-) -> np.ndarray:
+def _count(surface: OrientedPoints, view: PosedView, matches: ContourMatches | None) -> np.ndarray:
     """Returns the first five numbers of `Evidence` for one view (5,)."""
-    samples = sample_depth(surface, window, X_WO, MIN_COSINE)
+    window = view.window
+    samples = sample_depth(surface, view, MIN_COSINE)
     u, v = samples.pixels
     near = np.abs(samples.residuals) < _SEEN_ERROR
     shown = near.copy()
@@ -227,20 +226,13 @@ def _count(
     return np.array([np.count_nonzero(kind & shown) for kind in kinds])
 
 
-def _is_visible(
-    X_WO: np.ndarray, points_O: np.ndarray, windows: Sequence[ViewWindow]
-) -> np.ndarray:
+def _is_visible(view: PosedView, points_O: np.ndarray) -> np.ndarray:
     """Returns which points (N,) bool have about their depth measured in or beside their pixel."""
-    visible = np.zeros(len(points_O), dtype=bool)
-    for window in windows:
-        points_C = window.sight(X_WO).to_camera(points_O)
-        u, v = window.project(points_C)
-        height, width = window.depth.shape
-        u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
-        inside = (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1) & (points_C[:, 2] > 0.05)
-        u, v = np.where(inside, u, 1), np.where(inside, v, 1)
-        for du in (-1, 0, 1):
-            for dv in (-1, 0, 1):
-                behind = window.depth[v + dv, u + du] - points_C[:, 2]
-                visible |= inside & (np.abs(behind) < _VISIBLE_ERROR)
-    return visible
+    points_C = view.to_camera(points_O)
+    u, v = (np.rint(x).astype(np.intp) for x in view.window.project(points_C))
+    height, width = view.window.depth.shape
+    inside = (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1) & (points_C[:, 2] > 0.05)
+    u, v = np.where(inside, u, 1), np.where(inside, v, 1)
+    rows, columns = v[:, None, None] + [[-1], [0], [1]], u[:, None, None] + [-1, 0, 1]
+    error = np.abs(view.window.depth[rows, columns] - points_C[:, 2, None, None])
+    return inside & (error < _VISIBLE_ERROR).any(axis=(1, 2))

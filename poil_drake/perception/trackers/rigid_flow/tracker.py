@@ -132,7 +132,7 @@ class RigidFlowTracker:
     def _learn(self, state: RigidFlowState, windows: Sequence[ViewWindow]) -> RigidFlowState:
         """Returns the state with a model grown by the views that need a keyframe."""
         X_WO = state.pose.X_WO
-        keyframes = [Keyframe.at(window.sight(X_WO).eye, X_WO) for window in windows]
+        keyframes = [Keyframe.at(window.at(X_WO).eye, X_WO) for window in windows]
         needed = [needs_keyframe(new, state.keyframes) for new in keyframes]
         if not any(needed):
             return state

@@ -20,29 +20,6 @@ _BLUR = 1.0  # standard deviation of the blur before image gradients are taken [
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """Where a camera is in the object's frame O.
-
-    Attributes:
-        R_CO: (3, 3) rotation.
-        origin: (3,) origin of the object's frame in the camera [m].
-        eye: (3,) centre of the camera in the object's frame [m].
-    """
-
-    R_CO: np.ndarray
-    origin: np.ndarray
-    eye: np.ndarray
-
-    def to_camera(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the object in the camera's frame [m]."""
-        return points_O @ self.R_CO.T + self.origin
-
-    def to_object(self, points_C: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the camera in the object's frame [m]."""
-        return points_C @ self.R_CO + self.eye
-
-
-@dataclass(frozen=True, eq=False)
 class ViewWindow(SharedOnCopy):
     """A window of one view, prepared for alignment.
 
@@ -74,11 +51,11 @@ class ViewWindow(SharedOnCopy):
         (fx, fy), (cx, cy) = self.focal, self.centre
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def sight(self, X_WO: np.ndarray) -> Sight:
-        """Returns where the camera is in the frame of an object at pose X_WO (4, 4)."""
+    def at(self, X_WO: np.ndarray) -> "PosedView":
+        """Returns the view of an object at pose X_WO (4, 4)."""
         X_CO = self.X_CW @ X_WO
-        R_CO = X_CO[:3, :3]
-        return Sight(R_CO, X_CO[:3, 3], -X_CO[:3, 3] @ R_CO)
+        R_CO, origin = X_CO[:3, :3], X_CO[:3, 3]
+        return PosedView(self, R_CO, origin, -origin @ R_CO)
 
     def project(self, points_C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns u and v (...) in the window of points (..., 3) in front of the camera."""
@@ -93,24 +70,49 @@ class ViewWindow(SharedOnCopy):
         y = (v - self.centre[1]) * (z / self.focal[1])
         return np.stack([x, y, z], axis=-1)
 
-    def pixel_gradient(
-        self,
-        direction_u: np.ndarray | float,
-        direction_v: np.ndarray | float,
-        points_C: np.ndarray,
-    ) -> np.ndarray:
-        """Returns the derivative (..., 3) of g . (u, v) by the point [px/m, camera].
 
-        Args:
-            direction_u: (...) or one component along u of a direction g in the image.
-            direction_v: Likewise along v.
-            points_C: (..., 3) [m, camera].
-        """
-        inverse_z = 1.0 / points_C[..., 2]
-        gx = direction_u * self.focal[0] * inverse_z
-        gy = direction_v * self.focal[1] * inverse_z
-        gz = -(gx * points_C[..., 0] + gy * points_C[..., 1]) * inverse_z
-        return np.stack([gx, gy, gz], axis=-1)
+@dataclass(frozen=True, eq=False)
+class PosedView:
+    """A window with the object at some pose in it.
+
+    Attributes:
+        window: The window.
+        R_CO: (3, 3) rotation of the object in the camera.
+        origin: (3,) origin of the object's frame in the camera [m].
+        eye: (3,) centre of the camera in the object's frame [m].
+    """
+
+    window: ViewWindow
+    R_CO: np.ndarray
+    origin: np.ndarray
+    eye: np.ndarray
+
+    def to_camera(self, points_O: np.ndarray) -> np.ndarray:
+        """Returns points (..., 3) of the object in the camera's frame [m]."""
+        return points_O @ self.R_CO.T + self.origin
+
+    def to_object(self, points_C: np.ndarray) -> np.ndarray:
+        """Returns points (..., 3) of the camera in the object's frame [m]."""
+        return points_C @ self.R_CO + self.eye
+
+    def project(self, points_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns u and v (...) in the window of points (..., 3) of the object."""
+        return self.window.project(self.to_camera(points_O))
+
+    def unproject(self, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Returns the points (..., 3) [m, object] at pixels of the window and depths z [m]."""
+        return self.to_object(self.window.unproject(u, v, z))
+
+    def pixel_gradient(
+        self, du: np.ndarray | float, dv: np.ndarray | float, points_O: np.ndarray
+    ) -> np.ndarray:
+        """Returns the derivative (..., 3) of du u + dv v by points (..., 3) [px/m, object]."""
+        x, y, z = np.moveaxis(self.to_camera(points_O), -1, 0)
+        inverse_z = 1.0 / z
+        gx = du * self.window.focal[0] * inverse_z
+        gy = dv * self.window.focal[1] * inverse_z
+        gz = -(gx * x + gy * y) * inverse_z
+        return np.stack([gx, gy, gz], axis=-1) @ self.R_CO
 
 
 def make_window(

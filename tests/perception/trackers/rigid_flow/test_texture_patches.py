@@ -61,9 +61,10 @@ def test_patches_are_found_when_the_prediction_is_off(textured, shift):
     points_W = transform_points(X_WO, model.surface.points)
     window = make_window(0, frame.cameras[0], frame.images[0], points_W)
 
-    matches = match_patches(select_shown(model.patches, window, predicted), window, predicted)
+    view = window.at(predicted)
+    matches = match_patches(select_shown(model.patches, view), view)
 
-    true_u, true_v = window.project(window.sight(X_WO).to_camera(matches.centres))
+    true_u, true_v = window.at(X_WO).project(matches.centres)
     error = np.hypot(matches.targets[:, 0] - true_u, matches.targets[:, 1] - true_v)
     assert len(error) > 10
     # The search has steps of 1.5 px; a shift of 3 mm is about 2 px.

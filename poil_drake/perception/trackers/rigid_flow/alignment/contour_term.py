@@ -18,7 +18,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.rows import evenly_spaced
-from poil_drake.perception.trackers.rigid_flow.view_window import Sight, ViewWindow, square_kernel
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, square_kernel
 
 SEARCH_REACH = 8
 """How far to either side of the model's outline an edge is searched [px]."""
@@ -55,22 +55,18 @@ class ContourMatches:
     rendering: np.ndarray
 
 
-def match_contour(
-    surface: OrientedPoints, bias: float, window: ViewWindow, X_WO: np.ndarray
-) -> ContourMatches | None:
+def match_contour(surface: OrientedPoints, bias: float, view: PosedView) -> ContourMatches | None:
     """Finds the edges that belong to the model's outline.
 
     Args:
         surface: The model's surface.
         bias: How far outward of its rendered outline the object ends [px].
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
 
     Returns:
         The matches, or None where there are too few.
     """
-    sight = window.sight(X_WO)
-    rendering = render_depth(surface, window, sight)
+    rendering = render_depth(surface, view)
     if rendering is None:
         return None
     u, v = _outline(rendering)
@@ -78,12 +74,12 @@ def match_contour(
         return None
     du, dv = _outward(rendering, u, v)
     z = rendering[v, u]
-    found, occluded, shift = _search_edges(window.depth, u, v, du, dv, z)
+    found, occluded, shift = _search_edges(view.window.depth, u, v, du, dv, z)
     searched = int(np.count_nonzero(~occluded))
     u, v, du, dv, z, shift = (x[found] for x in (u, v, du, dv, z, shift))
     # The rendering reaches _SPLAT beyond the points; the surface ends about at the points.
     start_u, start_v = u - du * _SPLAT, v - dv * _SPLAT
-    points = sight.to_object(window.unproject(start_u, start_v, z.astype(float)))
+    points = view.unproject(start_u, start_v, z.astype(float))
     targets = start_u * du + start_v * dv + shift - bias
     return ContourMatches(points, np.stack([du, dv], axis=1), targets, shift, searched, rendering)
 
@@ -91,8 +87,7 @@ def match_contour(
 def add_contour_term(
     equations: NormalEquations,
     matches: ContourMatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     gate: float,
     *,
     final: bool,
@@ -102,36 +97,31 @@ def add_contour_term(
     Args:
         equations: The sums to add to.
         matches: Matches in this view, which may have been found at another pose.
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         gate: Residuals above this do not count [px].
         final: Whether to add the spurious information due to errors of the directions, too.
     """
-    sight = window.sight(X_WO)
-    points_C = sight.to_camera(matches.points)
-    u, v = window.project(points_C)
+    u, v = view.project(matches.points)
     du, dv = matches.directions[:, 0], matches.directions[:, 1]
     residuals = matches.targets - (du * u + dv * v)
-    gradients = window.pixel_gradient(du, dv, points_C) @ sight.R_CO
+    jacobian = motion_jacobian(matches.points, view.pixel_gradient(du, dv, matches.points))
     weights = tukey_weights(residuals, gate) / (_DEVIATION**2 * _CORRELATION)
-    equations.add(motion_jacobian(matches.points, gradients), residuals, weights)
+    equations.add(jacobian, residuals, weights)
     if final:
-        across = motion_jacobian(
-            matches.points, window.pixel_gradient(-dv, du, points_C) @ sight.R_CO
-        )
+        across = motion_jacobian(matches.points, view.pixel_gradient(-dv, du, matches.points))
         equations.add_spurious(across, weights * _DIRECTION_DEVIATION**2)
 
 
-def render_depth(surface: OrientedPoints, window: ViewWindow, sight: Sight) -> np.ndarray | None:
+def render_depth(surface: OrientedPoints, view: PosedView) -> np.ndarray | None:
     """Returns the model's depth (h, w) float32, each point a square; empty pixels lie behind.
 
     Returns None where fewer than 30 points are in the view.
     """
-    facing = np.einsum("mi,mi->m", surface.normals, sight.eye - surface.points) > 0.0
-    points_C = sight.to_camera(surface.points[facing])
-    u, v = window.project(points_C)
+    facing = np.einsum("mi,mi->m", surface.normals, view.eye - surface.points) > 0.0
+    points_C = view.to_camera(surface.points[facing])
+    u, v = view.window.project(points_C)
     u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
-    height, width = window.depth.shape
+    height, width = view.window.depth.shape
     z = points_C[:, 2]
     inside = (u >= 0) & (v >= 0) & (u < width) & (v < height) & (z > 0.05)
     if np.count_nonzero(inside) < 30:

@@ -10,7 +10,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.rows import Rows
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 
 _MIN_COSINE = 0.25  # between a surface normal and the line of sight
 _DEVIATION = 0.001  # of a residual [m]: depth noise and the model's error
@@ -66,10 +66,7 @@ class DepthSamples:
 
 
 def sample_depth(
-    surface: OrientedPoints,
-    window: ViewWindow,
-    X_WO: np.ndarray,
-    min_cosine: float = _MIN_COSINE,
+    surface: OrientedPoints, view: PosedView, min_cosine: float = _MIN_COSINE
 ) -> DepthSamples:
     """Looks up the depth at each model point's pixel.
 
@@ -78,14 +75,13 @@ def sample_depth(
 
     Args:
         surface: Model points in the object's frame.
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         min_cosine: Least cosine between a normal and the line of sight.
     """
-    sight = window.sight(X_WO)
-    points_C = sight.to_camera(surface.points)
+    window = view.window
+    points_C = view.to_camera(surface.points)
     z = points_C[:, 2]
-    facing = surface.normals @ sight.eye - surface.offsets
+    facing = surface.normals @ view.eye - surface.offsets
     candidates = np.flatnonzero((facing > min_cosine * z) & (z > 0.05))
     u, v = window.project(points_C[candidates])
     u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
@@ -95,7 +91,7 @@ def sample_depth(
     depth = window.surface[v, u].astype(float)
     valid = depth > 0.0
     index, u, v, depth = candidates[valid], u[valid], v[valid], depth[valid]
-    measured = sight.to_object(window.unproject(u, v, depth))
+    measured = view.unproject(u, v, depth)
     residuals = np.einsum("mi,mi->m", surface.normals[index], measured) - surface.offsets[index]
     return DepthSamples(index, (u, v), residuals, depth - z[index])
 
@@ -103,8 +99,7 @@ def sample_depth(
 def add_depth_term(
     equations: NormalEquations,
     surface: OrientedPoints,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     gate: float,
     *,
     final: bool,
@@ -114,12 +109,11 @@ def add_depth_term(
     Args:
         equations: The sums to add to.
         surface: Model points in the object's frame.
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         gate: Residuals above this do not count [m].
         final: Whether to add the spurious information due to errors of the normals, too.
     """
-    samples = sample_depth(surface, window, X_WO)
+    samples = sample_depth(surface, view)
     weights = tukey_weights(samples.residuals, gate)
     # On a slanted surface, a short distance along the normal may be a long one in depth.
     weights[np.abs(samples.behind) > 3.0 * gate] = 0.0

@@ -157,18 +157,17 @@ class _View:
 
     def add_to(self, equations: NormalEquations, model: ObjectModel, X: np.ndarray, k: int) -> None:
         """Adds the terms of iteration k at pose X (4, 4)."""
-        window, iteration, final = self._window, _ITERATIONS[k], k == len(_ITERATIONS) - 1
-        add_depth_term(equations, model.aligned, window, X, iteration.depth_gate, final=final)
+        view, iteration, final = self._window.at(X), _ITERATIONS[k], k == len(_ITERATIONS) - 1
+        add_depth_term(equations, model.aligned, view, iteration.depth_gate, final=final)
         if iteration.match_contour:
-            self._contour = match_contour(model.surface, model.contour_bias, window, X)
+            self._contour = match_contour(model.surface, model.contour_bias, view)
         if self._contour is not None:
-            gate = iteration.contour_gate
-            add_contour_term(equations, self._contour, window, X, gate, final=final)
+            add_contour_term(equations, self._contour, view, iteration.contour_gate, final=final)
         if k in (0, _FLOW_ITERATIONS):
-            self._patches = select_shown(model.patches, window, X)
+            self._patches = select_shown(model.patches, view)
         if k == 0:
-            self._flow = match_patches(self._patches, window, X)
+            self._flow = match_patches(self._patches, view)
         if k >= _FLOW_ITERATIONS:
-            add_texture_term(equations, self._patches, window, X, iteration.min_correlation)
+            add_texture_term(equations, self._patches, view, iteration.min_correlation)
         elif self._flow is not None:
-            add_flow_term(equations, self._flow, window, X)
+            add_flow_term(equations, self._flow, view)

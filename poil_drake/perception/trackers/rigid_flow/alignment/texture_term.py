@@ -25,7 +25,7 @@ from poil_drake.perception.trackers.rigid_flow.texture_patches import (
     facing_patches,
     sample_image,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import Sight, ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 
 _MAX_SHOWN = 60  # patches of a view that are used, the most trusted first
 _MAX_DEPTH_ERROR = 0.01  # where depth differs by more, a patch is occluded [m]
@@ -57,15 +57,12 @@ class PatchMatches:
     trust: np.ndarray
 
 
-def match_patches(
-    patches: TexturePatches, window: ViewWindow, X_WO: np.ndarray
-) -> PatchMatches | None:
+def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | None:
     """Searches each patch in its neighbourhood of the image.
 
     Args:
         patches: Patches that the view shows.
-        window: The view.
-        X_WO: (4, 4) pose at which the search starts; it may be several pixels off.
+        view: The view, with a pose that may be several pixels off.
 
     Returns:
         The matches, or None where there are fewer than 3.
@@ -74,7 +71,7 @@ def match_patches(
         return None
     half, reach = HALF_WIDTH, _SEARCH_REACH
     side, wide = 2 * half + 1, 2 * (half + reach) + 1
-    u, v = window.project(window.sight(X_WO).to_camera(patches.samples))
+    u, v = view.project(patches.samples)
     # The patch's grid at this pose, extended on all sides.
     centre = side * side // 2
     du_i, dv_i = (x[:, centre + 1] - x[:, centre] for x in (u, v))
@@ -83,7 +80,7 @@ def match_patches(
     j, i = np.meshgrid(steps, steps, indexing="ij")
     wide_u = u[:, centre, None] + du_i[:, None] * i.ravel() + du_j[:, None] * j.ravel()
     wide_v = v[:, centre, None] + dv_i[:, None] * i.ravel() + dv_j[:, None] * j.ravel()
-    sampled = sample_image(window.grey, wide_u, wide_v).reshape(len(u), wide, wide, 3)
+    sampled = sample_image(view.window.grey, wide_u, wide_v).reshape(len(u), wide, wide, 3)
     views = np.lib.stride_tricks.sliding_window_view(sampled[..., 0], (side, side), axis=(1, 2))
     views = views.reshape(len(u), (2 * reach + 1) ** 2, side * side)
     views = views @ PLANE_REMOVER
@@ -100,40 +97,27 @@ def match_patches(
     gradients = sampled[good][:, inner, inner, 1:].reshape(-1, side * side, 2).astype(float)
     tensor = np.einsum("pka,pkb->pab", gradients, gradients)
     tensor /= np.trace(tensor, axis1=1, axis2=2)[:, None, None] + 1e-9
-    row, column = row[good], column[good]
-    flow = np.stack(
-        [
-            column * du_i[good] + row * du_j[good],
-            column * dv_i[good] + row * dv_j[good],
-        ],
-        axis=1,
-    )
-    start = np.stack([u[good, centre], v[good, centre]], axis=1)
-    return PatchMatches(patches.centres[good], start + flow, tensor, patches.trust[good])
+    found_u = u[:, centre] + (column * du_i + row * du_j)
+    found_v = v[:, centre] + (column * dv_i + row * dv_j)
+    targets = np.stack([found_u, found_v], axis=1)[good]
+    return PatchMatches(patches.centres[good], targets, tensor, patches.trust[good])
 
 
-def add_flow_term(
-    equations: NormalEquations,
-    matches: PatchMatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
-) -> None:
+def add_flow_term(equations: NormalEquations, matches: PatchMatches, view: PosedView) -> None:
     """Adds the distances in the image between patches and where they were found."""
-    sight = window.sight(X_WO)
-    places = np.stack(window.project(sight.to_camera(matches.centres)), axis=1)
+    places = np.stack(view.project(matches.centres), axis=1)
     residuals = matches.targets - places
     weights = tukey_weights(np.linalg.norm(residuals, axis=1), _FLOW_GATE)
     weights *= matches.trust / _FLOW_DEVIATION**2
     tensor = matches.tensor * weights[:, None, None]
     pull = np.einsum("pab,pb->pa", tensor, residuals)
-    _add_patches(equations, matches.centres, tensor, pull, window, sight)
+    _add_patches(equations, matches.centres, tensor, pull, view)
 
 
 def add_texture_term(
     equations: NormalEquations,
     patches: TexturePatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     min_correlation: float,
 ) -> None:
     """Adds the grey-level residuals of patches.
@@ -141,15 +125,13 @@ def add_texture_term(
     Args:
         equations: The sums to add to.
         patches: Patches that the view shows.
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         min_correlation: Patches that correlate less with the image are left out.
     """
     if len(patches) == 0:
         return
-    sight = window.sight(X_WO)
-    u, v = window.project(sight.to_camera(patches.samples))
-    sampled = sample_image(window.grey, u, v).transpose(2, 0, 1) @ PLANE_REMOVER
+    u, v = view.project(patches.samples)
+    sampled = sample_image(view.window.grey, u, v).transpose(2, 0, 1) @ PLANE_REMOVER
     current, gu, gv = sampled
     cross = np.einsum("pk,pk->p", current, patches.values)
     power = np.einsum("pk,pk->p", current, current) + 1e-6
@@ -171,22 +153,21 @@ def add_texture_term(
     pull[:, 1] = np.einsum("pk,pk->p", weighted_v, residuals)
     tensor *= (contrast**2)[:, None, None]
     pull *= contrast[:, None]
-    _add_patches(equations, patches.centres, tensor, pull, window, sight)
+    _add_patches(equations, patches.centres, tensor, pull, view)
 
 
-def select_shown(patches: TexturePatches, window: ViewWindow, X_WO: np.ndarray) -> TexturePatches:
-    """Returns the patches that a view shows of an object at pose X_WO (4, 4)."""
-    sight = window.sight(X_WO)
-    shown = np.flatnonzero(facing_patches(patches, sight.eye))
+def select_shown(patches: TexturePatches, view: PosedView) -> TexturePatches:
+    """Returns the patches that a view shows."""
+    shown = np.flatnonzero(facing_patches(patches, view.eye))
     if len(shown) > _MAX_SHOWN:
         trusted = np.argsort(-patches.trust[shown], kind="stable")
         shown = np.sort(shown[trusted[:_MAX_SHOWN]])
-    points_C = sight.to_camera(patches.samples[shown])
-    u, v = window.project(points_C)
-    height, width = window.depth.shape
+    points_C = view.to_camera(patches.samples[shown])
+    u, v = view.window.project(points_C)
+    height, width = view.window.depth.shape
     inside = ((u >= 1) & (v >= 1) & (u < width - 2) & (v < height - 2)).all(axis=1)
     inside &= (points_C[..., 2] > 0.05).all(axis=1)
-    inside[inside] = _unoccluded(window, u[inside], v[inside], points_C[inside][..., 2])
+    inside[inside] = _unoccluded(view, u[inside], v[inside], points_C[inside][..., 2])
     return patches.select(shown[inside])
 
 
@@ -195,8 +176,7 @@ def _add_patches(
     centres: np.ndarray,
     tensor: np.ndarray,
     pull: np.ndarray,
-    window: ViewWindow,
-    sight: Sight,
+    view: PosedView,
 ) -> None:
     """Adds patches, each with its normal equations for a displacement in the image.
 
@@ -205,22 +185,18 @@ def _add_patches(
         centres: (P, 3) [m, object].
         tensor: (P, 2, 2) matrix of the displacement's equations.
         pull: (P, 2) their right-hand side.
-        window: The view.
-        sight: Where the camera is.
+        view: The view.
     """
-    points_C = sight.to_camera(centres)
-    gradients = [
-        window.pixel_gradient(gu, gv, points_C) @ sight.R_CO for gu, gv in ((1.0, 0.0), (0.0, 1.0))
-    ]
+    gradients = (view.pixel_gradient(1.0, 0.0, centres), view.pixel_gradient(0.0, 1.0, centres))
     jacobian = np.stack([motion_jacobian(centres, along) for along in gradients], axis=1)
     flat = jacobian.reshape(-1, 6)
     equations.H += flat.T @ (tensor @ jacobian).reshape(-1, 6)
     equations.b += pull.reshape(-1) @ flat
 
 
-def _unoccluded(window: ViewWindow, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Returns which patches (P,) bool have about their own depth measured at nearly all samples."""
-    measured = window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
+    measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     valid = measured > 0.0
     wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
     return (wrong.mean(axis=1) < 0.2) & (valid.mean(axis=1) > 0.5)
