@@ -172,19 +172,15 @@ class McapPlayback:
 
 def _check_positive(config: object, *names: str) -> None:
     for name in names:
-        value = getattr(config, name)
-        if not 0 < value < math.inf:
-            raise InvalidValueError(
-                f"{type(config).__name__}.{name} is {value}.",
-                remedy="It must be positive and finite.",
-            )
+        _check(config, name, getattr(config, name) > 0, "It must be positive and finite.")
 
 
 def _check_not_negative(config: object, *names: str) -> None:
     for name in names:
-        value = getattr(config, name)
-        if not 0 <= value < math.inf:
-            raise InvalidValueError(
-                f"{type(config).__name__}.{name} is {value}.",
-                remedy="It must be finite and not negative.",
-            )
+        _check(config, name, getattr(config, name) >= 0, "It must be finite and not negative.")
+
+
+def _check(config: object, name: str, is_valid: bool, remedy: str) -> None:
+    value = getattr(config, name)
+    if not (is_valid and value < math.inf):
+        raise InvalidValueError(f"{type(config).__name__}.{name} is {value}.", remedy=remedy)

@@ -56,10 +56,9 @@ class ZedDevice:
         self._depth_mode = _named(self._sl.DEPTH_MODE, config.depth_mode, "depth_mode")
         self._stamps = HostStamps(clock, source=self._source)
         self._warned: set[str] = set()
+        self._runtime = self._sl.RuntimeParameters()
+        self._image, self._depth = self._sl.Mat(), self._sl.Mat()
         self._camera: Any = None
-        self._runtime: Any = None
-        self._image: Any = None
-        self._depth: Any = None
         self._output: Any = None
         self._last_time = self._settled = 0.0
 
@@ -68,8 +67,11 @@ class ZedDevice:
         self._stamps.restart()
         sl, config = self._sl, self._config
         self._require_optimized()
-        if not config.serial:
-            self._require_only_one()
+        if not config.serial and len(sl.Camera.get_device_list()) != 1:
+            raise CaptureError(
+                f"{self._source} was not found; connected are: {self._connected()}.",
+                remedy="Plug it in, and give it the serial number printed on it in the scenario.",
+            )
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution
         parameters.camera_fps = config.fps
@@ -88,14 +90,11 @@ class ZedDevice:
         if status.value > _SUCCESS or status.name == _OTHER_MODE:
             raise CaptureError(
                 f"{self._source} does not open with {config.resolution} at {config.fps} per "
-                f"second: {status.name} ({status}); connected are: "
-                f"{', '.join(self._connected()) or 'none'}.",
+                f"second: {status.name} ({status}); connected are: {self._connected()}.",
                 remedy="Plug it in, choose a resolution and a rate that it has, end other programs "
                 "that use it, and run ZED_Diagnostic.",
             )
         self._warn(status)
-        self._runtime = sl.RuntimeParameters()
-        self._image, self._depth = sl.Mat(), sl.Mat()
         self._output = self._output_size(camera)
         self._last_time = self._clock()
         self._settled = self._last_time + config.settle
@@ -158,16 +157,9 @@ class ZedDevice:
                 remedy="Check that it is plugged in, and run ZED_Diagnostic.",
             )
 
-    def _connected(self) -> list[str]:
-        return [str(device.serial_number) for device in self._sl.Camera.get_device_list()]
-
-    def _require_only_one(self) -> None:
-        connected = self._connected()
-        if len(connected) != 1:
-            raise CaptureError(
-                f"{self._source} was not found; connected are: {', '.join(connected) or 'none'}.",
-                remedy="Plug it in, and give it the serial number printed on it in the scenario.",
-            )
+    def _connected(self) -> str:
+        devices = self._sl.Camera.get_device_list()
+        return ", ".join(str(device.serial_number) for device in devices) or "none"
 
     def _require_optimized(self) -> None:
         """Rejects a depth mode whose network would first be optimized, for minutes.

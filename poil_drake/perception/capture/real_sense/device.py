@@ -60,8 +60,8 @@ class RealSenseDevice:
             latency=config.latency,
             host_clock=host_clock,
         )
+        self._align = self._rs.align(self._rs.stream.color)
         self._pipeline: Any = None
-        self._align: Any = None
         self._rectification: Rectification | None = None
         self._depth_step = 0.0
         self._last_time = self._settled = 0.0
@@ -81,7 +81,6 @@ class RealSenseDevice:
                 if sensor.supports(rs.option.global_time_enabled):
                     sensor.set_option(rs.option.global_time_enabled, 1.0)
             self._depth_step = device.first_depth_sensor().get_depth_scale()
-            self._align = rs.align(rs.stream.color)
             stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
             intrinsics = stream.get_intrinsics()
         except RuntimeError as error:
@@ -111,7 +110,7 @@ class RealSenseDevice:
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""
-        pipeline, self._pipeline, self._align = self._pipeline, None, None
+        pipeline, self._pipeline = self._pipeline, None
         if pipeline is not None:
             with suppress(RuntimeError):  # An unplugged camera cannot be stopped.
                 pipeline.stop()
@@ -119,7 +118,7 @@ class RealSenseDevice:
     def _read(self, rectification: Rectification) -> RgbdImage | None:
         _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
         TURNS.wait()
-        stamp = self._stamp(frames)
+        stamp = self._stamps.stamp(frames)
         now = self._clock()
         if stamp is None:
             self._check_silence(now)
@@ -139,14 +138,6 @@ class RealSenseDevice:
             source=self._source,
             depth_step=self._depth_step,
         )
-
-    def _stamp(self, frames: Any) -> float | None:
-        """Returns when the frames were captured [s], or None if they are not a new pair."""
-        # At a timeout there are no frames, and the first frames have no partners.
-        if not frames:
-            return None
-        color, depth = frames.get_color_frame(), frames.get_depth_frame()
-        return self._stamps.stamp(color, depth) if color and depth else None
 
     def _check_silence(self, now: float) -> None:
         # The library reports no error when a camera is unplugged; it only delivers no frames.

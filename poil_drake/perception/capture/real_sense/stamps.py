@@ -50,12 +50,17 @@ class FramePairStamps:
         self._taken = (-1, -1)
         self._offset, self._hardware_time = math.inf, -math.inf
 
-    def stamp(self, color: Any, depth: Any) -> float | None:
-        """Returns when a pair was captured [s, our clock], or None if it is not a new pair.
+    def stamp(self, frames: Any) -> float | None:
+        """Returns when frames were captured [s, our clock], or None if they are not a new pair.
 
         Raises:
             CaptureError: see `HostStamps.convert`.
         """
+        if not frames:  # At a timeout.
+            return None
+        color, depth = frames.get_color_frame(), frames.get_depth_frame()
+        if not (color and depth):  # The first frames have no partners.
+            return None
         numbers = (color.get_frame_number(), depth.get_frame_number())
         if any(number <= taken for number, taken in zip(numbers, self._taken, strict=True)):
             return None

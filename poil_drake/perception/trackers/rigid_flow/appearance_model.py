@@ -100,13 +100,10 @@ def observe(
         centres_W: (n, 3) where the object may be [m, world].
         reach: How far around these to look [m].
     """
-    points, weights = [np.empty((0, 3), np.float32)], [np.empty(0, np.float32)]
+    points, weights = [], []
     views = zip(frame.cameras, frame.images, appearance.reference_views, strict=True)
     for camera, image, reference in views:
-        box = _box(camera, centres_W, reach)
-        if box is None:
-            continue
-        u0, v0, u1, v1 = box
+        u0, v0, u1, v1 = _box(camera, centres_W, reach)
         stride = max(1, int(np.sqrt((u1 - u0) * (v1 - v0) / _INSPECTED)))
         window = slice(v0, v1, stride), slice(u0, u1, stride)
         depth = image.depth[window]
@@ -148,18 +145,14 @@ def _bin(rgb: np.ndarray) -> np.ndarray:
     return np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), _BINS)
 
 
-def _box(
-    camera: CameraModel, centres_W: np.ndarray, reach: float
-) -> tuple[int, int, int, int] | None:
-    """Returns the pixels (u0, v0, u1, v1) around spheres, None where a camera does not see them."""
+def _box(camera: CameraModel, centres_W: np.ndarray, reach: float) -> list[int]:
+    """Returns the pixels [u0, v0, u1, v1] around spheres; empty where a camera sees none."""
     centres_C = (centres_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
-    z = centres_C[:, 2]
-    centres_C, z = centres_C[z > reach], z[z > reach]
-    if len(z) == 0:
-        return None
-    uv = (centres_C @ camera.K.T)[:, :2] / z[:, None]
-    half = np.array([camera.K[0, 0], camera.K[1, 1]]) * (reach / z)[:, None]
-    size = (camera.width, camera.height)
-    u0, v0 = np.clip(np.floor((uv - half).min(axis=0)), 0, size).astype(int)
-    u1, v1 = np.clip(np.ceil((uv + half).max(axis=0)), 0, size).astype(int)
-    return None if u1 - u0 < 2 or v1 - v0 < 2 else (int(u0), int(v0), int(u1), int(v1))
+    centres_C = centres_C[centres_C[:, 2] > reach]
+    if len(centres_C) == 0:
+        return [0, 0, 0, 0]
+    z = centres_C[:, 2:]
+    uv = (centres_C @ camera.K.T)[:, :2] / z
+    half = np.array([camera.K[0, 0], camera.K[1, 1]]) * (reach / z)
+    corners = np.stack([np.floor((uv - half).min(axis=0)), np.ceil((uv + half).max(axis=0))])
+    return np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()

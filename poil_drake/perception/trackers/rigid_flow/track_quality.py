@@ -37,11 +37,10 @@ RETRY_CONFLICT = 0.02
 LOST_AGREEMENT = 0.7
 """Below this agreement the object is lost."""
 
-RETRY_AGREEMENT = 0.85
-"""Below this agreement other poses are tried."""
+CERTAIN_AGREEMENT = 0.85
+"""Below this agreement other poses are tried, no lost object is found, and the model never grows.
+"""
 
-_FOUND_AGREEMENT = 0.85  # above it a lost object is found
-_LEARN_AGREEMENT = 0.85  # above it the model may grow
 _LOST_DEVIATION = 0.025  # of part points: with larger ones the object is lost [m]
 _FOUND_DEVIATION = 0.01  # with smaller ones a lost object is found [m]
 _LEARN_DEVIATION = 0.006  # with smaller ones the model may grow [m]
@@ -135,7 +134,7 @@ class Evidence:
             self.deviation <= _FOUND_DEVIATION
             and self.is_supported
             and self.unoccluded >= self.enough
-            and self.agreement >= _FOUND_AGREEMENT
+            and self.agreement >= CERTAIN_AGREEMENT
             and self.conflict <= MAX_CONFLICT
         )
 
@@ -145,7 +144,7 @@ class Evidence:
         return (
             self.deviation < _LEARN_DEVIATION
             and self.support >= _MIN_SUPPORT
-            and self.agreement >= _LEARN_AGREEMENT
+            and self.agreement >= CERTAIN_AGREEMENT
             and self.conflict <= RETRY_CONFLICT
         )
 

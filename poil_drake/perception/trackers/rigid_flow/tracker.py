@@ -16,7 +16,7 @@ from itertools import compress
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError, TrackingError
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import MultiViewFrame
@@ -182,10 +182,5 @@ def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tupl
         raise InvalidValueError(
             f"object_masks have shapes {given}, but the frame's images have {shapes}.",
             remedy="Pass one mask (H, W) for each view, all False where the object is not seen.",
-        )
-    if not any(np.any(mask) for mask in masks):
-        raise TrackingError(
-            "No view shows the object: all masks are empty.",
-            remedy="Start to track once the detector has found the object.",
         )
     return tuple(np.asarray(mask, dtype=bool) for mask in masks)

@@ -240,7 +240,7 @@ def speck(mask):
     ("masks", "scale", "error", "problem"),
     [
         (lambda masks: masks[:1], 1.0, InvalidValueError, r"\(240, 320\).*one mask"),
-        (lambda masks: [np.zeros_like(m) for m in masks], 1.0, TrackingError, "masks are empty"),
+        (lambda masks: [np.zeros_like(m) for m in masks], 1.0, TrackingError, r"mark \[0, 0\]"),
         (lambda masks: [speck(m) for m in masks], 1.0, TrackingError, "surface points.*masks mark"),
         (lambda masks: masks, np.nan, InvalidValueError, "query_points"),
     ],

@@ -18,8 +18,8 @@ from poil_drake.perception.trackers.rigid_flow.free_space import ObservedPoints
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
 from poil_drake.perception.trackers.rigid_flow.track_quality import (
+    CERTAIN_AGREEMENT,
     MAX_CONFLICT,
-    RETRY_AGREEMENT,
     RETRY_CONFLICT,
     Evidence,
     examine,
@@ -67,7 +67,7 @@ def predict(
         motion_prior: (4, 4) expected motion in the world, or None.
         config: Parameters.
     """
-    angular, linear = config.prior_angular_speed * elapsed, config.prior_linear_speed * elapsed
+    deviations = _prior_deviations(elapsed, config)
     usable = state.lost_since is not None or _follows_prior(state, elapsed, config)
     if motion_prior is not None and usable:
         X_WO = motion_prior @ state.pose.X_WO
@@ -75,19 +75,21 @@ def predict(
         ahead = _VELOCITY_DAMPING * min(elapsed, _MAX_EXTRAPOLATION)
         X_WO = move(state.pose.X_WO, state.velocity * ahead)
         # The next motion may differ as much from its prediction as the last one did.
-        angular = max(config.free_angular_speed * elapsed, state.innovation[0])
-        linear = max(config.free_linear_speed * elapsed, state.innovation[1])
-    noise = spread(angular, linear)
+        free = np.array([config.free_angular_speed, config.free_linear_speed]) * elapsed
+        deviations = np.maximum(free, state.innovation)
+    noise = spread(*deviations)
     return PoseEstimate(X_WO, state.pose.prior_covariance + noise, state.pose.covariance + noise)
+
+
+def _prior_deviations(elapsed: float, config: RigidFlowConfig) -> np.ndarray:
+    """Returns the standard deviations [rad, m] of a motion from its motion prior."""
+    return np.array([config.prior_angular_speed, config.prior_linear_speed]) * elapsed
 
 
 def _follows_prior(state: RigidFlowState, elapsed: float, config: RigidFlowConfig) -> bool:
     """Returns whether the last motion was about as predicted."""
-    angular, linear = config.prior_angular_speed * elapsed, config.prior_linear_speed * elapsed
-    return (
-        state.innovation[0] <= _MAX_INNOVATION * angular
-        and state.innovation[1] <= _MAX_INNOVATION * linear
-    )
+    limits = _MAX_INNOVATION * _prior_deviations(elapsed, config)
+    return bool(np.all(state.innovation <= limits))
 
 
 def locate(
@@ -136,7 +138,7 @@ def _align(model: ObjectModel, frame: MultiViewFrame, start: PoseEstimate) -> Lo
 def _is_certain(location: Location, max_conflict: float) -> bool:
     """Returns whether no other pose needs to be tried."""
     evidence = location.evidence
-    return evidence.supports_pose(RETRY_AGREEMENT) and evidence.conflict <= max_conflict
+    return evidence.supports_pose(CERTAIN_AGREEMENT) and evidence.conflict <= max_conflict
 
 
 def _search_regions(
