@@ -85,8 +85,9 @@ def build_model(
         TrackingError: if the views show too little of the object.
     """
     surfaces: list[tuple[ViewWindow, ViewSurface]] = []
-    for index, mask in enumerate(masks):
-        window = _window_of_mask(frame, index, mask)
+    for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True):
+        v, u = np.nonzero(mask & (image.depth > 0.0))
+        window = make_window(camera, image, unproject_to_world(camera, image.depth, u, v))
         if window is None:
             continue
         (u0, v0), (height, width) = window.corner, window.depth.shape
@@ -164,15 +165,6 @@ def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
     # Systematic sampling: one point for each equal step of the cumulative shares.
     chosen = np.unique(np.searchsorted(np.cumsum(share), (np.arange(count) + 0.5) / count))
     return np.minimum(chosen, len(jacobian) - 1)
-
-
-def _window_of_mask(frame: MultiViewFrame, index: int, mask: np.ndarray) -> ViewWindow | None:
-    """Returns the window around the masked pixels that have depth, None where there are few."""
-    camera, image = frame.cameras[index], frame.images[index]
-    v, u = np.nonzero(mask & (image.depth > 0.0))
-    if len(u) < 3:
-        return None
-    return make_window(index, camera, image, unproject_to_world(camera, image.depth, u, v))
 
 
 def _contour_bias(surface: OrientedPoints, views: list[PosedView]) -> float:

@@ -24,7 +24,6 @@ class ViewWindow(SharedOnCopy):
     """A window of one view, prepared for alignment.
 
     Attributes:
-        index: Index of the view in the frame.
         corner: (u, v) of the window's first pixel in the image.
         depth: (h, w) float32 measured depth [m], 0 where invalid.
         surface: (h, w) float32, `depth` without the pixels at depth edges.
@@ -35,7 +34,6 @@ class ViewWindow(SharedOnCopy):
         X_CW: (4, 4) pose of the world in the camera.
     """
 
-    index: int
     corner: tuple[int, int]
     depth: np.ndarray
     surface: np.ndarray
@@ -115,17 +113,8 @@ class PosedView:
         return np.stack([gx, gy, gz], axis=-1) @ self.R_CO
 
 
-def make_window(
-    index: int, camera: CameraModel, image: RgbdImage, points_W: np.ndarray
-) -> ViewWindow | None:
-    """Returns the window around points, or None where they lie outside the view.
-
-    Args:
-        index: Index of the view in the frame.
-        camera: Its camera.
-        image: Its images.
-        points_W: (P, 3) points of the object at its predicted pose [m, world].
-    """
+def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
+    """Returns the window around points (P, 3) [m, world], or None where they are out of view."""
     box = _bounding_box(camera, points_W)
     if box is None:
         return None
@@ -139,7 +128,6 @@ def make_window(
     gu = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
     gv = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
     return ViewWindow(
-        index=index,
         corner=(u0, v0),
         depth=depth,
         surface=np.where(edges, np.float32(0.0), depth),

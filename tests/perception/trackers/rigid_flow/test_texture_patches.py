@@ -59,7 +59,7 @@ def test_patches_are_found_when_the_prediction_is_off(textured, shift):
     model, X_WO, frame = textured
     predicted = make_transform(np.eye(3), np.array(shift)) @ X_WO
     points_W = transform_points(X_WO, model.surface.points)
-    window = make_window(0, frame.cameras[0], frame.images[0], points_W)
+    window = make_window(frame.cameras[0], frame.images[0], points_W)
 
     view = window.at(predicted)
     matches = match_patches(select_shown(model.patches, view), view)

@@ -11,7 +11,7 @@ POINTS = np.array([[0.45, 0.02, 0.05], [0.48, -0.03, 0.09], [0.42, 0.0, 0.01]])
 @pytest.fixture
 def view(mug_scene):
     frame = mug_scene.shoot(mug_scene.start).frame
-    dut = make_window(1, frame.cameras[1], frame.images[1], POINTS)
+    dut = make_window(frame.cameras[1], frame.images[1], POINTS)
     return dut, frame
 
 
@@ -68,5 +68,5 @@ def test_there_is_no_window_where_the_points_are_out_of_view(mug_scene):
     frame = mug_scene.shoot(mug_scene.start).frame
 
     for away in ([0.0, 0.0, 5.0], [3.0, 0.0, 0.0]):
-        window = make_window(0, frame.cameras[0], frame.images[0], POINTS + away)
+        window = make_window(frame.cameras[0], frame.images[0], POINTS + away)
         assert window is None

@@ -121,10 +121,8 @@ def look_around(
 ) -> tuple[list[ViewWindow], ObservedPoints]:
     """Returns the windows around the model at a pose (4, 4), and the observed points around it."""
     points_W = transform_points(X_WO, model.surface.points)
-    windows = [
-        make_window(index, camera, image, points_W)
-        for index, (camera, image) in enumerate(zip(frame.cameras, frame.images, strict=True))
-    ]
+    views = zip(frame.cameras, frame.images, strict=True)
+    windows = [make_window(camera, image, points_W) for camera, image in views]
     observed = observe(model.appearance, frame, X_WO[None, :3, 3], model.radius)
     return [window for window in windows if window is not None], observed
 
