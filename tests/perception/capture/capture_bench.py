@@ -36,10 +36,10 @@ class ScriptedDevice:
         self.threads: set[threading.Thread] = set()
         self._changed = threading.Condition()
         self._to_open: deque[BaseException] = deque()
-        self._to_read: deque[RgbdImage | BaseException] = deque()
+        self._to_read: deque[object] = deque()
         self._in_hand = False
 
-    def feed(self, *items: RgbdImage | BaseException) -> None:
+    def feed(self, *items: object) -> None:
         """Delivers images or raises errors, one per `read`; returns when they are processed."""
         with self._changed:
             self._to_read.extend(items)
@@ -62,7 +62,7 @@ class ScriptedDevice:
             if self._to_open:
                 raise self._to_open.popleft()
 
-    def read(self) -> RgbdImage | None:
+    def read(self) -> object:
         with self._changed:
             self._deal()
             self._changed.wait_for(lambda: self._to_read, 0.05)
@@ -70,9 +70,9 @@ class ScriptedDevice:
                 return None
             self._in_hand = True
             item = self._to_read.popleft()
-        if isinstance(item, RgbdImage):
-            return item
-        raise item
+        if isinstance(item, BaseException):
+            raise item
+        return item
 
     def close(self) -> None:
         with self._changed:

@@ -24,15 +24,20 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(capture_thread, "_JOIN_TIMEOUT", TIMEOUT)
 
 
+def make(device: ScriptedDevice, *, reopen_period: float = 0.01) -> CaptureThread:
+    return CaptureThread(device, name="left", size=SIZE, reopen_period=reopen_period)
+
+
 @pytest.fixture
 def dut(device: ScriptedDevice) -> Iterator[CaptureThread]:
-    thread = CaptureThread(device, name="left", size=SIZE, reopen_period=0.01)
+    """A thread that reads the device."""
+    thread = make(device)
+    thread.start()
     yield thread
     thread.close()
 
 
 def test_there_is_no_image_before_the_first(device: ScriptedDevice, dut: CaptureThread) -> None:
-    dut.start()
     device.wait_until_opened(1)
 
     assert (dut.newest, dut.count, dut.problem) == (None, 0, "")
@@ -40,8 +45,6 @@ def test_there_is_no_image_before_the_first(device: ScriptedDevice, dut: Capture
 
 def test_the_newest_image_is_kept(device: ScriptedDevice, dut: CaptureThread) -> None:
     images = [image(1.0), image(2.0), image(3.0)]
-    dut.start()
-
     device.feed(*images)
 
     assert dut.newest is images[-1]
@@ -51,7 +54,6 @@ def test_the_newest_image_is_kept(device: ScriptedDevice, dut: CaptureThread) ->
 def test_one_daemon_thread_with_the_cameras_name_calls_the_device(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(1.0), UNPLUGGED, image(2.0))
     dut.close()
 
@@ -76,7 +78,6 @@ def test_one_daemon_thread_with_the_cameras_name_calls_the_device(
 def test_an_unusable_image_is_reported_and_the_next_one_clears_the_problem(
     device: ScriptedDevice, dut: CaptureThread, unusable: RgbdImage | NoImageError, problem: str
 ) -> None:
-    dut.start()
     device.feed(image(5.0), unusable, unusable)
 
     assert dut.newest is not None
@@ -92,7 +93,6 @@ def test_an_unusable_image_is_reported_and_the_next_one_clears_the_problem(
 def test_an_unplugged_camera_is_reported_and_opened_again(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(1.0))
     device.fail_to_open(UNPLUGGED, UNPLUGGED)
 
@@ -112,7 +112,6 @@ def test_an_unplugged_camera_is_reported_and_opened_again(
 def test_a_camera_opened_again_may_have_an_earlier_clock(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(5.0), UNPLUGGED, image(4.0))
 
     assert dut.newest is not None
@@ -121,7 +120,7 @@ def test_a_camera_opened_again_may_have_an_earlier_clock(
 
 def test_a_failed_camera_is_closed_only_before_it_is_opened_again(device: ScriptedDevice) -> None:
     device.fail_to_open(UNPLUGGED)
-    dut = CaptureThread(device, name="left", size=SIZE, reopen_period=1e6)
+    dut = make(device, reopen_period=1e6)
     dut.start()
     device.wait_until_opened(1)
 
@@ -145,8 +144,6 @@ def test_a_failed_camera_is_closed_only_before_it_is_opened_again(device: Script
 def test_no_type_of_error_ends_the_thread(
     device: ScriptedDevice, dut: CaptureThread, error: Exception
 ) -> None:
-    dut.start()
-
     device.feed(error)
 
     assert dut.problem.startswith(type(error).__name__)
@@ -159,14 +156,9 @@ def test_no_type_of_error_ends_the_thread(
 
 
 def test_an_object_that_is_not_an_image_does_not_end_the_thread(
-    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+    device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(device, "read", lambda: np.zeros(3))
-        dut.start()
-        device.wait_until_opened(2)
-
-    device.feed(image(1.0))
+    device.feed(np.zeros(3), image(1.0))
 
     assert (dut.count, dut.problem) == (1, "")
 
@@ -178,8 +170,6 @@ def test_a_device_that_cannot_be_closed_is_opened_again(
         raise RuntimeError("stuck")
 
     monkeypatch.setattr(device, "close", close)
-    dut.start()
-
     device.feed(UNPLUGGED, image(1.0))
 
     assert (dut.count, dut.problem) == (1, "")
@@ -188,7 +178,6 @@ def test_a_device_that_cannot_be_closed_is_opened_again(
 def test_close_ends_the_thread_and_closes_the_device(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(1.0))
 
     dut.close()
@@ -199,9 +188,8 @@ def test_close_ends_the_thread_and_closes_the_device(
     assert dut.newest is not None
 
 
-def test_close_before_start_does_not_touch_the_device(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
+def test_close_before_start_does_not_touch_the_device(device: ScriptedDevice) -> None:
+    dut = make(device)
     dut.close()
     dut.start()
     dut.close()
@@ -210,7 +198,7 @@ def test_close_before_start_does_not_touch_the_device(
 
 
 def test_close_does_not_wait_for_a_thread_that_hangs_in_its_device(
-    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+    device: ScriptedDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     inside, go_on = threading.Event(), threading.Event()
 
@@ -220,6 +208,7 @@ def test_close_does_not_wait_for_a_thread_that_hangs_in_its_device(
 
     monkeypatch.setattr(device, "open", hang)
     monkeypatch.setattr(capture_thread, "_JOIN_TIMEOUT", 0.01)
+    dut = make(device)
     dut.start()
     assert inside.wait(TIMEOUT)
 

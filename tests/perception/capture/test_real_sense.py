@@ -1,7 +1,7 @@
 """A RealSense, with a stand-in for its library.
 
 All names of the stand-in were checked against pyrealsense2 2.59.1: frames, alignment and time
-domain with a software device, the projection by calls, the others by their presence.
+domain with a software device, the others by their presence.
 """
 
 import sys
@@ -16,7 +16,6 @@ from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.real_sense.device import RealSenseDevice
 
 LATENCY = 0.25
-NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class StandIn(ModuleType):
@@ -39,7 +38,7 @@ class StandIn(ModuleType):
             ppx=K[0, 2],
             ppy=K[1, 2],
             model=SimpleNamespace(name="inverse_brown_conrady"),
-            coeffs=NO_DISTORTION,
+            coeffs=[0.0] * 5,
         )
         self.stream = SimpleNamespace(color="color", depth="depth")
         self.format = SimpleNamespace(rgb8="rgb8", z16="z16")
@@ -75,16 +74,6 @@ class StandIn(ModuleType):
         stream = SimpleNamespace(as_video_stream_profile=lambda: video)
         return SimpleNamespace(get_device=lambda: device, get_stream=lambda kind: stream)
 
-    def rs2_project_point_to_pixel(self, intrinsics: SimpleNamespace, point: list) -> list[float]:
-        """Brown-Conrady, as the library has it for `brown_conrady`."""
-        x, y = point[0] / point[2], point[1] / point[2]
-        k1, k2, p1, p2, k3 = intrinsics.coeffs
-        r2 = x * x + y * y
-        f = 1.0 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-        u = x * f + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        v = y * f + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y)
-        return [u * intrinsics.fx + intrinsics.ppx, v * intrinsics.fy + intrinsics.ppy]
-
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, object]:
         frames = self.frames.pop(0) if self.frames else None
         if isinstance(frames, Exception):
@@ -115,12 +104,10 @@ def frames(
     stamps: tuple[float, float] = (1000.0, 1000.0),
     domain: str = "global_time",
     size: tuple[int, int] = SIZE,
-    raw: np.ndarray | None = None,
 ) -> SimpleNamespace:
     """Returns a pair of frames with the numbers and stamps [s] of colour and depth."""
-    raw = np.full(size, 3, np.uint16) if raw is None else raw
     color = frame(np.full((*size, 3), 9, np.uint8), numbers[0], stamps[0], domain)
-    depth = frame(raw, numbers[1], stamps[1], domain)
+    depth = frame(np.full(size, 3, np.uint16), numbers[1], stamps[1], domain)
     return SimpleNamespace(get_color_frame=lambda: color, get_depth_frame=lambda: depth)
 
 
@@ -146,6 +133,12 @@ def opened(clock: SettableClock, **config: object) -> RealSenseDevice:
     dut = make(clock, **config)
     dut.open()
     return dut
+
+
+@pytest.fixture
+def dut(rs: StandIn, clock: SettableClock) -> RealSenseDevice:
+    """An open camera."""
+    return opened(clock)
 
 
 def stamps_of(dut: RealSenseDevice, count: int) -> list[float | None]:
@@ -185,29 +178,21 @@ def test_an_error_names_a_size_that_the_camera_lacks(rs: StandIn, clock: Settabl
         opened(clock)
 
 
-def test_depth_is_in_metres_and_invalid_where_it_is_0_or_too_far(
-    rs: StandIn, clock: SettableClock
-) -> None:
-    dut = opened(clock)
-    raw = np.full(SIZE, 3, np.uint16)
-    raw[0, :2] = 0, 65535
-    expected = np.full(SIZE, 1.5, np.float32)
-    expected[0, :2] = 0.0
-    rs.frames = [frames(raw=raw)]
+def test_images_are_read_only_and_depth_is_in_metres(rs: StandIn, dut: RealSenseDevice) -> None:
+    rs.frames = [frames()]
 
     image = dut.read()
 
     assert image is not None
-    np.testing.assert_array_equal(image.depth, expected)
+    np.testing.assert_array_equal(image.depth, np.full(SIZE, 1.5, np.float32))
     np.testing.assert_array_equal(image.rgb, np.full((*SIZE, 3), 9, np.uint8))
     assert not image.rgb.flags.writeable
     assert not image.depth.flags.writeable
 
 
 def test_with_global_time_the_stamp_is_that_of_the_older_frame(
-    rs: StandIn, clock: SettableClock
+    rs: StandIn, dut: RealSenseDevice
 ) -> None:
-    dut = opened(clock)
     rs.frames = [
         frames(numbers=(1, 1), stamps=(999.875, 999.8828125)),
         frames(numbers=(2, 2), stamps=(999.9140625, 999.90625)),
@@ -216,17 +201,15 @@ def test_with_global_time_the_stamp_is_that_of_the_older_frame(
     assert stamps_of(dut, 2) == [999.875, 999.90625]
 
 
-def test_the_latency_is_subtracted_from_arrival_times(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(clock)
+def test_the_latency_is_subtracted_from_arrival_times(rs: StandIn, dut: RealSenseDevice) -> None:
     rs.frames = [frames(stamps=(999.5, 999.5), domain="system_time")]
 
     assert stamps_of(dut, 1) == [999.25]
 
 
 def test_with_the_cameras_clock_the_fastest_frame_determines_its_offset(
-    rs: StandIn, clock: SettableClock
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock
 ) -> None:
-    dut = opened(clock)
     stamps = []
     # The second is fetched 0.5 s late, as after a halt of this program.
     for number, (time_, now) in enumerate([(5.0, 1000.0), (5.25, 1000.75), (5.5, 1000.5)], 1):
@@ -237,8 +220,9 @@ def test_with_the_cameras_clock_the_fastest_frame_determines_its_offset(
     assert stamps == [1000.0 - LATENCY, 1000.25 - LATENCY, 1000.5 - LATENCY]
 
 
-def test_a_camera_clock_that_restarts_gets_a_new_offset(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(clock)
+def test_a_camera_clock_that_restarts_gets_a_new_offset(
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock
+) -> None:
     rs.frames = [
         frames(numbers=(1, 1), stamps=(4294.0, 4294.0), domain="hardware_clock"),
         frames(numbers=(2, 2), stamps=(0.5, 0.5), domain="hardware_clock"),
@@ -252,9 +236,8 @@ def test_a_camera_clock_that_restarts_gets_a_new_offset(rs: StandIn, clock: Sett
 @pytest.mark.parametrize("domain", ["global_time", "system_time", "hardware_clock"])
 @pytest.mark.parametrize("numbers", [(2, 1), (1, 2), (1, 1)])
 def test_a_repeated_frame_is_not_new(
-    rs: StandIn, clock: SettableClock, domain: str, numbers: tuple[int, int]
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock, domain: str, numbers: tuple[int, int]
 ) -> None:
-    dut = opened(clock)
     rs.frames = [frames(domain=domain), frames(numbers=numbers, domain=domain)]
     assert dut.read() is not None
     clock.now += 0.125
@@ -263,9 +246,8 @@ def test_a_repeated_frame_is_not_new(
 
 
 def test_frames_that_arrive_one_after_the_other_are_a_pair(
-    rs: StandIn, clock: SettableClock
+    rs: StandIn, dut: RealSenseDevice
 ) -> None:
-    dut = opened(clock)
     rs.frames = [
         frames(numbers=(1, 1), stamps=(999.75, 999.75)),
         frames(numbers=(2, 1), stamps=(999.765625, 999.75)),
@@ -315,8 +297,7 @@ def test_intrinsics_other_than_the_scenarios_are_rejected(
         opened(clock)
 
 
-def test_images_of_another_size_are_rejected(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(clock)
+def test_images_of_another_size_are_rejected(rs: StandIn, dut: RealSenseDevice) -> None:
     rs.frames = [frames(size=(2, 2))]
 
     with pytest.raises(NoImageError, match="shape"):
@@ -333,8 +314,7 @@ def test_silence_is_reported_with_the_connected_cameras(rs: StandIn, clock: Sett
         dut.read()
 
 
-def test_an_error_of_the_library_is_a_capture_error(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(clock)
+def test_an_error_of_the_library_is_a_capture_error(rs: StandIn, dut: RealSenseDevice) -> None:
     rs.frames = [RuntimeError("Device disconnected")]
 
     with pytest.raises(CaptureError, match="Device disconnected"):

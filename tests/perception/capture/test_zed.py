@@ -126,16 +126,20 @@ def make(**config: object) -> ZedDevice:
     return ZedDevice(given, camera=CAMERA, clock=time.time)
 
 
-@pytest.fixture
-def dut(sl: StandIn) -> ZedDevice:
-    """An open camera."""
-    device = make()
+def opened(**config: object) -> ZedDevice:
+    device = make(**config)
     device.open()
     return device
 
 
+@pytest.fixture
+def dut(sl: StandIn) -> ZedDevice:
+    """An open camera."""
+    return opened()
+
+
 def test_it_requests_metres_and_the_configured_camera(sl: StandIn) -> None:
-    make(serial=77, fps=15).open()
+    opened(serial=77, fps=15)
 
     assert sl.serials == [77]
     assert sl.parameters.coordinate_units == "metre"
@@ -157,7 +161,7 @@ def test_an_error_names_a_camera_that_does_not_open_and_those_that_are_connected
     sl.opened = ERROR_CODE.CAMERA_NOT_DETECTED
 
     with pytest.raises(CaptureError, match=r"'left' \(ZED 5\).*CAMERA_NOT_DETECTED.*77"):
-        make(serial=5).open()
+        opened(serial=5)
 
 
 @pytest.mark.parametrize(("connected", "said"), [([], "none"), ([5, 77], "5, 77")])
@@ -167,7 +171,7 @@ def test_without_a_serial_number_there_must_be_exactly_one(
     sl.connected = connected
 
     with pytest.raises(CaptureError, match=f"'left'.*not found; connected are: {said}"):
-        make().open()
+        opened()
     assert not hasattr(sl, "parameters")
 
 
@@ -176,10 +180,8 @@ def test_a_warning_leaves_the_camera_open_and_is_logged_once(
     sl: StandIn, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     sl.opened = sl.grabbed = ERROR_CODE[name]
-    dut = make()
-    dut.open()
 
-    assert dut.read() is not None
+    assert opened().read() is not None
     assert [record.getMessage().count(name) > 0 for record in caplog.records] == [True]
 
 
@@ -204,35 +206,31 @@ def test_a_network_that_is_not_optimized_is_rejected_before_anything_is_opened(
     sl.ai_status = status
 
     with pytest.raises(CaptureError, match=r"NEURAL.*not yet optimized.*ZED_Diagnostic"):
-        make().open()
+        opened()
     assert not hasattr(sl, "parameters")
 
-    make(depth_mode="PERFORMANCE").open()
+    opened(depth_mode="PERFORMANCE")
 
 
 def test_an_sdk_without_that_check_is_accepted(sl: StandIn) -> None:
     del sl.check_AI_model_status
 
-    make().open()
+    opened()
 
 
 def test_intrinsics_other_than_the_scenarios_are_rejected(sl: StandIn) -> None:
     sl.lens.cx += 4.0
 
     with pytest.raises(CaptureError, match=r"scaled to 8 x 6, has .* 5\.50, 2\.50 px"):
-        make().open()
+        opened()
 
 
 def test_images_are_dropped_while_the_exposure_adapts(sl: StandIn) -> None:
-    dut = make(settle=1e6)
-    dut.open()
-
-    assert dut.read() is None
+    assert opened(settle=1e6).read() is None
 
 
 def test_a_camera_that_repeats_its_image_is_reported(sl: StandIn) -> None:
-    dut = make(silence=1e-9)
-    dut.open()
+    dut = opened(silence=1e-9)
     assert dut.read() is not None
 
     with pytest.raises(CaptureError, match=r"no new image for 1e-09 s \(SUCCESS\)"):
@@ -246,21 +244,12 @@ def test_an_image_is_rgb_with_depth_0_where_nothing_was_measured(
     expected[0, :3] = 0.0
 
     image = dut.read()
+    sl.depth[:] = 5.0  # The SDK reuses its memory for the next image.
 
     assert image is not None
     np.testing.assert_array_equal(image.rgb[2, 3], (3, 2, 1))
     np.testing.assert_array_equal(image.depth, expected)
     assert image.stamp == pytest.approx(sl.stamp_ns * 1e-9, abs=1e-6)
-
-
-def test_an_image_does_not_change_when_the_sdk_writes_its_next_one(
-    sl: StandIn, dut: ZedDevice
-) -> None:
-    image = dut.read()
-    sl.depth[:] = 5.0
-
-    assert image is not None
-    assert image.depth[3, 3] == 2.0
 
 
 def test_a_repeated_image_is_not_new(dut: ZedDevice) -> None:
