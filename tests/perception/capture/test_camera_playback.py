@@ -40,9 +40,7 @@ def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
     return str(path)
 
 
-def play(
-    file: str, *, steps: int, step: float = PERIOD, **config: object
-) -> list[tuple[int, float]]:
+def play(file: str, *, steps: int, step: float, **config: object) -> list[tuple[int, float]]:
     """Reads every `step` [s], and returns the images and their stamps since the start."""
     clock = SettableClock(1000.0)
     dut = CameraPlayback(
@@ -66,22 +64,20 @@ def play(
     return found
 
 
-def test_it_plays_once_in_real_time(log: str) -> None:
-    assert play(log, steps=8) == [(1, 0.0), (2, 0.125), (3, 0.25), (4, 0.375)]
-
-
-def test_a_loop_restarts_one_period_after_its_end(log: str) -> None:
-    found = play(log, steps=6, loop=True)
-
-    assert found[3:] == [(4, 0.375), (1, 0.5), (2, 0.625)]
-
-
-def test_twice_as_fast_it_takes_half_the_time(log: str) -> None:
-    assert play(log, steps=4, step=PERIOD / 2, rate=2.0)[-1] == (4, 0.1875)
-
-
-def test_late_images_are_left_out(log: str) -> None:
-    assert play(log, steps=2, step=2 * PERIOD) == [(1, 0.0), (3, 0.25)]
+@pytest.mark.parametrize(
+    ("steps", "step", "config", "expected"),
+    [
+        (8, PERIOD, {}, [(1, 0.0), (2, 0.125), (3, 0.25), (4, 0.375)]),
+        (6, PERIOD, {"loop": True}, [(k % 4 + 1, k * PERIOD) for k in range(6)]),
+        (4, PERIOD / 2, {"rate": 2.0}, [(k + 1, k * PERIOD / 2) for k in range(4)]),
+        (2, 2 * PERIOD, {}, [(1, 0.0), (3, 0.25)]),
+    ],
+    ids=["once", "in a loop", "twice as fast", "without late images"],
+)
+def test_it_plays_in_real_time(
+    log: str, steps: int, step: float, config: dict, expected: list[tuple[int, float]]
+) -> None:
+    assert play(log, steps=steps, step=step, **config) == expected
 
 
 def test_the_end_of_the_file_is_reported(log: str) -> None:

@@ -51,15 +51,18 @@ def test_the_newest_image_is_kept(device: ScriptedDevice, dut: CaptureThread) ->
     assert (dut.count, dut.problem) == (3, "")
 
 
-def test_one_daemon_thread_with_the_cameras_name_calls_the_device(
+def test_one_daemon_thread_with_the_cameras_name_calls_the_device_until_close(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
     device.feed(image(1.0), UNPLUGGED, image(2.0))
+    dut.close()
     dut.close()
 
     (thread,) = device.threads
     assert thread is not threading.current_thread()
     assert (thread.name, thread.daemon, thread.is_alive()) == ("capture_left", True, False)
+    assert device.closed == 2
+    assert dut.newest is not None
 
 
 @pytest.mark.parametrize(
@@ -173,19 +176,6 @@ def test_a_device_that_cannot_be_closed_is_opened_again(
     device.feed(UNPLUGGED, image(1.0))
 
     assert (dut.count, dut.problem) == (1, "")
-
-
-def test_close_ends_the_thread_and_closes_the_device(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
-    device.feed(image(1.0))
-
-    dut.close()
-    dut.close()
-
-    assert not any(thread.is_alive() for thread in device.threads)
-    assert device.closed == 1
-    assert dut.newest is not None
 
 
 def test_close_before_start_does_not_touch_the_device(device: ScriptedDevice) -> None:

@@ -1,6 +1,7 @@
 """A mug on a table, ray-cast by formulas: exact depth, colour and masks."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, build_model
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 WIDTH, HEIGHT = 320, 240
 K = np.array([[330.0, 0, 159.5], [0, 330.0, 119.5], [0, 0, 1.0]])
@@ -37,10 +39,40 @@ class MugScene(NamedTuple):
     handle_points: np.ndarray
     grey: int
 
-    def errors(self, output: TrackerOutput, X_WM: np.ndarray) -> np.ndarray:
-        """Returns distances (N,) of the tracked handle points from their true positions [m]."""
+    def error(self, output: TrackerOutput, X_WM: np.ndarray) -> float:
+        """Returns the largest distance of a tracked handle point from its true position [m]."""
         truth = transform_points(X_WM @ inverse(self.start), self.handle_points)
-        return np.linalg.norm(output.points.positions - truth, axis=1)
+        return np.linalg.norm(output.points.positions - truth, axis=1).max()
+
+
+class TrackedMug:
+    """The mug and a tracker that follows it, one frame in 1/8 s.
+
+    Attributes:
+        dut: The tracker.
+        output: Its newest output.
+    """
+
+    def __init__(self, scene: MugScene, **options: object):
+        """Starts at the mug's start, with options of `shoot` for all frames."""
+        self._scene, self._options, self._count = scene, options, 0
+        shot = scene.shoot(scene.start, **options)
+        self.dut = RigidFlowTracker()
+        self.output = self.dut.start(shot.frame, scene.handle_points, shot.masks)
+
+    def frame(self, X_WM: np.ndarray, **options: object) -> MultiViewFrame:
+        """Returns the next frame of the mug at a pose."""
+        time = (self._count + 1) / 8
+        return self._scene.shoot(X_WM, time=time, **(self._options | options)).frame
+
+    def step(
+        self, X_WM: np.ndarray, prior: np.ndarray | None = None, **options: object
+    ) -> TrackerOutput:
+        """Tracks into the next frame."""
+        frame = self.frame(X_WM, **options)
+        self._count += 1
+        self.output = self.dut.step(self.output.state, frame, prior)
+        return self.output
 
 
 class BuiltMug(NamedTuple):
@@ -170,6 +202,12 @@ def mug_scene() -> MugScene:
         [[x, y, z] for x in (0.064, 0.07) for y in (-0.006, 0.006) for z in (0.03, 0.065)]
     )
     return MugScene(shoot, start, transform_points(start, corners), MUG_GREY)
+
+
+@pytest.fixture(scope="session")
+def tracked(mug_scene: MugScene) -> Callable[..., TrackedMug]:
+    """Starts to track the mug, with options of `shoot`."""
+    return partial(TrackedMug, mug_scene)
 
 
 @pytest.fixture(scope="session")

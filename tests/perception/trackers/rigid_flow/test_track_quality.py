@@ -42,30 +42,23 @@ def test_agreement_compares_seen_points_with_those_against():
     assert pytest.approx(190 / 196) == GOOD.agreement
 
 
-def test_a_good_pose_is_accepted_and_found():
-    assert GOOD.supports_pose(0.9)
-    assert GOOD.is_found
-
-
-@pytest.mark.parametrize("change", [{"seen_through": 120}, {"conflict": 0.2}, {"deviation": 0.03}])
-def test_a_contradicted_or_uncertain_pose_is_not_accepted(change):
+@pytest.mark.parametrize(
+    ("change", "accepted", "found"),
+    [
+        ({}, True, True),
+        ({"seen_through": 120}, False, False),
+        ({"conflict": 0.2}, False, False),
+        ({"deviation": 0.03}, False, False),
+        ({"seen": 0, "other_color": 0, "in_front": 0, "occluded": 200, "support": 0}, True, False),
+        ({"seen": 40, "other_color": 0, "seen_through": 0, "in_front": 0}, True, False),
+    ],
+    ids=["good", "seen through", "in conflict", "uncertain", "occluded", "few points"],
+)
+def test_a_tracked_object_is_accepted_and_a_lost_one_found(change, accepted, found):
     evidence = replace(GOOD, **change)
 
-    assert not evidence.supports_pose(LOST_AGREEMENT)
-    assert not evidence.is_found
-
-
-def test_an_occluded_object_is_not_lost_but_a_lost_one_is_not_found_there():
-    occluded = replace(
-        GOOD, seen=0, other_color=0, seen_through=3, in_front=0, occluded=200, support=0
-    )
-
-    assert occluded.supports_pose(LOST_AGREEMENT)
-    assert not occluded.is_found
-
-
-def test_a_few_points_that_agree_do_not_find_an_object():
-    assert not replace(GOOD, seen=40, other_color=0, seen_through=0, in_front=0, support=6).is_found
+    assert evidence.supports_pose(LOST_AGREEMENT) == accepted
+    assert evidence.is_found == found
 
 
 def test_the_views_support_the_true_pose(built_mug):
