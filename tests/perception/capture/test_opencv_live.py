@@ -118,12 +118,17 @@ def test_only_the_newest_images_are_read(bench: Bench) -> None:
     assert dut.read() is None
 
 
-def test_the_stamp_is_that_of_the_older_arrival(bench: Bench) -> None:
-    dut = bench.open()
+@pytest.mark.parametrize(
+    ("later", "expected"), [(1000.015625, (1, 1.0, 999.75)), (1000.03125, None)]
+)
+def test_a_pair_has_the_stamp_of_its_older_arrival_unless_the_gap_is_too_large(
+    bench: Bench, later: float, expected: tuple[int, float, float] | None
+) -> None:
+    dut = bench.open(largest_gap=0.02)
     bench.send(depth=1000, at=1000.0)
-    bench.send(rgb=1, at=1000.015625)
+    bench.send(rgb=1, at=later)
 
-    assert values(dut.read()) == (1, 1.0, 999.75)
+    assert values(dut.read()) == expected
 
 
 def test_depth_at_half_the_rate_of_colour_does_not_fall_behind(bench: Bench) -> None:
@@ -138,14 +143,6 @@ def test_depth_at_half_the_rate_of_colour_does_not_fall_behind(bench: Bench) -> 
             stamps.append(image.stamp + 0.25 - 1000.0)
 
     assert stamps == [1 / 32, 3 / 32, 5 / 32, 7 / 32]
-
-
-def test_images_that_arrive_too_far_apart_are_not_a_pair(bench: Bench) -> None:
-    dut = bench.open(largest_gap=0.02)
-    bench.send(depth=1000, at=1000.0)
-    bench.send(rgb=1, at=1000.03125)
-
-    assert dut.read() is None
 
 
 def test_images_are_dropped_while_the_exposure_adapts(bench: Bench) -> None:

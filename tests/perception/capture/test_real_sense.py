@@ -190,21 +190,30 @@ def test_images_are_read_only_and_depth_is_in_metres(rs: StandIn, dut: RealSense
     assert not image.depth.flags.writeable
 
 
-def test_with_global_time_the_stamp_is_that_of_the_older_frame(
-    rs: StandIn, dut: RealSenseDevice
+@pytest.mark.parametrize(
+    ("pairs", "expected"),
+    [
+        ([frames(stamps=(999.875, 999.8828125))], [999.875]),
+        ([frames(stamps=(999.9140625, 999.90625))], [999.90625]),
+        ([frames(stamps=(999.5, 999.5), domain="system_time")], [999.5 - LATENCY]),
+        ([frames(stamps=(999.975, 999.95))], [None]),
+        (
+            [
+                frames(numbers=(1, 1), stamps=(999.75, 999.75)),
+                frames(numbers=(2, 1), stamps=(999.765625, 999.75)),
+                frames(numbers=(2, 2), stamps=(999.765625, 999.765625)),
+            ],
+            [999.75, None, 999.765625],
+        ),
+    ],
+    ids=["older colour", "older depth", "arrival times", "other instants", "one after the other"],
+)
+def test_a_pair_has_the_stamp_of_its_older_frame(
+    rs: StandIn, dut: RealSenseDevice, pairs: list[object], expected: list[float | None]
 ) -> None:
-    rs.frames = [
-        frames(numbers=(1, 1), stamps=(999.875, 999.8828125)),
-        frames(numbers=(2, 2), stamps=(999.9140625, 999.90625)),
-    ]
+    rs.frames = pairs.copy()
 
-    assert stamps_of(dut, 2) == [999.875, 999.90625]
-
-
-def test_the_latency_is_subtracted_from_arrival_times(rs: StandIn, dut: RealSenseDevice) -> None:
-    rs.frames = [frames(stamps=(999.5, 999.5), domain="system_time")]
-
-    assert stamps_of(dut, 1) == [999.25]
+    assert stamps_of(dut, len(pairs)) == expected
 
 
 def test_with_the_cameras_clock_the_fastest_frame_determines_its_offset(
@@ -245,25 +254,6 @@ def test_a_repeated_frame_is_not_new(
     assert dut.read() is None
 
 
-def test_frames_that_arrive_one_after_the_other_are_a_pair(
-    rs: StandIn, dut: RealSenseDevice
-) -> None:
-    rs.frames = [
-        frames(numbers=(1, 1), stamps=(999.75, 999.75)),
-        frames(numbers=(2, 1), stamps=(999.765625, 999.75)),
-        frames(numbers=(2, 2), stamps=(999.765625, 999.765625)),
-    ]
-
-    assert stamps_of(dut, 3) == [999.75, None, 999.765625]
-
-
-def test_frames_of_different_instants_are_not_a_pair(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(clock, fps=30)
-    rs.frames = [frames(stamps=(999.975, 999.95))]
-
-    assert dut.read() is None
-
-
 def test_a_frozen_depth_stream_is_reported(rs: StandIn, clock: SettableClock) -> None:
     dut = opened(clock, silence=0.5)
     for number in range(1, 5):
@@ -297,13 +287,6 @@ def test_intrinsics_other_than_the_scenarios_are_rejected(
         opened(clock)
 
 
-def test_images_of_another_size_are_rejected(rs: StandIn, dut: RealSenseDevice) -> None:
-    rs.frames = [frames(size=(2, 2))]
-
-    with pytest.raises(NoImageError, match="shape"):
-        dut.read()
-
-
 def test_silence_is_reported_with_the_connected_cameras(rs: StandIn, clock: SettableClock) -> None:
     dut = opened(clock, silence=2.0)
     clock.now = 1001.0
@@ -314,10 +297,19 @@ def test_silence_is_reported_with_the_connected_cameras(rs: StandIn, clock: Sett
         dut.read()
 
 
-def test_an_error_of_the_library_is_a_capture_error(rs: StandIn, dut: RealSenseDevice) -> None:
-    rs.frames = [RuntimeError("Device disconnected")]
+@pytest.mark.parametrize(
+    ("delivered", "error", "problem"),
+    [
+        (frames(size=(2, 2)), NoImageError, "shape"),
+        (RuntimeError("Device disconnected"), CaptureError, "Device disconnected"),
+    ],
+)
+def test_unusable_frames_and_errors_of_the_library_are_reported(
+    rs: StandIn, dut: RealSenseDevice, delivered: object, error: type[CaptureError], problem: str
+) -> None:
+    rs.frames = [delivered]
 
-    with pytest.raises(CaptureError, match="Device disconnected"):
+    with pytest.raises(error, match=problem):
         dut.read()
 
 

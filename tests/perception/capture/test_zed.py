@@ -155,9 +155,7 @@ def test_a_name_that_the_sdk_lacks_is_rejected(sl: StandIn, field: str) -> None:
         make(**{field: "SHARP"})
 
 
-def test_an_error_names_a_camera_that_does_not_open_and_those_that_are_connected(
-    sl: StandIn,
-) -> None:
+def test_an_error_names_the_camera_and_the_connected_ones(sl: StandIn) -> None:
     sl.opened = ERROR_CODE.CAMERA_NOT_DETECTED
 
     with pytest.raises(CaptureError, match=r"'left' \(ZED 5\).*CAMERA_NOT_DETECTED.*77"):

@@ -46,12 +46,7 @@ class MugScene(NamedTuple):
 
 
 class TrackedMug:
-    """The mug and a tracker that follows it, one frame in 1/8 s.
-
-    Attributes:
-        dut: The tracker.
-        output: Its newest output.
-    """
+    """A tracker (`dut`) that follows the mug at 8 frames a second, and its newest `output`."""
 
     def __init__(self, scene: MugScene, **options: object):
         """Starts at the mug's start, with options of `shoot` for all frames."""

@@ -7,17 +7,12 @@ from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 
-def test_makes_the_default_tracker_by_name():
-    tracker = dut("rigid_flow")
+@pytest.mark.parametrize("config", [None, RigidFlowConfig(grow=False)])
+def test_trackers_are_made_by_name_and_configuration(config):
+    tracker = dut("rigid_flow", config)
 
     assert isinstance(tracker, RigidFlowTracker)
-    assert tracker.config == RigidFlowConfig()
-
-
-def test_passes_the_configuration_on():
-    config = RigidFlowConfig(grow=False)
-
-    assert dut("rigid_flow", config).config is config
+    assert tracker.config == (config or RigidFlowConfig())
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones():
