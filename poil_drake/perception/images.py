@@ -99,7 +99,7 @@ class MultiViewFrame(SharedOnCopy):
             if image.depth.shape != (camera.height, camera.width):
                 raise InvalidValueError(
                     f"The image of camera '{camera.name}' has shape {image.depth.shape}, but the "
-                    f"camera's model says ({camera.height}, {camera.width}).",
+                    f"camera's model has ({camera.height}, {camera.width}).",
                     remedy="Use the calibration for this image size.",
                 )
         object.__setattr__(self, "cameras", tuple(self.cameras))

@@ -1,4 +1,4 @@
-"""What the first frame tells of the object beyond its surface: colours and free space around it."""
+"""What the first frame shows of the object beyond its surface: its colours and its surroundings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -36,8 +36,8 @@ from poil_drake.perception.trackers.rigid_flow.view_window import (
     square_kernel,
 )
 
-_ROTATION = float(np.radians(10.0))  # between keyframes of a view [rad]
-_TRAVEL = 0.03  # or so far [m]: other things may have hidden the object
+_ROTATION = float(np.radians(10.0))  # after which a view needs a new keyframe [rad]
+_TRAVEL = 0.03  # or after which it does [m], since something else may have hidden the object
 
 _REACH = 12  # how far from the known surface new surface may lie in the image [px]
 _SURROUNDINGS = 4  # known surface around the new [px], so that borders do not look like outliers
@@ -80,7 +80,7 @@ def needs_keyframe(new: Keyframe, keyframes: tuple[Keyframe, ...]) -> bool:
 def grow_model(
     model: ObjectModel, windows: Sequence[ViewWindow], X_WO: np.ndarray, config: RigidFlowConfig
 ) -> ObjectModel:
-    """Returns the model with the surface that some views show of the object and it lacks.
+    """Returns the model, extended by the surface of the object that is new in some views.
 
     Args:
         model: The object.

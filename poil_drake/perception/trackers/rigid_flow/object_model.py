@@ -35,7 +35,7 @@ from poil_drake.perception.trackers.rigid_flow.view_window import (
     unproject_to_world,
 )
 
-_EROSION = 1  # border taken off the object's masks [px]; detectors spill over by about that
+_EROSION = 1  # border removed from the object's masks [px]; detectors spill over by about that
 _MIN_POINTS = 100  # surface points that a model needs
 _PATCHES_PER_VIEW = 40  # texture patches taken from one view of the first frame
 

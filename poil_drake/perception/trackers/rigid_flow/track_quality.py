@@ -46,7 +46,7 @@ _FOUND_DEVIATION = 0.01  # with smaller ones a lost object is found [m]
 _LEARN_DEVIATION = 0.006  # with smaller ones the model may grow [m]
 
 _SEEN_ERROR = 0.006  # a model point with depth measured within this is seen [m]
-_SELF_OCCLUDED = 0.008  # how far behind the rendered model points occlude themselves [m]
+_SELF_OCCLUDED = 0.008  # a point this far behind the rendered model is behind the object [m]
 _EDGE_ERROR = 2.5  # an outline pixel with its edge found within this is confirmed [px]
 _MIN_SUPPORT = 4  # support points that must be seen, in all views together
 _OCCLUDED_SHARE = 0.1  # with fewer points in sight, the object counts as occluded, not as gone

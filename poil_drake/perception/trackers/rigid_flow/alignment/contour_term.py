@@ -30,7 +30,7 @@ _IMAGE_JUMP = 0.012  # depth step that ends the object in the image [m]
 _INSIDE, _OUTSIDE = 3, 6  # pixels examined on both sides of an edge
 _MAX_EDGES = 160  # outline pixels of a view that are used
 _DEVIATION = 1.0  # of an edge's place [px]
-_CORRELATION = 6.0  # so many edge pixels count as one
+_CORRELATION = 6.0  # number of edge pixels that count as one, since neighbours err together
 _DIRECTION_DEVIATION = 0.2  # of the outline's direction [rad]
 
 

@@ -14,13 +14,13 @@ from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 
 _MIN_COSINE = 0.25  # between a surface normal and the line of sight
 _DEVIATION = 0.001  # of a residual [m]: depth noise and the model's error
-_CORRELATION = 20.0  # so many residuals count as one, because neighbours err together
+_CORRELATION = 20.0  # number of residuals that count as one, since neighbours err together
 _NORMAL_DEVIATION = 0.06  # of the model's normals [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class OrientedPoints(Rows):
-    """Points of a surface with what the point-to-plane residual needs of them, in one frame.
+    """Points of a surface, with precomputed parts of their point-to-plane residuals.
 
     Attributes:
         points: (M, 3) [m].

@@ -22,7 +22,7 @@ GATE = 0.03
 """Points deeper in free space belong to something else [m]."""
 
 _DEVIATION = 0.003  # of how deep in free space a point of the object is [m]
-_CORRELATION = 4.0  # so many observed points count as one
+_CORRELATION = 4.0  # number of observed points that count as one, since they err together
 
 
 def add_free_space_term(

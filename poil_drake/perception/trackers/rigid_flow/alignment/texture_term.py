@@ -36,7 +36,7 @@ _FLOW_DEVIATION = 1.0  # of the place where a patch is found [px]
 _FLOW_GATE = 6.0  # distance from the prediction [px]
 
 _DEVIATION = 3.0  # of a residual [grey levels]
-_CORRELATION = 10.0  # so many residuals count as one
+_CORRELATION = 10.0  # number of residuals that count as one, since they err together
 _CONTRAST_LIMITS = (0.5, 2.0)  # how much a patch's contrast may change with the light
 
 
