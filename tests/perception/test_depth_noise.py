@@ -53,7 +53,7 @@ def test_noise_has_no_bias_and_one_deviation_everywhere():
 
 
 @pytest.mark.parametrize("pitch", [1, 3, 8])
-def test_neighbours_err_together_up_to_twice_the_pitch(pitch):
+def test_errors_of_neighbours_are_correlated_up_to_twice_the_pitch(pitch):
     config = StereoDepthNoiseConfig(
         correlation_length=pitch, inverse_depth_step=0.0, blob_count=0.0
     )
@@ -124,7 +124,7 @@ def test_pixels_fly_between_the_surfaces_of_an_edge_and_nowhere_else():
     assert np.mean(noisy[flying]) == pytest.approx(0.8, abs=0.05)
 
 
-def test_small_steps_are_no_edges():
+def test_small_steps_are_not_edges():
     config = StereoDepthNoiseConfig(
         **(QUIET | {"hole_probability": 1.0, "flying_probability": 1.0}),
         edge_jump=0.03,

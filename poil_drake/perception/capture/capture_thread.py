@@ -17,12 +17,12 @@ _JOIN_TIMEOUT = 1.0
 class CaptureThread:
     """Opens a camera, reads it, and keeps the newest usable image.
 
-    Unusable are images of another size, without any depth, or with a stamp that is not finite or
-    not later than the last one since the device was opened, and whatever the device rejects with a
-    `NoImageError`. Then, and when the device fails, `problem` describes the reason and the last
-    image stays, so a frozen camera shows by the age of its image. The next usable image clears
-    `problem`. A device that fails otherwise is closed and opened again after `reopen_period`, since
-    both hold the interpreter with some cameras' libraries.
+    An image is unusable if the device rejects it with a `NoImageError`, if it has another size or
+    no depth at all, or if its stamp is not finite or not later than the last one since the device
+    was opened. Then `problem` describes the reason and the last image stays, so its age reveals a
+    frozen camera. The next usable image clears `problem`. A device that raises any other error is
+    closed and opened again, both after `reopen_period`, since some cameras' libraries hold the
+    interpreter for both.
 
     Any thread may read the attributes, without a lock.
 
@@ -93,14 +93,14 @@ class CaptureThread:
                 self.problem = _in_one_line(error)
                 image = None
             if image is not None:
-                self.problem = self._flaw(image)
+                self.problem = self._problem_with(image)
             if image is None or self.problem:
                 self._ended.wait(_PAUSE)
                 continue
             self.newest, self._last_stamp = image, image.stamp
             self.count += 1
 
-    def _flaw(self, image: RgbdImage) -> str:
+    def _problem_with(self, image: RgbdImage) -> str:
         if image.depth.shape != self._size:
             height, width = image.depth.shape
             return (

@@ -15,7 +15,7 @@ def test_trackers_are_made_by_name_and_configuration(config):
     assert tracker.config == (config or RigidFlowConfig())
 
 
-def test_an_unknown_name_is_answered_with_the_known_ones():
+def test_an_unknown_name_lists_the_known_ones():
     with pytest.raises(
         InvalidValueError, match=r"'optic_flow'.*Choose from: " + ", ".join(TRACKERS)
     ):

@@ -20,7 +20,7 @@ TOLERANCE = 0.002
 """How deep in free space a point of the object may lie [m]: errors of the pose."""
 
 FEW_OBSERVED = 20.0
-"""With no more observed points than this, their verdict counts half."""
+"""With this weight of observed points, their result counts half; with less, it counts less."""
 
 _SURROUNDINGS = 0.04  # how far around the object free space is mapped [m]
 _SPACING = 0.004  # of the grid [m]
