@@ -70,7 +70,7 @@ class ZedDevice:
         if not config.serial and len(sl.Camera.get_device_list()) != 1:
             raise CaptureError(
                 f"{self._source} was not found; connected are: {self._connected()}.",
-                remedy="Plug it in, and give it the serial number printed on it in the scenario.",
+                remedy="Plug it in, and write the serial number printed on it into the scenario.",
             )
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution

@@ -156,7 +156,7 @@ class RealSenseDevice:
             return serials[0]
         raise CaptureError(
             f"{self._source} was not found; connected are: {', '.join(serials) or 'none'}.",
-            remedy="Plug it in, and give it the serial number printed on it in the scenario.",
+            remedy="Plug it in, and write the serial number printed on it into the scenario.",
         )
 
     def _streams(self, serial: str) -> Any:
