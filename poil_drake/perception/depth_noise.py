@@ -1,4 +1,4 @@
-"""What a stereo camera makes of depth: noise, flying pixels and holes, on a renderer's images."""
+"""The depth errors of a stereo camera: noise, flying pixels and holes, for rendered images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,34 +9,47 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 
+# Of the fields of `StereoDepthNoiseConfig`.
+_LIMITS = {
+    "quadratic": (0.0, np.inf),
+    "correlation_length": (1, np.inf),
+    "inverse_depth_step": (0.0, np.inf),
+    "edge_jump": (0.0, np.inf),
+    "flying_width": (0, np.inf),
+    "flying_probability": (0.0, 1.0),
+    "hole_width": (0, np.inf),
+    "hole_probability": (0.0, 1.0),
+    "blob_count": (0.0, np.inf),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class StereoDepthNoiseConfig:
-    """A stereo camera's errors.
+    """The errors of a stereo camera.
 
-    Stereo measures disparity, which goes with inverse depth, so noise of constant size there grows
-    with the square of the depth.
+    Stereo measures disparity, which is proportional to inverse depth, so noise of constant size in
+    disparity grows with the square of the depth.
 
     Attributes:
-        enabled: False leaves the depth as it is, but for invalid pixels, which become 0.
+        enabled: False only sets invalid pixels to 0.
         quadratic: k [1/m] of the standard deviation k z^2 of the depth. 0.0015 is 1.5 mm at 1 m and
-            0.6 mm at 0.65 m, like a ZED.
+            0.6 mm at 0.65 m, as for a ZED.
         correlation_length: Pitch of the grid of independent errors [px], between which the noise
-            is interpolated; matching compares windows, so neighbours err together.
+            is interpolated: stereo matches windows, so errors of neighbours are correlated.
         inverse_depth_step: Quantum of the inverse depth [1/m]; 0 for none. A focal length of
-            460 px, a baseline of 0.12 m and steps of 1/32 px make 0.0006.
-        edge_jump: Neighbours whose depth differs by more than this part of the nearer depth are at
+            460 px, a baseline of 0.12 m and steps of 1/32 px give 0.0006.
+        edge_jump: Neighbours whose depth differs by more than this share of the nearer depth are at
             an edge.
-        flying_width: Distance from an edge up to which pixels may fly, that is, get a depth between
-            the two surfaces [px].
-        flying_probability: Part of those pixels that do.
-        hole_width: Distance from an edge, on the farther surface, up to which pixels may be lost,
+        flying_width: Distance from an edge within which pixels may fly, that is, get a depth
+            between the two surfaces [px].
+        flying_probability: Share of those pixels that fly.
+        hole_width: Distance from an edge, on the farther surface, within which pixels may be lost,
             because the second camera does not see them [px].
-        hole_probability: Part of those pixels that are.
+        hole_probability: Share of those pixels that are lost.
         blob_count: Mean number of round holes in an image, from reflections and plain surfaces.
         blob_radius: Smallest and largest radius of these [px].
-        min_depth: What is nearer is lost [m].
-        max_depth: What is farther is lost [m].
+        min_depth: Nearer pixels are lost [m].
+        max_depth: Farther pixels are lost [m].
     """
 
     enabled: bool = True
@@ -54,34 +67,23 @@ class StereoDepthNoiseConfig:
     max_depth: float = 5.0
 
     def __post_init__(self) -> None:
+        for name, (low, high) in _LIMITS.items():
+            value = getattr(self, name)
+            if not (low <= value <= high and np.isfinite(value)):
+                raise InvalidValueError(
+                    f"StereoDepthNoiseConfig.{name} is {value}.",
+                    remedy=f"It must be finite, at least {low} and at most {high}.",
+                )
         if not 0.0 < self.min_depth < self.max_depth:
             raise InvalidValueError(
-                f"StereoDepthNoiseConfig trusts depths from {self.min_depth} to {self.max_depth} "
-                "m.",
+                f"StereoDepthNoiseConfig has min_depth={self.min_depth} and "
+                f"max_depth={self.max_depth} m.",
                 remedy="Pass 0 < min_depth < max_depth.",
             )
-        for name in ("quadratic", "inverse_depth_step", "edge_jump", "blob_count"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise InvalidValueError(
-                    f"StereoDepthNoiseConfig.{name} is {getattr(self, name)}.",
-                    remedy="It must be finite and not negative.",
-                )
         if not 0 <= self.blob_radius[0] <= self.blob_radius[1]:
             raise InvalidValueError(
                 f"StereoDepthNoiseConfig.blob_radius is {self.blob_radius} px.",
                 remedy="Pass the smallest radius, then the largest.",
-            )
-        for name in ("flying_probability", "hole_probability"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidValueError(
-                    f"StereoDepthNoiseConfig.{name} is {getattr(self, name)}.",
-                    remedy="A probability lies in [0, 1].",
-                )
-        if self.correlation_length < 1 or min(self.flying_width, self.hole_width) < 0:
-            raise InvalidValueError(
-                f"StereoDepthNoiseConfig has correlation_length={self.correlation_length}, "
-                f"flying_width={self.flying_width} and hole_width={self.hole_width} px.",
-                remedy="The first must be at least 1, the others at least 0.",
             )
 
 
@@ -93,8 +95,7 @@ def apply_stereo_depth_noise(
     Args:
         depth: (H, W) true depth along the optical axis [m]; 0, NaN and infinity are invalid.
         config: The camera's errors.
-        seed: Numbers that are not negative, such as (seed, camera, frame). Equal seeds give equal
-            errors.
+        seed: Non-negative numbers, such as (seed, camera, frame). Equal seeds give equal errors.
 
     Returns:
         (H, W) float32 [m], 0 where invalid.
@@ -104,7 +105,7 @@ def apply_stereo_depth_noise(
         return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(0.0))
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Zero is infinitely far, which is what an invalid pixel counts as.
+        # An invalid pixel, of depth 0, counts as infinitely far.
         w = np.reciprocal(depth)
         valid = (w >= np.float32(1.0 / config.max_depth)) & (
             w <= np.float32(1.0 / config.min_depth)
@@ -125,7 +126,7 @@ def apply_stereo_depth_noise(
 def _disturb_edges(
     w: np.ndarray, valid: np.ndarray, config: StereoDepthNoiseConfig, rng: np.random.Generator
 ) -> None:
-    """Makes pixels fly in the inverse depth `w` (H, W), and loses pixels from `valid` (H, W)."""
+    """Adds flying pixels to the inverse depth `w` (H, W) and holes to `valid` (H, W)."""
     chance = np.frombuffer(rng.bytes(w.size), dtype=np.uint8).reshape(w.shape)
     ratio = np.float32(1.0 + config.edge_jump)
     if config.hole_width > 0:
@@ -135,7 +136,7 @@ def _disturb_edges(
     if config.flying_width > 0:
         near = cv2.dilate(w, _square(config.flying_width))
         far = cv2.erode(w, _square(config.flying_width))
-        # Surfaces against nothing have nothing to fly towards.
+        # Pixels fly only between two valid surfaces.
         flying = (near > ratio * far) & (far > 0.0)
         flying &= chance >= 256 - round(256 * config.flying_probability)
         place = np.flatnonzero(flying)
@@ -159,10 +160,10 @@ def _punch_holes(
 def _correlated_noise(
     shape: tuple[int, ...], config: StereoDepthNoiseConfig, rng: np.random.Generator
 ) -> np.ndarray:
-    """Returns noise (H, W) of the inverse depth: a coarse grid of nodes, interpolated."""
+    """Returns noise (H, W) of the inverse depth, interpolated between the nodes of a grid."""
     height, width = shape
     pitch = config.correlation_length
-    # Two nodes more than fit, so that every pixel lies between nodes.
+    # Two nodes beyond the image, so that every pixel lies between nodes.
     rows, columns = -(-height // pitch) + 2, -(-width // pitch) + 2
     nodes = rng.standard_normal((rows, columns), dtype=np.float32)
     noise = cv2.resize(nodes, (columns * pitch, rows * pitch), interpolation=cv2.INTER_LINEAR)
@@ -172,14 +173,14 @@ def _correlated_noise(
 
 @lru_cache(maxsize=8)
 def _interpolation_gain(height: int, width: int, pitch: int, scale: float) -> np.ndarray:
-    """Returns (H, W) by what to multiply interpolated unit noise for a deviation of `scale`.
+    """Returns the factors (H, W) that give interpolated unit noise the deviation `scale`.
 
-    At a fraction f between two independent nodes linear interpolation leaves the variance
+    At a fraction f between two independent nodes, linear interpolation has the variance
     (1 - f)^2 + f^2, along each axis.
     """
 
     def gain(size: int) -> np.ndarray:
-        # cv2.resize() puts the centre of the target's pixel i at (i + 0.5) / pitch - 0.5.
+        # cv2.resize() has the centre of target pixel i at (i + 0.5) / pitch - 0.5.
         f = ((np.arange(size) + 0.5) / pitch + 0.5) % 1.0
         return 1.0 / np.sqrt((1.0 - f) ** 2 + f**2)
 

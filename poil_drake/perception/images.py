@@ -48,13 +48,13 @@ class CameraModel(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage(SharedOnCopy):
-    """One camera's colour and depth image of one instant.
+    """A camera's colour and depth image of one instant.
 
     Attributes:
         rgb: (H, W, 3) uint8 colour.
         depth: (H, W) float32 depth along the optical axis [m]; 0 where invalid.
         stamp: Time of capture [s].
-        label: (H, W) int16 render labels, or None. Only a simulator gives them.
+        label: (H, W) int16 render labels of a simulator, or None.
     """
 
     rgb: np.ndarray
@@ -66,29 +66,23 @@ class RgbdImage(SharedOnCopy):
         rgb = frozen_array(self.rgb, name="RgbdImage.rgb", shape=("H", "W", 3), dtype=np.uint8)
         size = rgb.shape[:2]
         object.__setattr__(self, "rgb", rgb)
-        object.__setattr__(
-            self,
-            "depth",
-            frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32),
-        )
+        depth = frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32)
+        object.__setattr__(self, "depth", depth)
         if self.label is not None:
-            object.__setattr__(
-                self,
-                "label",
-                frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16),
-            )
+            label = frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16)
+            object.__setattr__(self, "label", label)
 
 
 @dataclass(frozen=True, eq=False)
 class MultiViewFrame(SharedOnCopy):
-    """What all cameras saw at one instant.
+    """The images of all cameras at one instant.
 
     Attributes:
         cameras: The cameras' models, V of them.
         images: Their images, in the same order.
-        label_ids: Which render labels stand for what: "<object>" for the whole object,
-            "<object>/<part>" for a part. An object's own labels include those of its parts.
-            Empty where the images carry no labels.
+        label_ids: The render labels of each name: "<object>" for the whole object,
+            "<object>/<part>" for a part. An object's labels include those of its parts. Empty if
+            the images have no labels.
     """
 
     cameras: tuple[CameraModel, ...]
@@ -105,22 +99,19 @@ class MultiViewFrame(SharedOnCopy):
             if image.depth.shape != (camera.height, camera.width):
                 raise InvalidValueError(
                     f"The image of camera '{camera.name}' has shape {image.depth.shape}, but the "
-                    f"camera's model says ({camera.height}, {camera.width}).",
-                    remedy="Use the calibration that belongs to this image size.",
+                    f"camera's model has ({camera.height}, {camera.width}).",
+                    remedy="Use the calibration for this image size.",
                 )
         object.__setattr__(self, "cameras", tuple(self.cameras))
         object.__setattr__(self, "images", tuple(self.images))
-        object.__setattr__(
-            self,
-            "label_ids",
-            MappingProxyType({k: tuple(int(i) for i in v) for k, v in self.label_ids.items()}),
-        )
+        label_ids = {name: tuple(int(i) for i in ids) for name, ids in self.label_ids.items()}
+        object.__setattr__(self, "label_ids", MappingProxyType(label_ids))
 
     def __reduce__(self) -> tuple:
-        """Makes a frame of its parts again in another process; a read-only view is not pickled."""
+        """Supports pickling, which does not support the read-only view of `label_ids`."""
         return type(self), (self.cameras, self.images, dict(self.label_ids))
 
     @property
     def stamp(self) -> float:
-        """The time of capture [s]: the oldest of the images'."""
+        """The time of capture of the oldest image [s]."""
         return min(image.stamp for image in self.images)

@@ -1,4 +1,4 @@
-"""What a point tracker reports."""
+"""The result of a point tracker."""
 
 from dataclasses import dataclass
 
@@ -45,5 +45,5 @@ class TrackedPoints(SharedOnCopy):
 
     @classmethod
     def lost(cls, count: int, stamp: float) -> "TrackedPoints":
-        """Returns `count` points of which none was observed."""
+        """Returns `count` unobserved points."""
         return cls(np.full((count, 3), np.nan), np.zeros(count), stamp)

@@ -13,7 +13,7 @@ CENTRE, RADIUS = np.array([0.5, 0.0, 0.1]), 0.05
 
 
 def sphere_view(name, eye, color, noise=0.0):
-    """A camera that looks at a sphere before a wall, its image, and the sphere's mask."""
+    """Returns a camera that sees a sphere in front of a wall, its image, and the sphere's mask."""
     z = (CENTRE - eye) / np.linalg.norm(CENTRE - eye)
     x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
     X_WC = make_transform(np.stack([x, np.cross(z, x), z], axis=1), eye)
@@ -52,7 +52,7 @@ def test_points_and_normals_are_those_of_the_sphere():
     assert np.max(angles) < 12.0
 
 
-def test_both_sides_are_there_in_their_colors():
+def test_the_cloud_has_the_colors_of_both_views():
     frame, masks = two_views()
 
     cloud = dut(frame, masks)
@@ -74,7 +74,7 @@ def test_noise_is_averaged_and_stray_points_are_removed():
     assert np.max(np.abs(errors)) < 5e-3
 
 
-def test_masks_that_spill_onto_the_background_bring_little_of_it():
+def test_masks_that_spill_onto_the_background_add_little_of_it():
     frame, _ = two_views()
     everything = [np.ones((240, 320), dtype=bool)] * 2
     config = FusionConfig(mask=DepthMaskConfig(max_depth=1.0))
@@ -84,7 +84,7 @@ def test_masks_that_spill_onto_the_background_bring_little_of_it():
     assert np.max(np.linalg.norm(cloud.points - CENTRE, axis=1)) < RADIUS + 1e-4
 
 
-def test_camera_that_sees_nothing_is_left_out():
+def test_a_camera_that_sees_nothing_is_left_out():
     frame, masks = two_views()
 
     cloud = dut(frame, [masks[0], np.zeros_like(masks[1])])
@@ -104,7 +104,7 @@ def test_every_point_can_be_kept():
     assert 0.9 * np.sum(masks) < len(cloud) < np.sum(masks)
 
 
-def test_strip_too_thin_for_differences_still_gets_normals():
+def test_a_strip_too_thin_for_differences_has_normals():
     frame, masks = two_views()
     thin = np.zeros_like(masks[0])
     thin[118:121] = masks[0][118:121]
@@ -116,14 +116,14 @@ def test_strip_too_thin_for_differences_still_gets_normals():
     assert np.mean(np.sum(outwards * cloud.normals, axis=1)) > 0.95
 
 
-def test_nothing_left_is_an_error_that_says_so():
+def test_masks_without_pixels_are_an_error():
     frame, masks = two_views()
 
     with pytest.raises(DetectionError, match=r"\[0, 0\] pixels"):
         dut(frame, [np.zeros_like(mask) for mask in masks])
 
 
-def test_one_mask_for_each_camera_is_needed():
+def test_one_mask_for_each_camera_is_required():
     frame, masks = two_views()
 
     with pytest.raises(InvalidValueError, match="1 masks for 2 cameras"):

@@ -1,7 +1,5 @@
 """The tracker that a scenario asks for."""
 
-from dataclasses import replace
-
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import InvalidValueError
@@ -28,7 +26,5 @@ def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
             remedy=f"Choose from: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
         )
     if TRACKERS[name][1] is RigidFlowConfig:
-        config = RigidFlowConfig()
-        model = replace(config.model, support_points=poil.num_support_points)
-        return make_tracker(name, replace(config, model=model))
+        return make_tracker(name, RigidFlowConfig(support_points=poil.num_support_points))
     return make_tracker(name)

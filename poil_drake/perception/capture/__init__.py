@@ -1,1 +1,1 @@
-"""Cameras that are read in this process, each on a thread of its own."""
+"""Real cameras, each read on its own thread, and checks of what they deliver."""

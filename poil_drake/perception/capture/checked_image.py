@@ -1,10 +1,12 @@
-"""Makes an image of what a camera has delivered, or says why it cannot be used."""
+"""Checks what a camera has delivered, and converts its depth to metres."""
 
 import numpy as np
 
 from poil_drake.errors import NoImageError
-from poil_drake.perception.capture.depth_metres import depth_in_metres
 from poil_drake.perception.images import RgbdImage
+
+_TOO_FAR = 65535
+"""16-bit depth beyond the range, in Drake's images and those of saturated cameras."""
 
 
 def checked_image(
@@ -16,20 +18,20 @@ def checked_image(
     source: str,
     depth_step: float | None = None,
 ) -> RgbdImage:
-    """Returns the image, its depth as `depth_in_metres` has it.
+    """Returns an image of what a camera has delivered, with depth by `depth_in_metres`.
 
     Args:
-        rgb: (H, W, 3) uint8 colour. An array that owns its data is taken over, not copied: nobody
-            may write to it again.
+        rgb: (H, W, 3) uint8 colour. An array that owns its data becomes read-only instead of being
+            copied.
         depth: (H, W) float32 [m], e.g. with NaN where nothing was measured, or uint16 [steps].
         stamp: Time of capture [s].
-        size: The (H, W) that are wanted [px].
+        size: The expected (H, W) [px].
         source: What to call the camera in an error.
-        depth_step: What one step of uint16 depth is [m]; None: depth is float32.
+        depth_step: One step of uint16 depth [m]; None if depth is float32.
 
     Raises:
-        NoImageError: if an array has another type or size. Nothing is converted silently: colour
-            that was cast or depth in other units would look right and be wrong.
+        NoImageError: if an array has another type or size. Nothing is converted silently, since
+            cast colour or depth in other units would look right and be wrong.
     """
     for name, pixels, shape, dtype in (
         ("colour", rgb, (*size, 3), np.uint8),
@@ -39,11 +41,36 @@ def checked_image(
             raise NoImageError(
                 f"{source} delivers {name} of shape {pixels.shape} and type {pixels.dtype}, but "
                 f"{shape} and {np.dtype(dtype)} are needed.",
-                remedy="Give the camera in the scenario the size that it delivers, with the "
-                "calibration for that size.",
+                remedy="Write the size that it delivers into the scenario, with the calibration "
+                "for that size.",
             )
     metres = depth_in_metres(depth, step=depth_step or 0.0)
     for pixels in (rgb, metres):
         if pixels.flags.owndata:
             pixels.flags.writeable = False
     return RgbdImage(rgb, metres, stamp)
+
+
+def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
+    """Returns depth [m] as float32, 0 where invalid.
+
+    Invalid floats are those that are not finite or not positive; invalid integers are 0 and 65535
+    ("too far").
+
+    Args:
+        raw: Depth of any shape, float32 [m] or uint16 [steps].
+        step: One step of integer depth [m].
+
+    Raises:
+        NoImageError: if it has another type.
+    """
+    if raw.dtype == np.uint16:
+        metres = np.multiply(raw, np.float32(step), dtype=np.float32)
+        metres[raw == _TOO_FAR] = 0.0
+        return metres
+    if raw.dtype == np.float32:
+        return np.where(np.isfinite(raw) & (raw > 0.0), raw, np.float32(0.0))
+    raise NoImageError(
+        f"Depth has the type {raw.dtype}.",
+        remedy="Deliver 32-bit floats in metres, or 16-bit integers.",
+    )

@@ -1,7 +1,7 @@
-"""Where the images of a camera come from, as configuration; no camera library is loaded for it.
+"""Where the images of a camera come from. Loading this configuration loads no camera library.
 
-The names of the classes are tags in YAML, e.g. `!RealSense {serial: "913522070157"}`. What must be
-given, such as a file, is empty by default and asked for when the device is made.
+The names of the classes are tags in YAML, e.g. `!RealSense {serial: "913522070157"}`. A required
+value, such as a file, is empty by default and checked when the device is made.
 """
 
 import math
@@ -14,25 +14,24 @@ from poil_drake.errors import InvalidValueError
 class RealSense:
     """An Intel RealSense; it needs `pyrealsense2`.
 
-    Stamps are the camera's own, which its library converts to this computer's clock ("global
-    time"): when the read-out began of the older of the two images, half an exposure time after the
-    middle of the exposure. Where the camera gives no global time, as on some kernels, it is the
-    image's arrival less the latency (see `FramePairStamps`).
+    Stamps are those of the camera, which its library converts to this computer's clock ("global
+    time"): when the read-out of the older of the two images began, half an exposure time after the
+    middle of the exposure. Where the camera has no global time, as with some kernels, the stamp is
+    the image's arrival less the latency (see `FramePairStamps`).
 
     Attributes:
-        serial: Which camera, by the number printed on it; empty: the only one there is.
-        fps: Images per second. 30 is what all models offer at 640 x 480.
-        depth_width: Of the depth sensor's own image, before it is aligned to colour [px]; 0: that
-            of the colour image. Aligning holds Python up for 1 ms at 640 x 480, and for 4 ms at
-            1280 x 720, so the smaller is the better one beside a control loop.
-        depth_height: Likewise.
-        latency: From a capture to the arrival of its image [s], used only where the camera
-            gives no global time. 30 ms is one period plus the transfer.
-        silence: After so long without a new image the camera counts as gone, and is opened anew
-            [s]. Opening holds Python up, for about a second: a control loop must have stopped the
-            robot before that, by the age of the last image.
-        settle: Images that come within this time after opening are dropped [s]: the exposure
-            adjusts itself.
+        serial: The serial number printed on the camera; empty if only one is connected.
+        fps: Images per second. All models offer 30 at 640 x 480.
+        depth_width: Width of the depth sensor's own image, before it is aligned to colour [px]; 0
+            for that of the colour image. Alignment holds Python's interpreter for 1 ms at
+            640 x 480 and for 4 ms at 1280 x 720, so prefer the former beside a control loop.
+        depth_height: Likewise the height [px].
+        latency: From a capture to the arrival of its image [s], used only where the camera has no
+            global time. 30 ms is one period plus the transfer.
+        silence: After so long without a new image the camera is opened again [s]. Opening holds
+            the interpreter for about a second, so a control loop must have stopped the robot by
+            then, because of the age of the last image.
+        settle: Images within this time after opening are dropped, while the exposure adapts [s].
     """
 
     serial: str = ""
@@ -52,25 +51,24 @@ class RealSense:
 class Zed:
     """A Stereolabs ZED; it needs the ZED SDK with its Python API, `pyzed`.
 
-    Colour is the rectified left image, and depth is measured from it. An image of the camera is
-    scaled down to the size that the scenario asks for; both must have the same proportions.
+    Colour is the rectified left image, and depth is measured from it. Images are scaled down to the
+    size in the scenario, which must have the same proportions.
 
     Attributes:
-        serial: Which camera, by the number printed on it; 0: the only one there is.
+        serial: The serial number printed on the camera; 0 if only one is connected.
         resolution: A name of `sl.RESOLUTION`. HD720 has the smallest delay of those that are
-            sharp enough; ZED X models have no HD720 but HD1200 and SVGA.
-        depth_mode: A name of `sl.DEPTH_MODE`. NEURAL keeps the edges of thin objects, such as a
-            handle, and must have been optimized for the GPU before, by ZED_Diagnostic, which takes
-            minutes; PERFORMANCE asks less of the GPU.
+            sharp enough. ZED X models have HD1200 and SVGA instead.
+        depth_mode: A name of `sl.DEPTH_MODE`. NEURAL preserves the edges of thin objects, such as
+            a handle, but must have been optimized for the GPU by ZED_Diagnostic, which takes
+            minutes. PERFORMANCE needs less of the GPU.
         fps: Images per second.
         latency: From a capture to the SDK's stamp of its image [s]. The SDK stamps an image when it
-            has arrived in memory, which its documentation says is 2 to 3 periods after the capture:
-            67 ms are 2 periods at 30 per second.
-        silence: After so long without a new image the camera is opened anew [s]. The SDK recovers
-            a camera by itself, and closing and opening it hold Python up for seconds, so this comes
-            last.
-        settle: Images that come within this time after opening are dropped [s]: the exposure
-            adjusts itself.
+            arrives in memory, by its documentation 2 to 3 periods after the capture: 67 ms are 2
+            periods at 30 per second.
+        silence: After so long without a new image the camera is opened again [s]. The SDK recovers
+            a camera itself, and closing and opening hold the interpreter for seconds, so this is
+            the last resort.
+        settle: Images within this time after opening are dropped, while the exposure adapts [s].
     """
 
     serial: int = 0
@@ -90,31 +88,29 @@ class Zed:
 class OpenCvStreams:
     """Any two sources that OpenCV's `VideoCapture` opens, registered to each other.
 
-    Each is the number of a device ("0"), its path ("/dev/video0"), a URL, or a GStreamer pipeline
-    (in an OpenCV that was built with it), which all are live, or both are files: a video or a
-    pattern of numbered images ("depth_%04d.png"). Such sources carry no times: an image's stamp is
-    when the older of colour and depth arrived, less the latency.
+    Either both are live: the number of a device ("0"), its path ("/dev/video0"), a URL, or a
+    GStreamer pipeline (if OpenCV was built with it). Or both are files: a video or a pattern of
+    numbered images ("depth_%04d.png"). OpenCV gives no times of capture: the stamp of an image is
+    the arrival of the older of colour and depth, less the latency.
 
-    Devices are asked for the scenario's image size, and for `fps`; what has another size is
-    refused.
+    Devices are asked for the scenario's image size and for `fps`; another size is rejected.
 
     Attributes:
         rgb: The source of colour images, 8 bit.
-        depth: The source of depth images, of one channel with 16 bit, in the view of the colour
+        depth: The source of depth images, one channel with 16 bit, in the view of the colour
             camera; 0 is invalid.
-        depth_scale: What one step of the depth is [m]; most cameras count millimetres.
+        depth_scale: One step of the depth [m]; most cameras count millimetres.
         latency: From a capture to the arrival of its image [s]. Measure it, e.g. by filming a
             clock.
-        fps: Images per second to read from files, which do not come by themselves, and to ask of
-            devices, which may have another rate.
-        rgb_fourcc: Which format a colour device is to deliver, e.g. MJPG; empty: its own choice.
-        depth_fourcc: Likewise of a depth device, e.g. "Y16 ".
-        largest_gap: Between the arrivals of a live colour and depth image that are taken as one
-            [s]: of two sources at 30 Hz the nearest are 17 ms apart at most.
-        silence: After so long without a new pair live sources count as gone, and are opened anew
+        fps: Images per second to read from files, and to request from devices, which may have
+            another rate.
+        rgb_fourcc: Format to request from a colour device, e.g. MJPG; empty for its default.
+        depth_fourcc: Format to request from a depth device, e.g. "Y16 ".
+        largest_gap: Between the arrivals of a live colour and depth image that form a pair [s].
+            The nearest images of two sources at 30 Hz are at most 17 ms apart.
+        silence: After so long without a new pair live sources are opened again [s].
+        settle: Live images within this time after opening are dropped, while the exposure adapts
             [s].
-        settle: Live images that come within this time after opening are dropped [s]: the exposure
-            adjusts itself.
     """
 
     rgb: str = ""
@@ -144,22 +140,22 @@ class OpenCvStreams:
 class McapPlayback:
     """A demonstration or the log of a run, played back in real time.
 
-    It begins `lead_in` after the device was first opened, so that cameras that play the same file
-    and are opened together stay in step, however long the file takes to be read through. Stamps are
-    moved to now: the clock's time at the beginning plus the time since the recording's.
+    It begins `lead_in` after the device is first opened. Cameras that play the same file and are
+    opened together therefore stay in step, however long the file takes to read. Stamps are shifted
+    to now: the clock's time at the beginning plus the time since the beginning of the recording.
 
     Attributes:
         file: The MCAP file.
-        camera: The camera's name in the file; empty: the same name.
-        loop: Whether it begins again at its end; otherwise no more images come.
+        camera: The camera's name in the file; empty for its name in the scenario.
+        loop: Whether it starts again at its end. Otherwise no more images come.
         rate: Seconds of the recording per second.
-        lead_in: From opening to the first image [s]: long enough to read the file through, which
-            takes about a second per minute of recording. What is late is left out.
-        labels: Whether the recording holds label images of the camera, not necessarily with every
-            image. Their numbers must be those of the scenario's models, as in a recording that was
-            made with the same scenario. Who waits for a labelled image waits for one that comes
-            after the cameras are ready: a recording with few of them, e.g. a demonstration with
-            one, must be played in a loop that is shorter than `poil.hardware.ready_timeout`.
+        lead_in: From opening to the first image [s]: long enough to read the file, which takes
+            about a second per minute of recording. Later images are left out.
+        labels: Whether the recording holds label images of the camera, if not with every image.
+            Their numbers must be those of the scenario's models, as in a recording with the same
+            scenario. A run waits for a labelled image that comes after the cameras are ready: play
+            a recording with few of them, e.g. a demonstration with one, in a loop that is shorter
+            than `poil.hardware.ready_timeout`.
     """
 
     file: str = ""
@@ -174,25 +170,17 @@ class McapPlayback:
         _check_not_negative(self, "lead_in")
 
 
-DeviceConfig = RealSense | Zed | OpenCvStreams | McapPlayback
-"""What `make_device` takes."""
-
-
 def _check_positive(config: object, *names: str) -> None:
     for name in names:
-        value = getattr(config, name)
-        if not (math.isfinite(value) and value > 0):
-            raise InvalidValueError(
-                f"{type(config).__name__}.{name} is {value}.",
-                remedy="It must be positive and finite.",
-            )
+        _check(config, name, getattr(config, name) > 0, "It must be positive and finite.")
 
 
 def _check_not_negative(config: object, *names: str) -> None:
     for name in names:
-        value = getattr(config, name)
-        if not (math.isfinite(value) and value >= 0):
-            raise InvalidValueError(
-                f"{type(config).__name__}.{name} is {value}.",
-                remedy="It must be finite and not negative.",
-            )
+        _check(config, name, getattr(config, name) >= 0, "It must be finite and not negative.")
+
+
+def _check(config: object, name: str, is_valid: bool, remedy: str) -> None:
+    value = getattr(config, name)
+    if not (is_valid and value < math.inf):
+        raise InvalidValueError(f"{type(config).__name__}.{name} is {value}.", remedy=remedy)

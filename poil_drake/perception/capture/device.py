@@ -1,4 +1,4 @@
-"""What every RGB-D camera can do, wherever its images come from."""
+"""The protocol of RGB-D cameras, independent of where their images come from."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -6,7 +6,7 @@ from typing import Protocol
 from poil_drake.perception.images import RgbdImage
 
 Clock = Callable[[], float]
-"""The time now [s since the epoch]. Always passed in; it may be a scaled clock."""
+"""Returns the time now [s since the epoch], possibly of a scaled clock."""
 
 PATIENCE = 0.1
 """How long `CaptureDevice.read` may wait for an image [s]."""
@@ -15,27 +15,27 @@ PATIENCE = 0.1
 class CaptureDevice(Protocol):
     """One RGB-D camera. All calls come from one thread, the capture thread.
 
-    The stamp of an image is when the light fell in, by the clock that the device was made with.
+    The stamp of an image is its time of capture, by the clock that the device was made with.
     """
 
     def open(self) -> None:
         """Opens the camera; this may take seconds. After `close` it may be opened again.
 
         Raises:
-            CaptureError: naming the camera, what was found instead, and the remedy.
+            CaptureError: naming the camera and what was found instead.
         """
 
     def read(self) -> RgbdImage | None:
-        """Waits a short while, 0.1 s at most, for a new image.
+        """Waits at most PATIENCE for a new image.
 
         Returns:
-            The image, whose arrays nobody writes to again; None where none came.
+            The image, whose arrays never change again; None where none arrived.
 
         Raises:
-            NoImageError: when an image cannot be used, or none will come any more. The camera stays
-                open, and the next `read` may bring a good one.
-            CaptureError: when the camera is gone: it is to be closed and opened again.
+            NoImageError: if an image is unusable, or no more images will come. The camera stays
+                open, and the next `read` may return a good image.
+            CaptureError: if the camera is gone and has to be closed and opened again.
         """
 
     def close(self) -> None:
-        """Lets go of the camera. It never raises, and a second call does nothing."""
+        """Closes the camera. Never raises; a second call does nothing."""

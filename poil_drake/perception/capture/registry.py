@@ -3,17 +3,11 @@
 from importlib import import_module
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.capture.config import (
-    DeviceConfig,
-    OpenCvStreams,
-    RealSense,
-    Zed,
-)
+from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice, Clock
 from poil_drake.perception.images import CameraModel
 
-# By name, so that only what is used is loaded. `McapPlayback` is read by `CameraPlayback`, which
-# stands with the recordings, a floor above this one.
+# Names, so that only the device in use is imported.
 _DEVICES: dict[type, tuple[str, str]] = {
     RealSense: ("poil_drake.perception.capture.real_sense.device", "RealSenseDevice"),
     Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
@@ -21,8 +15,10 @@ _DEVICES: dict[type, tuple[str, str]] = {
 }
 
 
-def make_device(config: DeviceConfig, *, camera: CameraModel, clock: Clock) -> CaptureDevice:
-    """Returns what reads a camera; nothing is opened yet.
+def make_device(
+    config: RealSense | Zed | OpenCvStreams, *, camera: CameraModel, clock: Clock
+) -> CaptureDevice:
+    """Returns the device that reads a camera; nothing is opened yet.
 
     Args:
         config: Where its images come from.
@@ -31,7 +27,7 @@ def make_device(config: DeviceConfig, *, camera: CameraModel, clock: Clock) -> C
 
     Raises:
         MissingDependencyError: if the library that it needs is not installed.
-        InvalidValueError: if the configuration lacks something, or is of no known type.
+        InvalidValueError: if the configuration is incomplete or of an unknown type.
     """
     if type(config) not in _DEVICES:
         raise InvalidValueError(

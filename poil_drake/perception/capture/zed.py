@@ -1,6 +1,7 @@
-"""Stereolabs ZED cameras, by the ZED SDK's `pyzed`."""
+"""Stereolabs ZED cameras, read by the ZED SDK's `pyzed`."""
 
 import logging
+from functools import partial
 from typing import Any
 
 import cv2
@@ -20,28 +21,28 @@ _SECONDS_PER_NANOSECOND = 1e-9
 _SUCCESS = 0
 """Of `sl.ERROR_CODE`; greater values are errors, smaller ones warnings."""
 
-# While the SDK recovers a camera by itself, and after a single bad image: there is no image.
 _PASSING = ("CAMERA_REBOOTING", "CORRUPTED_FRAME")
+"""There is no image while the SDK recovers a camera, or after a single bad image."""
 
-# The camera is open, but in another mode than was asked for.
 _OTHER_MODE = "CONFIGURATION_FALLBACK"
+"""The camera is open, but in another mode than the requested one."""
 
 
 class ZedDevice:
-    """A ZED with its left image and the depth seen from it; a `CaptureDevice`.
+    """The left image of a ZED and the depth measured from it; a `CaptureDevice`.
 
-    Warnings of the SDK are logged, each once. See `Zed` for what the stamps mean.
+    Warnings of the SDK are logged once each. See `Zed` for what the stamps mean.
 
-    Neither the SDK nor a camera was there to try it: all names are from the SDK's documentation,
-    the values of its error codes from its C interface (5.x).
+    Tested without the SDK and without a camera: all names are from the SDK's documentation, the
+    values of its error codes from its C interface (5.x).
     """
 
     def __init__(self, config: Zed, *, camera: CameraModel, clock: Clock):
-        """Loads the SDK; the camera is not touched.
+        """Loads the SDK; the camera is not opened.
 
         Args:
-            config: Which camera, and how it is run.
-            camera: Its model in the scenario; images not larger than the camera's.
+            config: Which camera to open, and how.
+            camera: Its model in the scenario. Its images must not be larger than the camera's.
             clock: The time now [s since the epoch].
 
         Raises:
@@ -55,49 +56,48 @@ class ZedDevice:
         self._depth_mode = _named(self._sl.DEPTH_MODE, config.depth_mode, "depth_mode")
         self._stamps = HostStamps(clock, source=self._source)
         self._warned: set[str] = set()
+        self._runtime = self._sl.RuntimeParameters()
+        self._image, self._depth = self._sl.Mat(), self._sl.Mat()
         self._camera: Any = None
-        self._runtime: Any = None
-        self._image: Any = None
-        self._depth: Any = None
         self._output: Any = None
-        self._heard = self._settled = 0.0
+        self._last_time = self._settled = 0.0
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
         self._stamps.restart()
         sl, config = self._sl, self._config
         self._require_optimized()
-        if not config.serial:
-            self._require_only_one()
+        if not config.serial and len(sl.Camera.get_device_list()) != 1:
+            raise CaptureError(
+                f"{self._source} was not found; connected are: {self._connected()}.",
+                remedy="Plug it in, and write the serial number printed on it into the scenario.",
+            )
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution
         parameters.camera_fps = config.fps
         parameters.depth_mode = self._depth_mode
         parameters.coordinate_units = sl.UNIT.METER
         parameters.sdk_verbose = 0
-        # Else the intrinsics are a little different each time.
+        # Self-calibration would change the intrinsics slightly each time.
         parameters.camera_disable_self_calib = True
-        # Else `grab` blocks for seconds when the camera is unplugged.
+        # Otherwise `grab` blocks for seconds when the camera is unplugged.
         parameters.async_grab_camera_recovery = True
         if config.serial:
             parameters.set_from_serial_number(config.serial)
-        # Also one that did not open is closed, in `close`.
+        # `close` also closes a camera that did not open.
         self._camera = camera = sl.Camera()
         status = camera.open(parameters)
         if status.value > _SUCCESS or status.name == _OTHER_MODE:
             raise CaptureError(
                 f"{self._source} does not open with {config.resolution} at {config.fps} per "
-                f"second: {status.name} ({status}); connected are: "
-                f"{', '.join(self._connected()) or 'none'}.",
+                f"second: {status.name} ({status}); connected are: {self._connected()}.",
                 remedy="Plug it in, choose a resolution and a rate that it has, end other programs "
-                "that use it, and let ZED_Diagnostic look.",
+                "that use it, and run ZED_Diagnostic.",
             )
         self._warn(status)
-        self._runtime = sl.RuntimeParameters()
-        self._image, self._depth = sl.Mat(), sl.Mat()
         self._output = self._output_size(camera)
-        self._heard = self._clock()
-        self._settled = self._heard + config.settle
+        self._last_time = self._clock()
+        self._settled = self._last_time + config.settle
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
@@ -106,17 +106,17 @@ class ZedDevice:
             raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         status = camera.grab(self._runtime)
         TURNS.wait()
-        if status.name in _PASSING:
-            self._silent(status)
-            return None
-        self._check(status)
-        taken = camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds()
-        stamp = self._stamps.convert(taken * _SECONDS_PER_NANOSECOND)
+        stamp = None
+        if status.name not in _PASSING:
+            self._check(status)
+            taken = camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds()
+            stamp = self._stamps.convert(taken * _SECONDS_PER_NANOSECOND)
+        now = self._clock()
         if stamp is None:
-            self._silent(status)
+            self._check_silence(status, now)
             return None
-        self._heard = self._clock()
-        if self._heard < self._settled:
+        self._last_time = now
+        if now < self._settled:
             return None
         self._check(camera.retrieve_image(self._image, sl.VIEW.LEFT, sl.MEM.CPU, self._output))
         self._check(
@@ -140,7 +140,7 @@ class ZedDevice:
         if status.value > _SUCCESS:
             raise CaptureError(
                 f"{self._source} failed: {status.name} ({status}).",
-                remedy="See whether it is plugged in, and let ZED_Diagnostic look.",
+                remedy="Check that it is plugged in, and run ZED_Diagnostic.",
             )
         self._warn(status)
 
@@ -149,50 +149,40 @@ class ZedDevice:
             self._warned.add(status.name)
             logging.getLogger(__name__).warning("%s: %s (%s)", self._source, status.name, status)
 
-    def _silent(self, status: Any) -> None:
-        if self._clock() - self._heard > self._config.silence:
+    def _check_silence(self, status: Any, now: float) -> None:
+        if now - self._last_time > self._config.silence:
             raise CaptureError(
                 f"{self._source} has sent no new image for {self._config.silence:g} s "
                 f"({status.name}).",
-                remedy="See whether it is plugged in, and let ZED_Diagnostic look.",
+                remedy="Check that it is plugged in, and run ZED_Diagnostic.",
             )
 
-    def _connected(self) -> list[str]:
-        return [str(device.serial_number) for device in self._sl.Camera.get_device_list()]
-
-    def _require_only_one(self) -> None:
-        connected = self._connected()
-        if len(connected) != 1:
-            raise CaptureError(
-                f"{self._source} was not found; connected are: {', '.join(connected) or 'none'}.",
-                remedy="Plug it in, and give it in the scenario the serial number printed on it.",
-            )
+    def _connected(self) -> str:
+        devices = self._sl.Camera.get_device_list()
+        return ", ".join(str(device.serial_number) for device in devices) or "none"
 
     def _require_optimized(self) -> None:
-        """Refuses a depth mode whose network would only be optimized now, for minutes.
+        """Rejects a depth mode whose network would first be optimized, for minutes.
 
-        The names are from memory; an SDK that has others is not asked.
+        These names are not from the documentation. Where an SDK lacks them, nothing is checked.
         """
         sl, mode = self._sl, self._config.depth_mode
         network = getattr(getattr(sl, "AI_MODELS", None), f"{mode}_DEPTH", None)
-        ask = getattr(sl, "check_AI_model_status", None)
-        if network is None or ask is None:
+        check = getattr(sl, "check_AI_model_status", None)
+        if network is None or check is None:
             return
-        status = ask(network)
-        if isinstance(status, dict):
-            optimized = status.get("optimized", True)
-        else:
-            optimized = getattr(status, "optimized", True)
-        if not optimized:
+        status = check(network)
+        get = status.get if isinstance(status, dict) else partial(getattr, status)
+        if not get("optimized", True):
             raise CaptureError(
                 f"{self._source}: the network of the depth mode {mode} is not yet optimized for "
-                "this GPU, which takes minutes in which a control loop would stand still.",
-                remedy="Run ZED_Diagnostic first and let it optimize that network, or choose the "
-                "depth mode PERFORMANCE.",
+                "this GPU. That takes minutes, during which a control loop would stand still.",
+                remedy="Optimize that network with ZED_Diagnostic, or choose the depth mode "
+                "PERFORMANCE.",
             )
 
     def _output_size(self, camera: Any) -> Any:
-        """Returns the wanted size, after checking that the camera's image can be scaled to it."""
+        """Returns the scenario's size, after checking that the images can be scaled to it."""
         height, width = self._model.height, self._model.width
         configuration = camera.get_camera_information().camera_configuration
         native = configuration.resolution
@@ -210,7 +200,7 @@ class ZedDevice:
 
 
 def _scaled(lens: Any, scale: float) -> np.ndarray:
-    """Returns the (3, 3) intrinsics of an image that was scaled; integers are pixel centres."""
+    """Returns the (3, 3) intrinsics of a scaled image, with pixel centres at integers."""
     return np.array(
         [
             [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],
@@ -221,7 +211,7 @@ def _scaled(lens: Any, scale: float) -> np.ndarray:
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:
-    """Returns the member of one of the SDK's enumerations that has this name."""
+    """Returns the member of this name of one of the SDK's enumerations."""
     names = [kind.name for kind in kinds if kind.name != "LAST"]
     if name not in names:
         raise InvalidValueError(

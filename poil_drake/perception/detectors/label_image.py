@@ -1,7 +1,6 @@
-"""Finds parts by the render labels that a simulator gives: the baseline of all detectors."""
+"""Finds parts by the render labels of a simulator: the baseline of all detectors."""
 
 import difflib
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,51 +9,40 @@ from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 
 
-@dataclass(frozen=True, kw_only=True)
-class LabelImageDetectorConfig:
-    """What counts as seen.
-
-    Attributes:
-        min_part_pixels: A part with fewer pixels in all views together is not seen [px]; masks
-            lose a rim of some pixels when they are eroded.
-    """
-
-    min_part_pixels: int = 60
-
-
 class LabelImageDetector:
-    """Reads masks off label images. It needs frames with `label` images and `label_ids`."""
+    """Reads masks from label images. It requires frames with `label` images and `label_ids`."""
 
-    def __init__(self, config: LabelImageDetectorConfig | None = None):
-        """Keeps the configuration.
+    def __init__(self, *, min_part_pixels: int = 60):
+        """Constructs the detector.
 
         Args:
-            config: What counts as seen.
+            min_part_pixels: A part with fewer pixels in all views together counts as not seen [px];
+                erosion of the masks removes a rim of some pixels.
         """
-        self._config = config or LabelImageDetectorConfig()
+        self._min_part_pixels = min_part_pixels
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
         """Returns the masks of the object and of the part in each view.
 
         Raises:
-            DetectionError: if the frame has no label images, a label is unknown, or the part is
-                seen in no view.
+            DetectionError: if the frame has no label images, a label is unknown, or no view shows
+                the part.
         """
         labels = [image.label for image in frame.images if image.label is not None]
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
-                "The images carry no render labels, which the detector 'label_image' reads.",
-                remedy="Use frames of a simulation that were taken with labels; in a recording "
-                "these are the topics /camera/<name>/label and the metadata 'label_ids'.",
+                "The images have no render labels, which the detector 'label_image' needs.",
+                remedy="Use frames of a simulation with labels; in a recording these are the "
+                "topics /camera/<name>/label and the metadata 'label_ids'.",
             )
         object_ids = _ids(frame, object_label)
         part_ids = _ids(frame, f"{object_label}/{part_label}")
         part_masks = tuple(np.isin(label, part_ids) for label in labels)
         seen = sum(int(mask.sum()) for mask in part_masks)
-        if seen < self._config.min_part_pixels:
+        if seen < self._min_part_pixels:
             raise DetectionError(
-                f"The part '{part_label}' of '{object_label}' is seen in no view: {seen} pixels "
-                f"of {self._config.min_part_pixels} needed.",
+                f"No view shows the part '{part_label}' of '{object_label}': {seen} pixels of "
+                f"{self._min_part_pixels} needed.",
                 remedy="Turn the object, or add a camera that sees the part.",
             )
         return PartMasks(
@@ -66,16 +54,13 @@ class LabelImageDetector:
 def _ids(frame: MultiViewFrame, label: str) -> tuple[int, ...]:
     if label in frame.label_ids:
         return frame.label_ids[label]
-    kind, name = ("part", label.split("/", 1)[1]) if "/" in label else ("object", label)
-    owner = f"{label.split('/', 1)[0]}/" if kind == "part" else ""
-    known = sorted(
-        key.removeprefix(owner)
-        for key in frame.label_ids
-        if key.startswith(owner) and "/" not in key.removeprefix(owner)
-    )
-    close = difflib.get_close_matches(name, known, n=1)
+    owner, _, part = label.rpartition("/")
+    kind, prefix = ("part", f"{owner}/") if owner else ("object", "")
+    names = [key.removeprefix(prefix) for key in frame.label_ids if key.startswith(prefix)]
+    known = sorted(name for name in names if "/" not in name)
+    close = difflib.get_close_matches(part, known, n=1)
     hint = f"Did you mean '{close[0]}'? " if close else ""
     raise DetectionError(
-        f"The images label no {kind} '{name}'.",
+        f"The images label no {kind} '{part}'.",
         remedy=f"{hint}Known: {', '.join(known) or 'none'}.",
     )

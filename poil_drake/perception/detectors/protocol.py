@@ -1,4 +1,4 @@
-"""What every part detector offers."""
+"""The protocol of part detectors."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,10 +11,10 @@ from poil_drake.perception.images import MultiViewFrame
 
 @dataclass(frozen=True, eq=False)
 class PartMasks(SharedOnCopy):
-    """Where an object and its functional part are seen.
+    """Masks of an object and of its functional part.
 
     Attributes:
-        object_masks: V arrays (H, W) bool, one for each view; all False where not seen.
+        object_masks: V arrays (H, W) bool, one for each view; all False where it is not seen.
         part_masks: V arrays (H, W) bool, subsets of `object_masks`.
     """
 
@@ -29,6 +29,6 @@ class PartDetector(Protocol):
         """Returns the masks of the object and of the part in each view.
 
         Raises:
-            DetectionError: if a label is unknown, or the part is seen in no view.
+            DetectionError: if a label is unknown, or no view shows the part.
         """
         ...

@@ -7,17 +7,17 @@ from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import PartDetector
 
 LABEL_IMAGE = "label_image"
-"""The detector that reads label images."""
+"""Name of the detector that reads label images."""
 
 DETECTORS: dict[str, Callable[[], PartDetector]] = {LABEL_IMAGE: LabelImageDetector}
-"""Name -> what makes the detector."""
+"""Constructors of the detectors, by name."""
 
 
 def make_detector(name: str) -> PartDetector:
     """Returns the detector of this name.
 
     Raises:
-        InvalidValueError: if there is none; the message lists the names.
+        InvalidValueError: listing the names, if there is none.
     """
     if name not in DETECTORS:
         raise InvalidValueError(

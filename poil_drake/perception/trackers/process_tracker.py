@@ -1,7 +1,7 @@
-"""A tracker in a process of its own, so that it and the control loop do not share one interpreter.
+"""A tracker in another process, so that it does not share the control loop's interpreter.
 
-Python runs one thread at a time. A tracker of many small array operations on a second thread slows
-the first one down as much as it gains; in another process it uses the second core.
+Python runs one thread at a time. A tracker with many small array operations on a second thread
+slows down the first one as much as it gains; in another process it uses a second core.
 """
 
 import weakref
@@ -17,11 +17,11 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class RemoteState(SharedOnCopy):
-    """Stands for a state that the worker holds, for as long as somebody holds this.
+    """Refers to a state in the worker, which keeps that state as long as this object lives.
 
     Attributes:
         worker: Number of the worker process, counted by its tracker.
-        key: The state's number there.
+        key: Number of the state in that process.
     """
 
     def __init__(self, worker: int, key: int):
@@ -29,20 +29,19 @@ class RemoteState(SharedOnCopy):
 
 
 class ProcessTracker:
-    """Runs another tracker in a process of its own; a `PointTracker` itself.
+    """Runs another tracker in a worker process; a `PointTracker` itself.
 
-    The worker starts at once, so that it is ready when it is needed. States stay with it; what is
-    handed out stands for them. Images go through shared memory. Calls block, but leave Python to
-    other threads. Where the worker has died, `step` raises a TrackingError, which means that the
-    object is lost, and `start` begins with a new worker. It is not meant to be called by two
-    threads at once.
+    The worker starts at once, so it is ready when it is needed. It keeps the states; returned
+    states only refer to them. Images pass through shared memory. Calls block, but release the
+    interpreter. If the worker has died, `step` raises a TrackingError, which means that the object
+    is lost, and `start` starts a new worker. Only one thread at a time may call it.
     """
 
     def __init__(self, tracker: PointTracker):
         """Starts the worker.
 
         Args:
-            tracker: What tracks; it is pickled, and its module must be importable.
+            tracker: The tracker. It is pickled, and its module must be importable.
         """
         self._tracker = tracker
         self._dropped: list[int] = []
@@ -52,7 +51,7 @@ class ProcessTracker:
 
     @property
     def pid(self) -> int | None:
-        """The worker's process number; None after `close`."""
+        """The worker's process ID; None after `close`."""
         return None if self._worker is None else self._worker.pid
 
     def start(
@@ -75,13 +74,13 @@ class ProcessTracker:
         return self._call("step", state.key, frame, motion_prior)
 
     def abort(self) -> None:
-        """Ends the worker at once, from any thread; what it does is lost."""
+        """Kills the worker, from any thread. Its current result is lost."""
         worker = self._worker
         if worker is not None:
             worker.kill()
 
     def close(self) -> None:
-        """Ends the worker. States are lost; a `start` begins with a new worker."""
+        """Ends the worker. Its states are lost; `start` starts a new worker."""
         if self._worker is not None:
             self._worker.end()
             self._worker = None
@@ -111,5 +110,5 @@ class ProcessTracker:
 def _lost(reason: str) -> TrackingError:
     return TrackingError(
         f"The tracker's process {reason}.",
-        remedy="Start to track anew; see what it wrote, or whether memory ran out.",
+        remedy="Restart the tracker; check its output, and whether the memory is exhausted.",
     )

@@ -1,4 +1,4 @@
-"""What every point tracker offers."""
+"""The protocol of point trackers."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,10 +15,9 @@ class TrackerOutput(SharedOnCopy):
     """One step of a tracker.
 
     Attributes:
-        state: What the next step needs. Immutable; its type belongs to the tracker.
+        state: The state for the next step, immutable and of a type of the tracker's choice.
         points: The tracked part points.
-        lost: Whether the tracker says that it has lost the object. The points of a lost object
-            have confidence 0.
+        lost: Whether the tracker has lost the object. Its points then have confidence 0.
     """
 
     state: Any
@@ -27,10 +26,10 @@ class TrackerOutput(SharedOnCopy):
 
 
 class PointTracker(Protocol):
-    """Follows points on one rigid object through a stream of multi-view RGB-D frames.
+    """Tracks points on one rigid object through a stream of multi-view RGB-D frames.
 
-    The methods are pure: what a tracker knows of the stream lives in the state that it hands out,
-    so that one tracker serves many streams and its state can live in a Drake Context.
+    The methods are pure: all knowledge of the stream is in the returned state, so one tracker can
+    serve many streams, and its state can be part of a Drake Context.
     """
 
     def start(
@@ -39,15 +38,15 @@ class PointTracker(Protocol):
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """Begins to track.
+        """Starts to track.
 
         Args:
             frame: The first frame.
             query_points: (N, 3) points on the object at the time of that frame [m, world].
-            object_masks: V arrays (H, W) bool: where the object is seen in that frame.
+            object_masks: V arrays (H, W) bool, masks of the object in that frame.
 
         Raises:
-            TrackingError: if too little of the object is seen to track it.
+            TrackingError: if the views show too little of the object.
         """
         ...
 
@@ -64,6 +63,6 @@ class PointTracker(Protocol):
             frame: The new frame.
             motion_prior: (4, 4) expected motion of the object in the world since the previous
                 frame, X_WO(t) X_WO(t_prev)^-1, e.g. from the forward kinematics of the hand that
-                holds it. None: the tracker extrapolates on its own.
+                holds it. With None, the tracker extrapolates.
         """
         ...

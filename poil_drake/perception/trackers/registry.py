@@ -11,7 +11,7 @@ from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 TRACKERS: dict[str, tuple[Callable[[Any], PointTracker], type]] = {
     "rigid_flow": (RigidFlowTracker, RigidFlowConfig),
 }
-"""Name -> what makes the tracker of a configuration, and that configuration's type."""
+"""Constructor and configuration type of each tracker, by name."""
 
 
 def make_tracker(name: str, config: object | None = None) -> PointTracker:
@@ -22,17 +22,17 @@ def make_tracker(name: str, config: object | None = None) -> PointTracker:
         config: The tracker's own parameters, e.g. a `RigidFlowConfig`; None for its defaults.
 
     Raises:
-        InvalidValueError: if there is none, or the configuration is another tracker's; the message
-            lists the choices.
+        InvalidValueError: listing the choices, if there is none or the configuration belongs to
+            another tracker.
     """
     if name not in TRACKERS:
         raise InvalidValueError(
             f"There is no point tracker '{name}'.", remedy=f"Choose from: {', '.join(TRACKERS)}."
         )
-    make, config_type = TRACKERS[name]
+    constructor, config_type = TRACKERS[name]
     if config is not None and not isinstance(config, config_type):
         raise InvalidValueError(
             f"The tracker '{name}' was given a {type(config).__name__}.",
             remedy=f"Pass a {config_type.__name__}, or None for the defaults.",
         )
-    return make(config)
+    return constructor(config)

@@ -1,4 +1,4 @@
-"""The other end of `process_tracker`: serves one tracker."""
+"""The worker process of `process_tracker`: serves one tracker."""
 
 from itertools import count
 from typing import Any
@@ -9,7 +9,7 @@ from poil_drake.runtime.worker_service import run
 
 
 class TrackerService:
-    """Starts and steps a tracker, and keeps its states by their numbers."""
+    """Calls a tracker, and keeps its states by number."""
 
     def __init__(self, tracker: PointTracker):
         self._tracker = tracker
@@ -17,7 +17,7 @@ class TrackerService:
         self._keys = count()
 
     def __call__(self, request: tuple[str, int | None, tuple, list[int]]) -> Answer:
-        """Answers (method, key of the state or None, arguments, keys to forget).
+        """Calls (method, key of the state or None, arguments), and forgets the states of some keys.
 
         Returns:
             Key of the new state, points, and whether the object is lost.

@@ -106,7 +106,7 @@ def test_another_object_is_noticed(plan: ExecutionPlan) -> None:
 
 
 def test_an_object_that_is_out_of_sight_is_named(plan: ExecutionPlan) -> None:
-    with pytest.raises(DetectionError, match="seen in no view"):
+    with pytest.raises(DetectionError, match="No view shows the part"):
         CheckPlanFits(plan, moved(shift=(0, 0, -2.0)))
 
 

@@ -1,4 +1,4 @@
-"""A clock that is set by hand, images, and a camera that does what it is told."""
+"""A clock that tests set, images, and a scripted camera."""
 
 import threading
 from collections import deque
@@ -11,11 +11,11 @@ HEIGHT, WIDTH = 6, 8
 SIZE = (HEIGHT, WIDTH)
 K = np.array([[20.0, 0.0, 3.5], [0.0, 20.0, 2.5], [0.0, 0.0, 1.0]])
 CAMERA = CameraModel("left", WIDTH, HEIGHT, K, np.eye(4))
-TIMEOUT = 3600.0  # [s]; only a test that fails waits for so long.
+TIMEOUT = 3600.0  # [s]; only a failing test waits so long.
 
 
 class SettableClock:
-    """A clock that stands still until it is set."""
+    """A clock that stands still between settings."""
 
     def __init__(self, now: float = 1000.0):
         self.now = now
@@ -29,23 +29,23 @@ def image(stamp: float, *, size: tuple[int, int] = SIZE, depth: float = 0.5) -> 
 
 
 class ScriptedDevice:
-    """Delivers or raises what it is told to, and knows when all that has been dealt with."""
+    """Delivers or raises what it is fed, and knows when the reader has processed all of it."""
 
     def __init__(self) -> None:
         self.opened = self.closed = 0
         self.threads: set[threading.Thread] = set()
         self._changed = threading.Condition()
         self._to_open: deque[BaseException] = deque()
-        self._to_read: deque[RgbdImage | BaseException] = deque()
+        self._to_read: deque[object] = deque()
         self._in_hand = False
 
-    def feed(self, *items: RgbdImage | BaseException) -> None:
-        """Delivers images, or raises errors, one per `read`; returns when they are dealt with."""
+    def feed(self, *items: object) -> None:
+        """Delivers images or raises errors, one per `read`; returns when they are processed."""
         with self._changed:
             self._to_read.extend(items)
             self._changed.notify_all()
             done = self._changed.wait_for(lambda: not self._to_read and not self._in_hand, TIMEOUT)
-        assert done, "The device is not read any more."
+        assert done, "Nothing reads the device any more."
 
     def fail_to_open(self, *errors: BaseException) -> None:
         with self._changed:
@@ -62,7 +62,7 @@ class ScriptedDevice:
             if self._to_open:
                 raise self._to_open.popleft()
 
-    def read(self) -> RgbdImage | None:
+    def read(self) -> object:
         with self._changed:
             self._deal()
             self._changed.wait_for(lambda: self._to_read, 0.05)
@@ -70,9 +70,9 @@ class ScriptedDevice:
                 return None
             self._in_hand = True
             item = self._to_read.popleft()
-        if isinstance(item, RgbdImage):
-            return item
-        raise item
+        if isinstance(item, BaseException):
+            raise item
+        return item
 
     def close(self) -> None:
         with self._changed:

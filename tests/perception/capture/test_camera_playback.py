@@ -26,7 +26,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
-    """Writes the images, and of some of them a label image that is k + 1 everywhere."""
+    """Writes the images, and for some of them a label image that is k + 1 everywhere."""
     path = folder / "run.mcap"
     config = RunLogConfig(color=ColorEncoding(format="raw"))
     with RunLogWriter(path, config=config) as writer:
@@ -40,10 +40,8 @@ def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
     return str(path)
 
 
-def play(
-    file: str, *, steps: int, step: float = PERIOD, **config: object
-) -> list[tuple[int, float]]:
-    """Returns which images come, and their stamps from the start, one read every `step` [s]."""
+def play(file: str, *, steps: int, step: float, **config: object) -> list[tuple[int, float]]:
+    """Reads every `step` [s], and returns the images and their stamps since the start."""
     clock = SettableClock(1000.0)
     dut = CameraPlayback(
         McapPlayback(file=file, lead_in=1.0, labels=False, **config),  # type: ignore[arg-type]
@@ -66,25 +64,23 @@ def play(
     return found
 
 
-def test_it_plays_in_real_time_once(log: str) -> None:
-    assert play(log, steps=8) == [(1, 0.0), (2, 0.125), (3, 0.25), (4, 0.375)]
+@pytest.mark.parametrize(
+    ("steps", "step", "config", "expected"),
+    [
+        (8, PERIOD, {}, [(1, 0.0), (2, 0.125), (3, 0.25), (4, 0.375)]),
+        (6, PERIOD, {"loop": True}, [(k % 4 + 1, k * PERIOD) for k in range(6)]),
+        (4, PERIOD / 2, {"rate": 2.0}, [(k + 1, k * PERIOD / 2) for k in range(4)]),
+        (2, 2 * PERIOD, {}, [(1, 0.0), (3, 0.25)]),
+    ],
+    ids=["once", "in a loop", "twice as fast", "without late images"],
+)
+def test_it_plays_in_real_time(
+    log: str, steps: int, step: float, config: dict, expected: list[tuple[int, float]]
+) -> None:
+    assert play(log, steps=steps, step=step, **config) == expected
 
 
-def test_in_a_loop_it_begins_again_one_period_after_its_end(log: str) -> None:
-    found = play(log, steps=6, loop=True)
-
-    assert found[3:] == [(4, 0.375), (1, 0.5), (2, 0.625)]
-
-
-def test_twice_as_fast_it_takes_half_the_time(log: str) -> None:
-    assert play(log, steps=4, step=PERIOD / 2, rate=2.0)[-1] == (4, 0.1875)
-
-
-def test_what_is_late_is_left_out(log: str) -> None:
-    assert play(log, steps=2, step=2 * PERIOD) == [(1, 0.0), (3, 0.25)]
-
-
-def test_after_its_end_it_says_so(log: str) -> None:
+def test_the_end_of_the_file_is_reported(log: str) -> None:
     clock = SettableClock(1000.0)
     dut = CameraPlayback(McapPlayback(file=log, labels=False), camera=CAMERA, clock=clock)
     dut.open()
@@ -95,7 +91,7 @@ def test_after_its_end_it_says_so(log: str) -> None:
         dut.read()
 
 
-def test_recorded_labels_come_along(tmp_path: Path) -> None:
+def test_recorded_labels_are_delivered(tmp_path: Path) -> None:
     clock = SettableClock(1000.0)
     log = write_log(tmp_path, labelled=(0,))
     dut = CameraPlayback(McapPlayback(file=log, labels=True), camera=CAMERA, clock=clock)
@@ -122,7 +118,7 @@ def test_recorded_labels_come_along(tmp_path: Path) -> None:
         ({"labels": True}, CAMERA, "no label images"),
     ],
 )
-def test_what_cannot_be_played_is_said(
+def test_an_unusable_file_is_reported(
     log: str, config: dict, camera: CameraModel, problem: str
 ) -> None:
     given = McapPlayback(**{"file": log, "labels": False, **config})
@@ -132,6 +128,6 @@ def test_what_cannot_be_played_is_said(
         dut.open()
 
 
-def test_a_file_is_needed() -> None:
+def test_a_file_is_required() -> None:
     with pytest.raises(InvalidValueError, match=r"McapPlayback\.file"):
         CameraPlayback(McapPlayback(), camera=CAMERA, clock=SettableClock())

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
 
-from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
+from poil_drake.errors import CaptureError, NoImageError
 from poil_drake.perception.capture import capture_thread
 from poil_drake.perception.capture.capture_thread import CaptureThread
+from poil_drake.perception.images import RgbdImage
 
 GARBAGE = NoImageError("Camera 'left' delivers garbage.", remedy="Keep others off.")
 UNPLUGGED = CaptureError("Camera 'left' is unplugged.", remedy="Plug it in.")
@@ -20,111 +21,81 @@ def device() -> ScriptedDevice:
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(capture_thread, "_GRACE", TIMEOUT)
+    monkeypatch.setattr(capture_thread, "_JOIN_TIMEOUT", TIMEOUT)
+
+
+def make(device: ScriptedDevice, *, reopen_period: float = 0.01) -> CaptureThread:
+    return CaptureThread(device, name="left", size=SIZE, reopen_period=reopen_period)
 
 
 @pytest.fixture
 def dut(device: ScriptedDevice) -> Iterator[CaptureThread]:
-    thread = CaptureThread(device, name="left", size=SIZE, reopen_period=0.01)
+    """A thread that reads the device."""
+    thread = make(device)
+    thread.start()
     yield thread
     thread.close()
 
 
-def test_before_the_first_image_there_is_none(device: ScriptedDevice, dut: CaptureThread) -> None:
-    dut.start()
+def test_there_is_no_image_before_the_first(device: ScriptedDevice, dut: CaptureThread) -> None:
     device.wait_until_opened(1)
 
     assert (dut.newest, dut.count, dut.problem) == (None, 0, "")
 
 
-def test_the_newest_image_wins(device: ScriptedDevice, dut: CaptureThread) -> None:
+def test_the_newest_image_is_kept(device: ScriptedDevice, dut: CaptureThread) -> None:
     images = [image(1.0), image(2.0), image(3.0)]
-    dut.start()
-
     device.feed(*images)
 
     assert dut.newest is images[-1]
     assert (dut.count, dut.problem) == (3, "")
 
 
-def test_all_calls_come_from_one_daemon_thread_with_the_cameras_name(
+def test_one_daemon_thread_with_the_cameras_name_calls_the_device_until_close(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(1.0), UNPLUGGED, image(2.0))
+    dut.close()
     dut.close()
 
     (thread,) = device.threads
     assert thread is not threading.current_thread()
     assert (thread.name, thread.daemon, thread.is_alive()) == ("capture_left", True, False)
+    assert device.closed == 2
+    assert dut.newest is not None
 
 
-def test_a_camera_that_freezes_keeps_its_last_image_and_stamp(
-    device: ScriptedDevice, dut: CaptureThread
+@pytest.mark.parametrize(
+    ("unusable", "problem"),
+    [
+        (image(5.0), "frozen"),
+        (image(4.0), "4.000 s came after one stamped 5.000 s"),
+        (image(float("nan")), "the stamp nan"),
+        (image(float("inf")), "the stamp inf"),
+        (image(6.0, size=(3, 4)), "4 x 3 pixels, but the scenario has 8 x 6"),
+        (image(6.0, depth=0.0), "empty"),
+        (GARBAGE, "Camera 'left' delivers garbage. Keep others off"),
+    ],
+    ids=["frozen", "backwards", "nan", "infinite", "size", "no depth", "rejected by the device"],
+)
+def test_an_unusable_image_is_reported_and_the_next_one_clears_the_problem(
+    device: ScriptedDevice, dut: CaptureThread, unusable: RgbdImage | NoImageError, problem: str
 ) -> None:
-    dut.start()
-    device.feed(image(1.0))
-
-    device.feed(image(1.0), image(1.0))
+    device.feed(image(5.0), unusable, unusable)
 
     assert dut.newest is not None
-    assert (dut.newest.stamp, dut.count) == (1.0, 1)
-    assert "frozen" in dut.problem
+    assert (dut.newest.stamp, dut.count) == (5.0, 1)
+    assert problem in dut.problem
 
+    device.feed(image(7.0))
 
-def test_stamps_that_run_backwards_are_not_new(device: ScriptedDevice, dut: CaptureThread) -> None:
-    dut.start()
-    device.feed(image(5.0), image(4.0))
-
-    assert dut.newest is not None
-    assert dut.newest.stamp == 5.0
-    assert "4.000 s came after one stamped 5.000 s" in dut.problem
-
-
-@pytest.mark.parametrize("stamp", [float("nan"), float("inf")])
-def test_stamps_that_are_not_finite_are_not_new(
-    device: ScriptedDevice, dut: CaptureThread, stamp: float
-) -> None:
-    dut.start()
-    device.feed(image(stamp))
-
-    assert dut.newest is None
-    assert "stamp" in dut.problem
-
-
-def test_an_image_of_another_size_is_not_shown(device: ScriptedDevice, dut: CaptureThread) -> None:
-    dut.start()
-    device.feed(image(1.0), image(2.0, size=(3, 4)))
-
-    assert dut.newest is not None
-    assert dut.newest.stamp == 1.0
-    assert "4 x 3 pixels, but the scenario says 8 x 6" in dut.problem
-
-
-def test_an_image_without_any_depth_is_not_shown(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
-    dut.start()
-    device.feed(image(1.0), image(2.0, depth=0.0))
-
-    assert dut.newest is not None
-    assert dut.newest.stamp == 1.0
-    assert "empty" in dut.problem
-
-
-def test_the_next_good_image_clears_the_problem(device: ScriptedDevice, dut: CaptureThread) -> None:
-    dut.start()
-    device.feed(image(1.0), image(2.0, depth=0.0), image(3.0))
-
-    assert dut.newest is not None
-    assert (dut.newest.stamp, dut.count, dut.problem) == (3.0, 2, "")
-    assert device.opened == 1
+    assert (dut.newest.stamp, dut.count, dut.problem) == (7.0, 2, "")
+    assert (device.opened, device.closed) == (1, 0)
 
 
 def test_an_unplugged_camera_is_reported_and_opened_again(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(1.0))
     device.fail_to_open(UNPLUGGED, UNPLUGGED)
 
@@ -141,43 +112,26 @@ def test_an_unplugged_camera_is_reported_and_opened_again(
     assert (device.opened, device.closed) == (4, 3)
 
 
-def test_an_image_that_cannot_be_used_leaves_the_camera_open(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
-    dut.start()
-    device.feed(image(1.0), GARBAGE)
-
-    assert dut.newest is not None
-    assert dut.newest.stamp == 1.0
-    assert dut.problem == "Camera 'left' delivers garbage. Keep others off"
-
-    device.feed(image(2.0))
-
-    assert (dut.newest.stamp, dut.problem) == (2.0, "")
-    assert (device.opened, device.closed) == (1, 0)
-
-
 def test_a_camera_opened_again_may_have_an_earlier_clock(
     device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    dut.start()
     device.feed(image(5.0), UNPLUGGED, image(4.0))
 
     assert dut.newest is not None
     assert (dut.newest.stamp, dut.problem) == (4.0, "")
 
 
-def test_a_camera_that_failed_is_closed_only_when_it_is_to_be_opened_again() -> None:
-    device = ScriptedDevice()
+def test_a_failed_camera_is_closed_only_before_it_is_opened_again(device: ScriptedDevice) -> None:
     device.fail_to_open(UNPLUGGED)
-    dut = CaptureThread(device, name="left", size=SIZE, reopen_period=1e6)
+    dut = make(device, reopen_period=1e6)
     dut.start()
     device.wait_until_opened(1)
 
     assert device.closed == 0
 
-    dut.close()
+    dut.close()  # It does not wait for the next attempt.
     assert device.closed == 1
+    assert not any(thread.is_alive() for thread in device.threads)
 
 
 @pytest.mark.parametrize(
@@ -190,11 +144,9 @@ def test_a_camera_that_failed_is_closed_only_when_it_is_to_be_opened_again() -> 
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_no_error_of_whatever_type_ends_the_thread(
+def test_no_type_of_error_ends_the_thread(
     device: ScriptedDevice, dut: CaptureThread, error: Exception
 ) -> None:
-    dut.start()
-
     device.feed(error)
 
     assert dut.problem.startswith(type(error).__name__)
@@ -206,15 +158,10 @@ def test_no_error_of_whatever_type_ends_the_thread(
     assert (dut.count, dut.problem) == (1, "")
 
 
-def test_something_that_is_no_image_does_not_end_the_thread(
-    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+def test_an_object_that_is_not_an_image_does_not_end_the_thread(
+    device: ScriptedDevice, dut: CaptureThread
 ) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(device, "read", lambda: np.zeros(3))
-        dut.start()
-        device.wait_until_opened(2)
-
-    device.feed(image(1.0))
+    device.feed(np.zeros(3), image(1.0))
 
     assert (dut.count, dut.problem) == (1, "")
 
@@ -226,42 +173,13 @@ def test_a_device_that_cannot_be_closed_is_opened_again(
         raise RuntimeError("stuck")
 
     monkeypatch.setattr(device, "close", close)
-    dut.start()
-
     device.feed(UNPLUGGED, image(1.0))
 
     assert (dut.count, dut.problem) == (1, "")
 
 
-def test_close_ends_the_thread_and_closes_the_device(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
-    dut.start()
-    device.feed(image(1.0))
-
-    dut.close()
-    dut.close()
-
-    assert not any(thread.is_alive() for thread in device.threads)
-    assert device.closed == 1
-    assert dut.newest is not None
-
-
-def test_close_does_not_wait_for_the_next_try_to_open() -> None:
-    device = ScriptedDevice()
-    device.fail_to_open(UNPLUGGED)
-    dut = CaptureThread(device, name="left", size=SIZE, reopen_period=1e6)
-    dut.start()
-    device.wait_until_opened(1)
-
-    dut.close()
-
-    assert not any(thread.is_alive() for thread in device.threads)
-
-
-def test_close_before_start_leaves_the_device_alone(
-    device: ScriptedDevice, dut: CaptureThread
-) -> None:
+def test_close_before_start_does_not_touch_the_device(device: ScriptedDevice) -> None:
+    dut = make(device)
     dut.close()
     dut.start()
     dut.close()
@@ -269,8 +187,8 @@ def test_close_before_start_leaves_the_device_alone(
     assert device.threads == set()
 
 
-def test_close_leaves_a_thread_behind_that_hangs_in_its_device(
-    device: ScriptedDevice, dut: CaptureThread, monkeypatch: pytest.MonkeyPatch
+def test_close_does_not_wait_for_a_thread_that_hangs_in_its_device(
+    device: ScriptedDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     inside, go_on = threading.Event(), threading.Event()
 
@@ -279,7 +197,8 @@ def test_close_leaves_a_thread_behind_that_hangs_in_its_device(
         go_on.wait(TIMEOUT)
 
     monkeypatch.setattr(device, "open", hang)
-    monkeypatch.setattr(capture_thread, "_GRACE", 0.01)
+    monkeypatch.setattr(capture_thread, "_JOIN_TIMEOUT", 0.01)
+    dut = make(device)
     dut.start()
     assert inside.wait(TIMEOUT)
 
@@ -290,8 +209,3 @@ def test_close_leaves_a_thread_behind_that_hangs_in_its_device(
     (thread,) = [t for t in threading.enumerate() if t.name == "capture_left"]
     thread.join(TIMEOUT)
     assert device.closed == 1
-
-
-def test_a_period_that_is_not_positive_is_refused(device: ScriptedDevice) -> None:
-    with pytest.raises(InvalidValueError, match="reopen_period is 0"):
-        CaptureThread(device, name="left", size=SIZE, reopen_period=0.0)

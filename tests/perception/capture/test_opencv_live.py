@@ -1,4 +1,4 @@
-"""Live sources of OpenCV, behind a stand-in for its `VideoCapture`."""
+"""Live sources of OpenCV, with a stand-in for its `VideoCapture`."""
 
 import threading
 from collections import deque
@@ -18,7 +18,7 @@ MJPG = cv2.VideoWriter.fourcc(*"MJPG")
 
 
 class Capture:
-    """A device with a queue, of which `grab` takes the oldest image and waits where none is."""
+    """A device with a queue; `grab` waits for an image and takes the oldest."""
 
     def __init__(self) -> None:
         self.properties: dict[int, float] = {}
@@ -30,7 +30,7 @@ class Capture:
         self._waiting = False
 
     def send(self, *images: np.ndarray | None) -> None:
-        """Queues images, None for the end; returns when all were fetched and it is asked again."""
+        """Queues images, None for the end; returns when all are fetched and `grab` waits again."""
         with self._changed:
             self._queue.extend(images)
             self._changed.notify_all()
@@ -75,17 +75,18 @@ class Bench:
         self.clock = SettableClock(1000.0)
         monkeypatch.setattr(cv2, "VideoCapture", lambda number: (self.rgb, self.depth)[number])
 
-    def make(self, **config: object) -> OpenCvStreamsDevice:
+    def open(self, **config: object) -> OpenCvStreamsDevice:
         given = {"rgb": "0", "depth": "1", "settle": 0.0, "latency": 0.25, **config}
         self.dut = OpenCvStreamsDevice(
             OpenCvStreams(**given),  # type: ignore[arg-type]
             camera=CAMERA,
             clock=self.clock,
         )
+        self.dut.open()
         return self.dut
 
     def send(self, *, rgb: int | None = None, depth: int | None = None, at: float) -> None:
-        """Has images of one value arrive at some time [s]."""
+        """Sends images of one value at some time [s]."""
         self.clock.now = at
         if rgb is not None:
             self.rgb.send(np.full((*SIZE, 3), rgb, np.uint8))
@@ -104,13 +105,12 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 
 def values(image: RgbdImage | None) -> tuple[int, float, float] | None:
-    """Returns the image's colour, depth and stamp."""
+    """Returns the colour, depth and stamp of an image."""
     return image and (int(image.rgb[0, 0, 0]), round(float(image.depth[0, 0]), 6), image.stamp)
 
 
-def test_of_all_that_waits_only_the_newest_counts(bench: Bench) -> None:
-    dut = bench.make()
-    dut.open()
+def test_only_the_newest_images_are_read(bench: Bench) -> None:
+    dut = bench.open()
     for k in range(1, 4):
         bench.send(rgb=k, depth=1000 * k, at=1000.0 + k)
 
@@ -118,18 +118,21 @@ def test_of_all_that_waits_only_the_newest_counts(bench: Bench) -> None:
     assert dut.read() is None
 
 
-def test_the_stamp_is_that_of_the_older_arrival(bench: Bench) -> None:
-    dut = bench.make()
-    dut.open()
+@pytest.mark.parametrize(
+    ("later", "expected"), [(1000.015625, (1, 1.0, 999.75)), (1000.03125, None)]
+)
+def test_a_pair_has_the_stamp_of_its_older_arrival_unless_the_gap_is_too_large(
+    bench: Bench, later: float, expected: tuple[int, float, float] | None
+) -> None:
+    dut = bench.open(largest_gap=0.02)
     bench.send(depth=1000, at=1000.0)
-    bench.send(rgb=1, at=1000.015625)
+    bench.send(rgb=1, at=later)
 
-    assert values(dut.read()) == (1, 1.0, 999.75)
+    assert values(dut.read()) == expected
 
 
 def test_depth_at_half_the_rate_of_colour_does_not_fall_behind(bench: Bench) -> None:
-    dut = bench.make()
-    dut.open()
+    dut = bench.open()
     stamps = []
     for k in range(8):
         bench.send(rgb=k, at=1000.0 + k / 32)
@@ -142,18 +145,8 @@ def test_depth_at_half_the_rate_of_colour_does_not_fall_behind(bench: Bench) -> 
     assert stamps == [1 / 32, 3 / 32, 5 / 32, 7 / 32]
 
 
-def test_images_that_come_too_far_apart_are_no_pair(bench: Bench) -> None:
-    dut = bench.make(largest_gap=0.02)
-    dut.open()
-    bench.send(depth=1000, at=1000.0)
-    bench.send(rgb=1, at=1000.03125)
-
-    assert dut.read() is None
-
-
-def test_images_are_dropped_while_the_exposure_adjusts_itself(bench: Bench) -> None:
-    dut = bench.make(settle=1.0)
-    dut.open()
+def test_images_are_dropped_while_the_exposure_adapts(bench: Bench) -> None:
+    dut = bench.open(settle=1.0)
     bench.send(rgb=1, depth=1000, at=1000.5)
     assert dut.read() is None
     bench.send(rgb=2, depth=2000, at=1001.0)
@@ -161,28 +154,26 @@ def test_images_are_dropped_while_the_exposure_adjusts_itself(bench: Bench) -> N
     assert values(dut.read()) == (2, 2.0, 1000.75)
 
 
-def test_a_source_that_falls_silent_is_named_after_a_while(bench: Bench) -> None:
-    dut = bench.make(silence=2.0)
-    dut.open()
+def test_a_silent_source_is_reported(bench: Bench) -> None:
+    dut = bench.open(silence=2.0)
     bench.send(rgb=1, depth=1000, at=1000.0)
     assert dut.read() is not None
     bench.send(rgb=2, at=1002.5)
 
-    with pytest.raises(CaptureError, match=r"no new pair for 2 s.* 0\.00 s ago.* 2\.50 s ago"):
+    with pytest.raises(CaptureError, match=r"no new pair for 2 s.*'0': 0\.00 s ago, '1': 2\.50 s"):
         dut.read()
 
 
-def test_a_source_that_ends_is_gone(bench: Bench) -> None:
-    dut = bench.make()
-    dut.open()
+def test_a_source_that_ends_is_reported(bench: Bench) -> None:
+    dut = bench.open()
     bench.depth.send(None)
 
-    with pytest.raises(CaptureError, match="ended; the last image came from '0' nothing"):
+    with pytest.raises(CaptureError, match="ended; last images: '0': none"):
         dut.read()
 
 
-def test_a_device_is_asked_for_the_scenarios_size_and_the_format(bench: Bench) -> None:
-    bench.make(fps=15.0, rgb_fourcc="MJPG").open()
+def test_the_scenarios_size_and_the_format_are_requested_of_a_device(bench: Bench) -> None:
+    bench.open(fps=15.0, rgb_fourcc="MJPG")
 
     assert bench.rgb.properties == {
         cv2.CAP_PROP_FOURCC: MJPG,
@@ -201,22 +192,20 @@ def test_a_device_is_asked_for_the_scenarios_size_and_the_format(bench: Bench) -
         ({cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV")}, "8 x 6 pixels as 'YUYV'"),
     ],
 )
-def test_a_device_that_does_something_else_is_refused(
+def test_a_device_with_another_size_or_format_is_rejected(
     bench: Bench, stubborn: dict[int, float], said: str
 ) -> None:
     bench.rgb.stubborn = stubborn
-    dut = bench.make(rgb_fourcc="MJPG")
 
     with pytest.raises(CaptureError, match=said):
-        dut.open()
+        bench.open(rgb_fourcc="MJPG")
 
     assert bench.rgb.released.is_set()
     bench.depth.release()
 
 
-def test_both_devices_are_released_on_their_threads(bench: Bench) -> None:
-    dut = bench.make()
-    dut.open()
+def test_close_releases_both_devices(bench: Bench) -> None:
+    dut = bench.open()
     bench.rgb.send(None)
     bench.depth.send(None)
 

@@ -13,7 +13,7 @@ from poil_drake.perception.images import CameraModel
 SIZE = (24, 32)
 CAMERA = CameraModel("left", 32, 24, np.eye(3), np.eye(4))
 COLORS = [np.random.default_rng(k).integers(0, 256, (*SIZE, 3), np.uint8) for k in range(2)]
-# Up to 46 081: more than 8 bit, and with low bits that matter.
+# Up to 46 081: 16 bits, with low bits that matter.
 STEPS = [np.arange(24 * 32, dtype=np.uint16).reshape(SIZE) * 60 + k for k in range(2)]
 
 
@@ -25,7 +25,12 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def make(
+@pytest.fixture
+def clock() -> SettableClock:
+    return SettableClock(1000.0)
+
+
+def opened(
     folder: Path, clock: SettableClock, *, rgb: str = "rgb", depth: str = "depth"
 ) -> OpenCvStreamsDevice:
     config = OpenCvStreams(
@@ -34,14 +39,19 @@ def make(
         latency=0.25,
         fps=10.0,
     )
-    return OpenCvStreamsDevice(config, camera=CAMERA, clock=clock)
+    device = OpenCvStreamsDevice(config, camera=CAMERA, clock=clock)
+    device.open()
+    return device
 
 
-def test_colour_is_rgb_and_16_bit_depth_survives(folder: Path) -> None:
-    clock = SettableClock(1000.0)
-    dut = make(folder, clock)
-    dut.open()
+@pytest.fixture
+def dut(folder: Path, clock: SettableClock) -> OpenCvStreamsDevice:
+    return opened(folder, clock)
 
+
+def test_colour_is_rgb_and_depth_keeps_16_bits(
+    dut: OpenCvStreamsDevice, clock: SettableClock
+) -> None:
     for k in range(2):
         image = dut.read()
         assert image is not None
@@ -51,24 +61,14 @@ def test_colour_is_rgb_and_16_bit_depth_survives(folder: Path) -> None:
         clock.now += 0.125
 
 
-def test_files_are_read_at_their_rate(folder: Path) -> None:
-    clock = SettableClock(1000.0)
-    dut = make(folder, clock)
-    dut.open()
+def test_files_are_read_at_their_rate_to_their_end(
+    dut: OpenCvStreamsDevice, clock: SettableClock
+) -> None:
     assert dut.read() is not None
-
     assert dut.read() is None
     clock.now += 0.125
     assert dut.read() is not None
-
-
-def test_after_its_end_it_says_so(folder: Path) -> None:
-    clock = SettableClock(1000.0)
-    dut = make(folder, clock)
-    dut.open()
-    for _ in range(2):
-        dut.read()
-        clock.now += 0.125
+    clock.now += 0.125
 
     for _ in range(2):
         with pytest.raises(NoImageError, match=r"'left'.*have ended"):
@@ -79,39 +79,36 @@ def test_after_its_end_it_says_so(folder: Path) -> None:
     ("sources", "problem"),
     [({"depth": "rgb"}, "depth of shape"), ({"rgb": "depth"}, "colour of shape")],
 )
-def test_images_of_the_wrong_kind_are_refused(
-    folder: Path, sources: dict[str, str], problem: str
+def test_images_of_the_wrong_kind_are_rejected(
+    folder: Path, clock: SettableClock, sources: dict[str, str], problem: str
 ) -> None:
-    dut = make(folder, SettableClock(), **sources)
-    dut.open()
+    dut = opened(folder, clock, **sources)
 
     with pytest.raises(NoImageError, match=f"'left' delivers {problem}"):
         dut.read()
 
 
-def test_a_source_that_does_not_open_is_named(folder: Path) -> None:
+def test_an_error_names_a_source_that_does_not_open(folder: Path, clock: SettableClock) -> None:
     with pytest.raises(CaptureError, match=r"nothing_%04d\.png"):
-        make(folder, SettableClock(), depth="nothing").open()
+        opened(folder, clock, depth="nothing")
 
 
 @pytest.mark.parametrize("missing", ["rgb", "depth"])
-def test_both_sources_are_needed(missing: str) -> None:
+def test_both_sources_are_required(missing: str) -> None:
     config = OpenCvStreams(**{"rgb": "0", "depth": "1", missing: ""})  # type: ignore[arg-type]
 
     with pytest.raises(InvalidValueError, match=f"OpenCvStreams.{missing}"):
         OpenCvStreamsDevice(config, camera=CAMERA, clock=SettableClock())
 
 
-def test_a_file_and_a_live_source_do_not_go_together() -> None:
+def test_a_file_and_a_live_source_are_not_a_pair() -> None:
     config = OpenCvStreams(rgb="0", depth="depth_%04d.png")
 
     with pytest.raises(InvalidValueError, match=r"'left'.*'0'.*'depth_%04d.png' is a file"):
         OpenCvStreamsDevice(config, camera=CAMERA, clock=SettableClock())
 
 
-def test_it_closes_twice(folder: Path) -> None:
-    dut = make(folder, SettableClock())
-    dut.open()
+def test_it_may_be_closed_twice(dut: OpenCvStreamsDevice) -> None:
     dut.close()
     dut.close()
 

@@ -1,7 +1,7 @@
-"""A RealSense, behind a stand-in for its library.
+"""A RealSense, with a stand-in for its library.
 
-Every name that the stand-in has was checked against pyrealsense2 2.59.1: the frames, the alignment
-and the time domain with a software device, the projection by calls, the rest by its presence.
+All names of the stand-in were checked against pyrealsense2 2.59.1: frames, alignment and time
+domain with a software device, the others by their presence.
 """
 
 import sys
@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 from capture_bench import CAMERA, HEIGHT, SIZE, WIDTH, K, SettableClock
 
-from poil_drake.errors import CaptureError, MissingDependencyError, NoImageError
+from poil_drake.errors import CaptureError, NoImageError
 from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.real_sense.device import RealSenseDevice
-from poil_drake.perception.images import CameraModel
 
 LATENCY = 0.25
-NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class StandIn(ModuleType):
-    """The library, with its cameras and with what the pipeline will deliver."""
+    """The library, its cameras, and the frames that the pipeline will deliver."""
 
     def __init__(self) -> None:
         super().__init__("pyrealsense2")
@@ -40,7 +38,7 @@ class StandIn(ModuleType):
             ppx=K[0, 2],
             ppy=K[1, 2],
             model=SimpleNamespace(name="inverse_brown_conrady"),
-            coeffs=NO_DISTORTION,
+            coeffs=[0.0] * 5,
         )
         self.stream = SimpleNamespace(color="color", depth="depth")
         self.format = SimpleNamespace(rgb8="rgb8", z16="z16")
@@ -76,16 +74,6 @@ class StandIn(ModuleType):
         stream = SimpleNamespace(as_video_stream_profile=lambda: video)
         return SimpleNamespace(get_device=lambda: device, get_stream=lambda kind: stream)
 
-    def rs2_project_point_to_pixel(self, intrinsics: SimpleNamespace, point: list) -> list[float]:
-        """Brown-Conrady, as the library has it for `brown_conrady`."""
-        x, y = point[0] / point[2], point[1] / point[2]
-        k1, k2, p1, p2, k3 = intrinsics.coeffs
-        r2 = x * x + y * y
-        f = 1.0 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-        u = x * f + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        v = y * f + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y)
-        return [u * intrinsics.fx + intrinsics.ppx, v * intrinsics.fy + intrinsics.ppy]
-
     def try_wait_for_frames(self, timeout_ms: int) -> tuple[bool, object]:
         frames = self.frames.pop(0) if self.frames else None
         if isinstance(frames, Exception):
@@ -116,12 +104,10 @@ def frames(
     stamps: tuple[float, float] = (1000.0, 1000.0),
     domain: str = "global_time",
     size: tuple[int, int] = SIZE,
-    raw: np.ndarray | None = None,
 ) -> SimpleNamespace:
-    """A pair of frames, by the numbers and stamps [s] of colour and depth."""
-    raw = np.full(size, 3, np.uint16) if raw is None else raw
+    """Returns a pair of frames with the numbers and stamps [s] of colour and depth."""
     color = frame(np.full((*size, 3), 9, np.uint8), numbers[0], stamps[0], domain)
-    depth = frame(raw, numbers[1], stamps[1], domain)
+    depth = frame(np.full(size, 3, np.uint16), numbers[1], stamps[1], domain)
     return SimpleNamespace(get_color_frame=lambda: color, get_depth_frame=lambda: depth)
 
 
@@ -134,35 +120,36 @@ def rs(monkeypatch: pytest.MonkeyPatch) -> StandIn:
 
 @pytest.fixture
 def clock() -> SettableClock:
-    """Our clock, which is the computer's, too."""
+    """Our clock, which is also the computer's."""
     return SettableClock(1000.0)
 
 
-def make(
-    clock: SettableClock | None = None, *, camera: CameraModel = CAMERA, **config: object
-) -> RealSenseDevice:
+def make(clock: SettableClock, **config: object) -> RealSenseDevice:
     given = RealSense(**{"latency": LATENCY, "settle": 0.0, **config})  # type: ignore[arg-type]
-    clock = clock or SettableClock()
-    return RealSenseDevice(given, camera=camera, clock=clock, host_clock=clock)
+    return RealSenseDevice(given, camera=CAMERA, clock=clock, host_clock=clock)
 
 
-def opened(rs: StandIn, clock: SettableClock, **config: object) -> RealSenseDevice:
+def opened(clock: SettableClock, **config: object) -> RealSenseDevice:
     dut = make(clock, **config)
     dut.open()
     return dut
 
 
-def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+@pytest.fixture
+def dut(rs: StandIn, clock: SettableClock) -> RealSenseDevice:
+    """An open camera."""
+    return opened(clock)
 
-    with pytest.raises(MissingDependencyError, match="pip install"):
-        make()
+
+def stamps_of(dut: RealSenseDevice, count: int) -> list[float | None]:
+    """Reads `count` times and returns the stamps of the images, None where there was none."""
+    return [image and image.stamp for image in (dut.read() for _ in range(count))]
 
 
-def test_it_asks_for_the_wanted_camera_size_and_global_time(rs: StandIn) -> None:
+def test_it_requests_the_camera_the_size_and_global_time(rs: StandIn, clock: SettableClock) -> None:
     rs.serials = ["7", "123"]
 
-    make(serial="123", fps=15).open()
+    opened(clock, serial="123", fps=15)
 
     assert rs.streams == [
         ("123",),
@@ -175,83 +162,76 @@ def test_it_asks_for_the_wanted_camera_size_and_global_time(rs: StandIn) -> None
 @pytest.mark.parametrize(
     ("serial", "serials"), [("123", []), ("123", ["7"]), ("", []), ("", ["7", "8"])]
 )
-def test_a_camera_that_is_not_there_is_named_with_those_that_are(
-    rs: StandIn, serial: str, serials: list[str]
+def test_an_error_names_the_camera_that_is_missing_and_those_that_are_connected(
+    rs: StandIn, clock: SettableClock, serial: str, serials: list[str]
 ) -> None:
     rs.serials = serials
 
     with pytest.raises(CaptureError, match=f"'left'.*{', '.join(serials) or 'none'}"):
-        make(serial=serial).open()
+        opened(clock, serial=serial)
 
 
-def test_a_size_that_it_has_not_is_said(rs: StandIn) -> None:
+def test_an_error_names_a_size_that_the_camera_lacks(rs: StandIn, clock: SettableClock) -> None:
     rs.start_error = RuntimeError("Couldn't resolve requests")
 
     with pytest.raises(CaptureError, match=r"8 x 6 pixels.*resolve requests"):
-        make().open()
+        opened(clock)
 
 
-def test_depth_is_in_metres_and_invalid_where_it_is_0_or_too_far(
-    rs: StandIn, clock: SettableClock
-) -> None:
-    dut = opened(rs, clock)
-    raw = np.full(SIZE, 3, np.uint16)
-    raw[0, :2] = 0, 65535
-    expected = np.full(SIZE, 1.5, np.float32)
-    expected[0, :2] = 0.0
-    rs.frames = [frames(raw=raw)]
+def test_images_are_read_only_and_depth_is_in_metres(rs: StandIn, dut: RealSenseDevice) -> None:
+    rs.frames = [frames()]
 
     image = dut.read()
 
     assert image is not None
-    np.testing.assert_array_equal(image.depth, expected)
+    np.testing.assert_array_equal(image.depth, np.full(SIZE, 1.5, np.float32))
     np.testing.assert_array_equal(image.rgb, np.full((*SIZE, 3), 9, np.uint8))
     assert not image.rgb.flags.writeable
     assert not image.depth.flags.writeable
 
 
-def test_with_global_time_the_stamp_is_that_of_the_older_frame(
-    rs: StandIn, clock: SettableClock
+@pytest.mark.parametrize(
+    ("pairs", "expected"),
+    [
+        ([frames(stamps=(999.875, 999.8828125))], [999.875]),
+        ([frames(stamps=(999.9140625, 999.90625))], [999.90625]),
+        ([frames(stamps=(999.5, 999.5), domain="system_time")], [999.5 - LATENCY]),
+        ([frames(stamps=(999.975, 999.95))], [None]),
+        (
+            [
+                frames(numbers=(1, 1), stamps=(999.75, 999.75)),
+                frames(numbers=(2, 1), stamps=(999.765625, 999.75)),
+                frames(numbers=(2, 2), stamps=(999.765625, 999.765625)),
+            ],
+            [999.75, None, 999.765625],
+        ),
+    ],
+    ids=["older colour", "older depth", "arrival times", "other instants", "one after the other"],
+)
+def test_a_pair_has_the_stamp_of_its_older_frame(
+    rs: StandIn, dut: RealSenseDevice, pairs: list[object], expected: list[float | None]
 ) -> None:
-    dut = opened(rs, clock)
-    rs.frames = [
-        frames(numbers=(1, 1), stamps=(999.875, 999.8828125)),
-        frames(numbers=(2, 2), stamps=(999.9140625, 999.90625)),
-    ]
+    rs.frames = pairs.copy()
 
-    assert [image and image.stamp for image in (dut.read(), dut.read())] == [999.875, 999.90625]
+    assert stamps_of(dut, len(pairs)) == expected
 
 
-def test_with_arrival_times_the_latency_is_taken_off(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(rs, clock)
-    rs.frames = [frames(stamps=(999.5, 999.5), domain="system_time")]
-
-    image = dut.read()
-
-    assert image is not None
-    assert image.stamp == 999.25
-
-
-def test_with_the_cameras_clock_the_fastest_frame_tells_its_offset(
-    rs: StandIn, clock: SettableClock
+def test_with_the_cameras_clock_the_fastest_frame_determines_its_offset(
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock
 ) -> None:
-    dut = opened(rs, clock)
     stamps = []
     # The second is fetched 0.5 s late, as after a halt of this program.
     for number, (time_, now) in enumerate([(5.0, 1000.0), (5.25, 1000.75), (5.5, 1000.5)], 1):
         clock.now = now
         rs.frames = [frames(numbers=(number,) * 2, stamps=(time_, time_), domain="hardware_clock")]
-        image = dut.read()
-        assert image is not None
-        stamps.append(image.stamp)
+        stamps += stamps_of(dut, 1)
 
     assert stamps == [1000.0 - LATENCY, 1000.25 - LATENCY, 1000.5 - LATENCY]
 
 
-def test_a_clock_of_the_camera_that_begins_again_is_followed(
-    rs: StandIn, clock: SettableClock
+def test_a_camera_clock_that_restarts_gets_a_new_offset(
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock
 ) -> None:
-    dut = opened(rs, clock)
     rs.frames = [
         frames(numbers=(1, 1), stamps=(4294.0, 4294.0), domain="hardware_clock"),
         frames(numbers=(2, 2), stamps=(0.5, 0.5), domain="hardware_clock"),
@@ -259,18 +239,14 @@ def test_a_clock_of_the_camera_that_begins_again_is_followed(
     assert dut.read() is not None
     clock.now = 1000.25
 
-    image = dut.read()
-
-    assert image is not None
-    assert image.stamp == 1000.25 - LATENCY
+    assert stamps_of(dut, 1) == [1000.25 - LATENCY]
 
 
 @pytest.mark.parametrize("domain", ["global_time", "system_time", "hardware_clock"])
 @pytest.mark.parametrize("numbers", [(2, 1), (1, 2), (1, 1)])
-def test_a_frame_that_is_repeated_is_not_new(
-    rs: StandIn, clock: SettableClock, domain: str, numbers: tuple[int, int]
+def test_a_repeated_frame_is_not_new(
+    rs: StandIn, dut: RealSenseDevice, clock: SettableClock, domain: str, numbers: tuple[int, int]
 ) -> None:
-    dut = opened(rs, clock)
     rs.frames = [frames(domain=domain), frames(numbers=numbers, domain=domain)]
     assert dut.read() is not None
     clock.now += 0.125
@@ -278,30 +254,8 @@ def test_a_frame_that_is_repeated_is_not_new(
     assert dut.read() is None
 
 
-def test_frames_that_come_one_after_the_other_make_a_pair(
-    rs: StandIn, clock: SettableClock
-) -> None:
-    dut = opened(rs, clock)
-    rs.frames = [
-        frames(numbers=(1, 1), stamps=(999.75, 999.75)),
-        frames(numbers=(2, 1), stamps=(999.765625, 999.75)),
-        frames(numbers=(2, 2), stamps=(999.765625, 999.765625)),
-    ]
-
-    stamps = [image and image.stamp for image in (dut.read(), dut.read(), dut.read())]
-
-    assert stamps == [999.75, None, 999.765625]
-
-
-def test_frames_of_different_instants_are_no_pair(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(rs, clock, fps=30)
-    rs.frames = [frames(stamps=(999.975, 999.95))]
-
-    assert dut.read() is None
-
-
-def test_a_frozen_depth_stream_is_named_after_a_while(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(rs, clock, silence=0.5)
+def test_a_frozen_depth_stream_is_reported(rs: StandIn, clock: SettableClock) -> None:
+    dut = opened(clock, silence=0.5)
     for number in range(1, 5):
         clock.now = 1000.0 + 0.125 * number
         rs.frames.append(frames(numbers=(number, 1), stamps=(clock.now, 1000.125)))
@@ -313,10 +267,8 @@ def test_a_frozen_depth_stream_is_named_after_a_while(rs: StandIn, clock: Settab
         dut.read()
 
 
-def test_images_are_dropped_while_the_exposure_adjusts_itself(
-    rs: StandIn, clock: SettableClock
-) -> None:
-    dut = opened(rs, clock, settle=1.0)
+def test_images_are_dropped_while_the_exposure_adapts(rs: StandIn, clock: SettableClock) -> None:
+    dut = opened(clock, settle=1.0)
     rs.frames = [frames(numbers=(1, 1)), frames(numbers=(2, 2), stamps=(1001.0, 1001.0))]
     clock.now = 1000.5
     assert dut.read() is None
@@ -326,25 +278,17 @@ def test_images_are_dropped_while_the_exposure_adjusts_itself(
     assert dut.read() is not None
 
 
-def test_other_intrinsics_than_the_scenarios_are_refused(rs: StandIn) -> None:
+def test_intrinsics_other_than_the_scenarios_are_rejected(
+    rs: StandIn, clock: SettableClock
+) -> None:
     rs.intrinsics.fx += 2.0
 
     with pytest.raises(CaptureError, match=r"22\.00, 20\.00, 3\.50, 2\.50 px, but the scenario"):
-        make().open()
+        opened(clock)
 
 
-def test_images_of_another_size_are_refused(rs: StandIn, clock: SettableClock) -> None:
-    dut = opened(rs, clock)
-    rs.frames = [frames(size=(2, 2))]
-
-    with pytest.raises(NoImageError, match="shape"):
-        dut.read()
-
-
-def test_silence_means_after_a_while_that_it_was_unplugged(rs: StandIn) -> None:
-    clock = SettableClock(1000.0)
-    dut = make(clock, silence=2.0)
-    dut.open()
+def test_silence_is_reported_with_the_connected_cameras(rs: StandIn, clock: SettableClock) -> None:
+    dut = opened(clock, silence=2.0)
     clock.now = 1001.0
     assert dut.read() is None
     rs.serials, clock.now = [], 1003.0
@@ -353,17 +297,24 @@ def test_silence_means_after_a_while_that_it_was_unplugged(rs: StandIn) -> None:
         dut.read()
 
 
-def test_an_error_of_the_library_is_a_capture_error(rs: StandIn) -> None:
-    dut = make()
-    dut.open()
-    rs.frames = [RuntimeError("Device disconnected")]
+@pytest.mark.parametrize(
+    ("delivered", "error", "problem"),
+    [
+        (frames(size=(2, 2)), NoImageError, "shape"),
+        (RuntimeError("Device disconnected"), CaptureError, "Device disconnected"),
+    ],
+)
+def test_unusable_frames_and_errors_of_the_library_are_reported(
+    rs: StandIn, dut: RealSenseDevice, delivered: object, error: type[CaptureError], problem: str
+) -> None:
+    rs.frames = [delivered]
 
-    with pytest.raises(CaptureError, match="Device disconnected"):
+    with pytest.raises(error, match=problem):
         dut.read()
 
 
-def test_it_closes_once_and_without_complaint(rs: StandIn) -> None:
-    dut = make()
+def test_it_closes_once_and_raises_nothing(rs: StandIn, clock: SettableClock) -> None:
+    dut = make(clock)
     dut.close()
     dut.open()
     dut.close()

@@ -1,9 +1,9 @@
-"""A ZED, behind a stand-in for its SDK.
+"""A ZED, with a stand-in for its SDK.
 
-Nothing of it was checked against the real SDK, which was not there: classes, functions and
-parameters are from the documentation of its Python API. Two things have other sources: the values
-of ERROR_CODE are those of the SDK's C interface (5.x), and what `check_AI_model_status` gives is
-from memory, so the device takes an object or a dictionary.
+The stand-in was not checked against the real SDK: classes, functions and parameters are from the
+documentation of its Python API. The values of ERROR_CODE are those of the SDK's C interface (5.x).
+What `check_AI_model_status` returns is not documented, so the device takes an object or a
+dictionary.
 """
 
 import sys
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from capture_bench import CAMERA, SIZE, K
 
-from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
+from poil_drake.errors import CaptureError, InvalidValueError
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.zed import ZedDevice
 
@@ -46,7 +46,7 @@ class Mat:
 
 
 class StandIn(ModuleType):
-    """The SDK, with a camera of twice the wanted size."""
+    """The SDK, with a camera of twice the scenario's size."""
 
     def __init__(self) -> None:
         super().__init__("pyzed.sl")
@@ -126,15 +126,20 @@ def make(**config: object) -> ZedDevice:
     return ZedDevice(given, camera=CAMERA, clock=time.time)
 
 
-def test_without_the_sdk_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyzed", None)
+def opened(**config: object) -> ZedDevice:
+    device = make(**config)
+    device.open()
+    return device
 
-    with pytest.raises(MissingDependencyError, match="ZED SDK"):
-        make()
+
+@pytest.fixture
+def dut(sl: StandIn) -> ZedDevice:
+    """An open camera."""
+    return opened()
 
 
-def test_it_asks_for_metres_and_for_the_wanted_camera(sl: StandIn) -> None:
-    make(serial=77, fps=15).open()
+def test_it_requests_metres_and_the_configured_camera(sl: StandIn) -> None:
+    opened(serial=77, fps=15)
 
     assert sl.serials == [77]
     assert sl.parameters.coordinate_units == "metre"
@@ -145,16 +150,16 @@ def test_it_asks_for_metres_and_for_the_wanted_camera(sl: StandIn) -> None:
 
 
 @pytest.mark.parametrize("field", ["resolution", "depth_mode"])
-def test_a_name_that_the_sdk_does_not_know_is_refused(sl: StandIn, field: str) -> None:
+def test_a_name_that_the_sdk_lacks_is_rejected(sl: StandIn, field: str) -> None:
     with pytest.raises(InvalidValueError, match=field):
         make(**{field: "SHARP"})
 
 
-def test_a_camera_that_does_not_open_is_named_with_those_that_are_there(sl: StandIn) -> None:
+def test_an_error_names_the_camera_and_the_connected_ones(sl: StandIn) -> None:
     sl.opened = ERROR_CODE.CAMERA_NOT_DETECTED
 
     with pytest.raises(CaptureError, match=r"'left' \(ZED 5\).*CAMERA_NOT_DETECTED.*77"):
-        make(serial=5).open()
+        opened(serial=5)
 
 
 @pytest.mark.parametrize(("connected", "said"), [([], "none"), ([5, 77], "5, 77")])
@@ -164,7 +169,7 @@ def test_without_a_serial_number_there_must_be_exactly_one(
     sl.connected = connected
 
     with pytest.raises(CaptureError, match=f"'left'.*not found; connected are: {said}"):
-        make().open()
+        opened()
     assert not hasattr(sl, "parameters")
 
 
@@ -173,14 +178,12 @@ def test_a_warning_leaves_the_camera_open_and_is_logged_once(
     sl: StandIn, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     sl.opened = sl.grabbed = ERROR_CODE[name]
-    dut = make()
-    dut.open()
 
-    assert dut.read() is not None
+    assert opened().read() is not None
     assert [record.getMessage().count(name) > 0 for record in caplog.records] == [True]
 
 
-def test_another_mode_than_was_asked_for_is_an_error(sl: StandIn) -> None:
+def test_a_mode_other_than_the_requested_one_is_an_error(sl: StandIn) -> None:
     sl.opened = ERROR_CODE.CONFIGURATION_FALLBACK
     dut = make()
 
@@ -195,54 +198,51 @@ def test_another_mode_than_was_asked_for_is_an_error(sl: StandIn) -> None:
 @pytest.mark.parametrize(
     "status", [SimpleNamespace(optimized=False), {"downloaded": True, "optimized": False}]
 )
-def test_a_network_that_is_not_optimized_is_refused_before_anything_is_opened(
+def test_a_network_that_is_not_optimized_is_rejected_before_anything_is_opened(
     sl: StandIn, status: object
 ) -> None:
     sl.ai_status = status
 
     with pytest.raises(CaptureError, match=r"NEURAL.*not yet optimized.*ZED_Diagnostic"):
-        make().open()
+        opened()
     assert not hasattr(sl, "parameters")
 
-    make(depth_mode="PERFORMANCE").open()
+    opened(depth_mode="PERFORMANCE")
 
 
-def test_an_sdk_that_does_not_know_of_networks_is_not_asked(sl: StandIn) -> None:
+def test_an_sdk_without_that_check_is_accepted(sl: StandIn) -> None:
     del sl.check_AI_model_status
 
-    make().open()
+    opened()
 
 
-def test_other_intrinsics_than_the_scenarios_are_refused(sl: StandIn) -> None:
+def test_intrinsics_other_than_the_scenarios_are_rejected(sl: StandIn) -> None:
     sl.lens.cx += 4.0
 
     with pytest.raises(CaptureError, match=r"scaled to 8 x 6, has .* 5\.50, 2\.50 px"):
-        make().open()
+        opened()
 
 
-def test_images_are_dropped_while_the_exposure_adjusts_itself(sl: StandIn) -> None:
-    dut = make(settle=1e6)
-    dut.open()
-
-    assert dut.read() is None
+def test_images_are_dropped_while_the_exposure_adapts(sl: StandIn) -> None:
+    assert opened(settle=1e6).read() is None
 
 
-def test_a_camera_that_repeats_its_image_is_named_after_a_while(sl: StandIn) -> None:
-    dut = make(silence=1e-9)
-    dut.open()
+def test_a_camera_that_repeats_its_image_is_reported(sl: StandIn) -> None:
+    dut = opened(silence=1e-9)
     assert dut.read() is not None
 
     with pytest.raises(CaptureError, match=r"no new image for 1e-09 s \(SUCCESS\)"):
         dut.read()
 
 
-def test_an_image_is_rgb_with_depth_0_where_nothing_was_measured(sl: StandIn) -> None:
-    dut = make()
-    dut.open()
+def test_an_image_is_rgb_with_depth_0_where_nothing_was_measured(
+    sl: StandIn, dut: ZedDevice
+) -> None:
     expected = np.full(SIZE, 2.0, np.float32)
     expected[0, :3] = 0.0
 
     image = dut.read()
+    sl.depth[:] = 5.0  # The SDK reuses its memory for the next image.
 
     assert image is not None
     np.testing.assert_array_equal(image.rgb[2, 3], (3, 2, 1))
@@ -250,27 +250,12 @@ def test_an_image_is_rgb_with_depth_0_where_nothing_was_measured(sl: StandIn) ->
     assert image.stamp == pytest.approx(sl.stamp_ns * 1e-9, abs=1e-6)
 
 
-def test_the_image_stays_when_the_sdk_writes_its_next_one(sl: StandIn) -> None:
-    dut = make()
-    dut.open()
-    image = dut.read()
-    sl.depth[:] = 5.0
-
-    assert image is not None
-    assert image.depth[3, 3] == 2.0
-
-
-def test_the_same_image_again_is_not_new(sl: StandIn) -> None:
-    dut = make()
-    dut.open()
-    dut.read()
-
+def test_a_repeated_image_is_not_new(dut: ZedDevice) -> None:
+    assert dut.read() is not None
     assert dut.read() is None
 
 
-def test_a_failed_grab_is_a_capture_error_but_a_reboot_passes(sl: StandIn) -> None:
-    dut = make()
-    dut.open()
+def test_a_reboot_passes_but_a_failed_grab_is_a_capture_error(sl: StandIn, dut: ZedDevice) -> None:
     sl.grabbed = ERROR_CODE.CAMERA_REBOOTING
     assert dut.read() is None
     sl.grabbed = ERROR_CODE.CAMERA_NOT_DETECTED

@@ -2,10 +2,7 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import DetectionError
-from poil_drake.perception.detectors.label_image import (
-    LabelImageDetector,
-    LabelImageDetectorConfig,
-)
+from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 LABELS = {"mug": (3, 4), "mug/handle": (4,), "mug/rim": (9,), "rack": (7,)}
@@ -29,7 +26,7 @@ def label_image(handle_pixels: int) -> np.ndarray:
 
 def test_masks_are_those_of_the_labels() -> None:
     labels = [label_image(5), label_image(0)]
-    dut = LabelImageDetector(LabelImageDetectorConfig(min_part_pixels=5))
+    dut = LabelImageDetector(min_part_pixels=5)
 
     masks = dut.detect(frame(labels), object_label="mug", part_label="handle")
 
@@ -38,41 +35,31 @@ def test_masks_are_those_of_the_labels() -> None:
         np.testing.assert_array_equal(masks.object_masks[k], (label == 3) | (label == 4))
 
 
-def test_frames_without_labels_are_refused() -> None:
+@pytest.mark.parametrize("labels", [[None, None], [label_image(5), None]])
+def test_frames_without_labels_are_rejected(labels: list[np.ndarray | None]) -> None:
     with pytest.raises(DetectionError, match="no render labels"):
-        LabelImageDetector().detect(frame([None, None]), object_label="mug", part_label="handle")
+        LabelImageDetector().detect(frame(labels), object_label="mug", part_label="handle")
 
 
-def test_a_view_without_labels_is_refused() -> None:
-    with pytest.raises(DetectionError, match="no render labels"):
+@pytest.mark.parametrize(
+    ("object_label", "part_label", "problem"),
+    [
+        ("mugg", "handle", r"no object 'mugg'.*'mug'\?.*Known: mug, rack"),
+        ("mug", "handel", r"no part 'handel'.*'handle'\?.*Known: handle, rim"),
+        ("rack", "handle", "no part 'handle'.*Known: none"),
+    ],
+)
+def test_an_unknown_name_suggests_the_closest_and_lists_the_known_ones(
+    object_label: str, part_label: str, problem: str
+) -> None:
+    with pytest.raises(DetectionError, match=problem):
         LabelImageDetector().detect(
-            frame([label_image(5), None]), object_label="mug", part_label="handle"
-        )
-
-
-def test_an_unknown_object_suggests_the_closest() -> None:
-    with pytest.raises(DetectionError, match=r"no object 'mugg'.*'mug'\?.*Known: mug, rack"):
-        LabelImageDetector().detect(
-            frame([label_image(9)]), object_label="mugg", part_label="handle"
-        )
-
-
-def test_an_unknown_part_lists_the_parts_of_its_object() -> None:
-    with pytest.raises(DetectionError, match=r"no part 'handel'.*'handle'\?.*Known: handle, rim"):
-        LabelImageDetector().detect(
-            frame([label_image(9)]), object_label="mug", part_label="handel"
-        )
-
-
-def test_an_object_without_parts_says_so() -> None:
-    with pytest.raises(DetectionError, match="Known: none"):
-        LabelImageDetector().detect(
-            frame([label_image(9)]), object_label="rack", part_label="handle"
+            frame([label_image(9)]), object_label=object_label, part_label=part_label
         )
 
 
 def test_a_part_of_too_few_pixels_is_not_seen() -> None:
-    dut = LabelImageDetector(LabelImageDetectorConfig(min_part_pixels=8))
+    dut = LabelImageDetector(min_part_pixels=8)
 
     with pytest.raises(DetectionError, match="7 pixels of 8"):
         dut.detect(frame([label_image(4), label_image(3)]), object_label="mug", part_label="handle")

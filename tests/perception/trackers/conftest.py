@@ -1,6 +1,7 @@
-"""A mug, a table and a board, ray-cast by formulas: exact depth, colour and masks."""
+"""A mug on a table, ray-cast by formulas: exact depth, colour and masks."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,10 @@ import pytest
 from poil_drake.geometry.rigid_transform import inverse, make_transform, transform_points
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig, apply_stereo_depth_noise
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, build_model
+from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 WIDTH, HEIGHT = 320, 240
 K = np.array([[330.0, 0, 159.5], [0, 330.0, 119.5], [0, 0, 1.0]])
@@ -20,19 +25,57 @@ MUG_GREY = 170
 
 
 class Shot(NamedTuple):
-    """What the cameras saw, and where the mug is in it."""
+    """A frame, and the mug's mask in each view."""
 
     frame: MultiViewFrame
     masks: tuple[np.ndarray, ...]
 
 
 class MugScene(NamedTuple):
-    """A mug to look at: its frame M is at the middle of its foot, its handle along +x; its grey."""
+    """A mug. Its frame M is at the middle of its foot, with the handle along +x."""
 
     shoot: Callable[..., Shot]
     start: np.ndarray
     handle_points: np.ndarray
     grey: int
+
+    def error(self, output: TrackerOutput, X_WM: np.ndarray) -> float:
+        """Returns the largest distance of a tracked handle point from its true position [m]."""
+        truth = transform_points(X_WM @ inverse(self.start), self.handle_points)
+        return np.linalg.norm(output.points.positions - truth, axis=1).max()
+
+
+class TrackedMug:
+    """A tracker (`dut`) that follows the mug at 8 frames a second, and its newest `output`."""
+
+    def __init__(self, scene: MugScene, **options: object):
+        """Starts at the mug's start, with options of `shoot` for all frames."""
+        self._scene, self._options, self._count = scene, options, 0
+        shot = scene.shoot(scene.start, **options)
+        self.dut = RigidFlowTracker()
+        self.output = self.dut.start(shot.frame, scene.handle_points, shot.masks)
+
+    def frame(self, X_WM: np.ndarray, **options: object) -> MultiViewFrame:
+        """Returns the next frame of the mug at a pose."""
+        time = (self._count + 1) / 8
+        return self._scene.shoot(X_WM, time=time, **(self._options | options)).frame
+
+    def step(
+        self, X_WM: np.ndarray, prior: np.ndarray | None = None, **options: object
+    ) -> TrackerOutput:
+        """Tracks into the next frame."""
+        frame = self.frame(X_WM, **options)
+        self._count += 1
+        self.output = self.dut.step(self.output.state, frame, prior)
+        return self.output
+
+
+class BuiltMug(NamedTuple):
+    """The model of the plain mug without noise, its pose, and the frame that it was built from."""
+
+    model: ObjectModel
+    X_WO: np.ndarray
+    frame: MultiViewFrame
 
 
 def look_at(eye: list[float], target: list[float]) -> np.ndarray:
@@ -116,7 +159,7 @@ def shoot(
     box_grey=60,
     present=True,
 ):
-    """Takes a picture of the mug at X_WM, of the table, and of boxes ((lower, upper), X_WB)."""
+    """Renders the mug at X_WM, the table, and boxes ((lower, upper), X_WB)."""
     images, masks = [], []
     for view, camera in enumerate(CAMERAS):
         v, u = np.mgrid[:HEIGHT, :WIDTH]
@@ -148,9 +191,22 @@ def shoot(
 
 @pytest.fixture(scope="session")
 def mug_scene() -> MugScene:
-    """A mug on a table before two cameras, its handle in the view of both."""
+    """A mug on a table in the view of two cameras, with its handle in both views."""
     start = make_transform(np.eye(3), np.array([0.45, 0.0, 0.0]))
     corners = np.array(
         [[x, y, z] for x in (0.064, 0.07) for y in (-0.006, 0.006) for z in (0.03, 0.065)]
     )
     return MugScene(shoot, start, transform_points(start, corners), MUG_GREY)
+
+
+@pytest.fixture(scope="session")
+def tracked(mug_scene: MugScene) -> Callable[..., TrackedMug]:
+    """Starts to track the mug, with options of `shoot`."""
+    return partial(TrackedMug, mug_scene)
+
+
+@pytest.fixture(scope="session")
+def built_mug(mug_scene: MugScene) -> BuiltMug:
+    shot = mug_scene.shoot(mug_scene.start)
+    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, RigidFlowConfig())
+    return BuiltMug(model, X_WO, shot.frame)

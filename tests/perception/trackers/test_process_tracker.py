@@ -18,7 +18,7 @@ UP = make_transform(np.eye(3), np.array([0.0, 0.0, 0.02]))
 
 
 class Counted:
-    """A state that knows how many of its kind there are."""
+    """A state that counts its instances."""
 
     alive = 0
 
@@ -30,7 +30,7 @@ class Counted:
 
 
 class CountingTracker:
-    """Tells by its points how many states live in its process, and fails on demand."""
+    """Reports by its points how many states live in its process, and fails on demand."""
 
     def start(self, frame, query_points, object_masks):
         return self._output(frame)
@@ -60,7 +60,12 @@ def frame(mug_scene):
     return mug_scene.shoot(mug_scene.start).frame
 
 
-def test_the_outcome_is_that_of_the_tracker_itself(mug_scene):
+@pytest.fixture
+def started(dut, frame):
+    return dut.start(frame, np.zeros((1, 3)), ())
+
+
+def test_the_result_is_that_of_the_tracker_itself(mug_scene):
     alone, beside = RigidFlowTracker(), ProcessTracker(RigidFlowTracker())
     shot = mug_scene.shoot(mug_scene.start, noisy=True)
     expected, output = (
@@ -73,72 +78,55 @@ def test_the_outcome_is_that_of_the_tracker_itself(mug_scene):
         frame = mug_scene.shoot(X_WM, time=k / 8, noisy=True).frame
         prior = UP if k % 2 else None
         expected = alone.step(expected.state, frame, prior)
-        output = beside.step(output.state, frame, prior)
+        again = beside.step(output.state, frame, prior)
+        output = beside.step(output.state, frame, prior)  # The same state may be used repeatedly.
 
-        np.testing.assert_array_equal(output.points.positions, expected.points.positions)
-        np.testing.assert_array_equal(output.points.confidence, expected.points.confidence)
-        assert (output.points.stamp, output.lost) == (expected.points.stamp, expected.lost)
+        for result in (output, again):
+            np.testing.assert_array_equal(result.points.positions, expected.points.positions)
+            np.testing.assert_array_equal(result.points.confidence, expected.points.confidence)
+            assert (result.points.stamp, result.lost) == (expected.points.stamp, expected.lost)
     beside.close()
 
 
-def test_a_state_may_be_stepped_from_more_than_once(mug_scene):
-    dut = ProcessTracker(RigidFlowTracker())
-    shot = mug_scene.shoot(mug_scene.start)
-    first = dut.start(shot.frame, mug_scene.handle_points, shot.masks)
-    frame = mug_scene.shoot(UP @ mug_scene.start, time=1 / 8).frame
-
-    once, again = dut.step(first.state, frame), dut.step(first.state, frame)
-
-    np.testing.assert_array_equal(once.points.positions, again.points.positions)
-    dut.close()
-
-
-def test_states_that_nobody_holds_are_forgotten(dut, frame):
+def test_states_without_references_are_forgotten(dut, frame):
     output = dut.start(frame, np.zeros((1, 3)), ())
     for _ in range(6):
         output = dut.step(output.state, frame)
         gc.collect()
 
-    # The new one, the one before, and the one whose end the worker hears of with the next request.
+    # The new one, the one before, and one that the worker forgets with the next request.
     assert output.points.positions[0, 0] <= 3.0
 
 
-def test_a_tracking_error_comes_through(dut, mug_scene):
-    output = dut.start(mug_scene.shoot(mug_scene.start).frame, np.zeros((1, 3)), ())
-
+def test_a_tracking_error_is_passed_on(dut, mug_scene, started):
     with pytest.raises(TrackingError) as caught:
-        dut.step(output.state, mug_scene.shoot(mug_scene.start, time=13.0).frame)
+        dut.step(started.state, mug_scene.shoot(mug_scene.start, time=13.0).frame)
 
     assert (caught.value.problem, caught.value.remedy) == ("Nothing is seen.", "Look again.")
 
 
-def test_a_mistake_in_the_tracker_shows_where_it_was_made(dut, mug_scene):
-    output = dut.start(mug_scene.shoot(mug_scene.start).frame, np.zeros((1, 3)), ())
-
+def test_another_error_of_the_tracker_is_passed_on_with_its_traceback(dut, mug_scene, started):
     with pytest.raises(RuntimeError, match="ZeroDivisionError: by mistake"):
-        dut.step(output.state, mug_scene.shoot(mug_scene.start, time=14.0).frame)
+        dut.step(started.state, mug_scene.shoot(mug_scene.start, time=14.0).frame)
 
 
-def test_a_killed_worker_means_lost_and_the_next_start_begins_anew(dut, frame):
-    output = dut.start(frame, np.zeros((1, 3)), ())
+def test_a_killed_worker_means_lost_and_start_starts_a_new_one(dut, frame, started):
     os.kill(dut.pid, signal.SIGKILL)
 
     for _ in range(2):
         with pytest.raises(TrackingError, match="process has ended"):
-            dut.step(output.state, frame)
+            dut.step(started.state, frame)
     again = dut.start(frame, np.zeros((1, 3)), ())
 
-    with pytest.raises(TrackingError):  # a state of the worker that died
-        dut.step(output.state, frame)
+    with pytest.raises(TrackingError):  # A state of the worker that died.
+        dut.step(started.state, frame)
     assert not dut.step(again.state, frame).lost
 
 
-def test_an_interrupt_at_the_keyboard_is_not_for_the_worker(dut, frame):
-    output = dut.start(frame, np.zeros((1, 3)), ())
-
+def test_an_interrupt_at_the_keyboard_does_not_end_the_worker(dut, frame, started):
     os.kill(dut.pid, signal.SIGINT)
 
-    assert not dut.step(output.state, frame).lost
+    assert not dut.step(started.state, frame).lost
 
 
 def test_closing_ends_the_process(dut):
@@ -159,7 +147,7 @@ def test_a_script_needs_no_guard_and_leaves_no_process(tmp_path):
         "print(ProcessTracker(RigidFlowTracker()).pid)\n"
     )
 
-    # Nobody closes it; its output ends only once the worker has ended, too.
+    # The script does not close it. Its output ends only when the worker has ended, too.
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
 
     assert run.stdout.strip().isdigit()

@@ -1,1 +1,1 @@
-"""Cameras that OpenCV opens."""
+"""Cameras that OpenCV opens: a colour and a depth source, live or from files."""

@@ -1,140 +1,172 @@
-"""Pairs of a colour and a depth source of OpenCV, of files or live."""
+"""Pairs of an open colour and an open depth source, from files or live."""
 
 import threading
 import time
-from typing import Protocol
+from dataclasses import dataclass
 
 import cv2
+import numpy as np
 
 from poil_drake.errors import CaptureError, NoImageError
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.device import PATIENCE, Clock
-from poil_drake.perception.capture.opencv.live_source import Arrival, LiveSource
+from poil_drake.runtime.interpreter_turns import TURNS
+
+_JOIN_TIMEOUT = 1.0
+"""How long `stop` waits for the thread [s]. A source may block for longer."""
 
 
-class OpenCvPair(Protocol):
-    """Two sources that are open."""
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """An image as OpenCV delivers it, and when it arrived [s, by the clock]."""
 
-    def read(self) -> tuple[Arrival, Arrival] | None:
-        """Waits a short while for a new colour and depth image of one instant.
-
-        Raises:
-            NoImageError: if none will come any more.
-            CaptureError: if the sources are gone.
-        """
-
-    def close(self) -> None:
-        """Lets go of both."""
+    pixels: np.ndarray
+    time: float
 
 
 class FilePair:
     """Two files, read image by image at the rate of the configuration."""
 
     def __init__(
-        self,
-        rgb: cv2.VideoCapture,
-        depth: cv2.VideoCapture,
-        config: OpenCvStreams,
-        *,
-        camera: str,
-        clock: Clock,
+        self, captures: list[cv2.VideoCapture], config: OpenCvStreams, *, camera: str, clock: Clock
     ):
-        """Takes the sources over.
+        """Takes over open sources.
 
         Args:
-            rgb: The source of colour, open.
-            depth: The source of depth, open.
+            captures: The colour and the depth source.
             config: How they are read.
             camera: The camera's name in the scenario.
             clock: The time now [s since the epoch].
         """
-        self._captures, self._config, self._clock = (rgb, depth), config, clock
+        self._captures, self._config, self._clock = captures, config, clock
         self._source = f"Camera '{camera}'"
-        self._due, self._over = clock(), False
+        self._due, self._ended = clock(), False
 
     def read(self) -> tuple[Arrival, Arrival] | None:
-        """See `OpenCvPair.read`."""
-        if self._over:
+        """Waits at most PATIENCE for the next colour and depth image.
+
+        Raises:
+            NoImageError: at the end of a file.
+        """
+        if self._ended:
             time.sleep(PATIENCE)
-            raise self._ended()
-        if not self._wait():
-            return None
-        rgb, depth = (capture.read() for capture in self._captures)
-        if not (rgb[0] and depth[0]):
-            self._over = True  # OpenCV would complain of each further look.
-            raise self._ended()
-        now = self._clock()
-        return Arrival(rgb[1], now), Arrival(depth[1], now)
-
-    def close(self) -> None:
-        """See `OpenCvPair.close`."""
-        for capture in self._captures:
-            capture.release()
-
-    def _wait(self) -> bool:
-        """Waits until the next image is due, or as long as a read may."""
+            raise self._end_error()
         ahead = self._due - self._clock()
         if ahead > 0.0:
             time.sleep(min(ahead, PATIENCE))
         now = self._clock()
         if now < self._due:
-            return False
+            return None
         self._due = max(self._due + 1.0 / self._config.fps, now)
-        return True
+        (rgb_came, rgb), (depth_came, depth) = (capture.read() for capture in self._captures)
+        if not (rgb_came and depth_came):
+            self._ended = True  # OpenCV logs a warning at each read beyond the end.
+            raise self._end_error()
+        now = self._clock()
+        return Arrival(rgb, now), Arrival(depth, now)
 
-    def _ended(self) -> NoImageError:
+    def close(self) -> None:
+        """Releases both files."""
+        for capture in self._captures:
+            capture.release()
+
+    def _end_error(self) -> NoImageError:
         return NoImageError(
             f"{self._source}: '{self._config.rgb}' and '{self._config.depth}' have ended.",
-            remedy="Take longer ones.",
+            remedy="Use longer files.",
         )
+
+
+class LiveSource:
+    """Reads a source on its own thread and keeps the newest image.
+
+    A source that is read more slowly than it delivers would queue ever older images. The time of an
+    image is when it is fetched from its driver. After a halt of this program, the few images that
+    waited in the driver therefore look newer than they are.
+
+    Attributes:
+        newest: The newest image; None before the first.
+        ended: Whether no more images will come.
+    """
+
+    newest: Arrival | None
+    ended: bool
+
+    def __init__(
+        self, capture: cv2.VideoCapture, *, name: str, clock: Clock, changed: threading.Condition
+    ):
+        """Starts to read.
+
+        Args:
+            capture: The open source. From now on only the thread uses it; it also releases it.
+            name: For the name of the thread.
+            clock: The time now [s since the epoch].
+            changed: Notified of each image and of the end.
+        """
+        self.newest, self.ended = None, False
+        self._capture, self._clock, self._changed = capture, clock, changed
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"grab_{name}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends the thread. A thread that is blocked in its source ends later."""
+        self._stopped.set()
+        self._thread.join(_JOIN_TIMEOUT)
+
+    def _run(self) -> None:
+        try:
+            while not self._stopped.is_set() and self._capture.grab():
+                arrival = self._clock()
+                TURNS.wait()
+                came, pixels = self._capture.retrieve()
+                if came:
+                    with self._changed:
+                        self.newest = Arrival(pixels, arrival)
+                        self._changed.notify_all()
+        finally:
+            self._capture.release()
+            with self._changed:
+                self.ended = True
+                self._changed.notify_all()
 
 
 class LivePair:
-    """Two live sources, each on a thread of its own, paired by when their images came."""
+    """Two live sources, each on its own thread, paired by the times when their images arrive."""
 
     def __init__(
-        self,
-        rgb: cv2.VideoCapture,
-        depth: cv2.VideoCapture,
-        config: OpenCvStreams,
-        *,
-        camera: str,
-        clock: Clock,
+        self, captures: list[cv2.VideoCapture], config: OpenCvStreams, *, camera: str, clock: Clock
     ):
-        """Takes the sources over.
-
-        Args:
-            rgb: The source of colour, open.
-            depth: The source of depth, open.
-            config: How they are read.
-            camera: The camera's name in the scenario.
-            clock: The time now [s since the epoch].
-        """
+        """Takes over open sources; see `FilePair`."""
         self._config, self._clock, self._source = config, clock, f"Camera '{camera}'"
         self._changed = threading.Condition()
-        self._sources = tuple(
+        self._sources = [
             LiveSource(capture, name=f"{kind}_{camera}", clock=clock, changed=self._changed)
-            for kind, capture in (("rgb", rgb), ("depth", depth))
-        )
+            for kind, capture in zip(("rgb", "depth"), captures, strict=True)
+        ]
         self._taken: tuple[Arrival | None, ...] = (None, None)
-        self._heard = clock()
-        self._settled = self._heard + config.settle
+        self._last_time = clock()
+        self._settled = self._last_time + config.settle
 
     def read(self) -> tuple[Arrival, Arrival] | None:
-        """See `OpenCvPair.read`."""
+        """Waits at most PATIENCE for a new colour and depth image of one instant.
+
+        Raises:
+            CaptureError: if a source has ended or is silent.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._new_pair() or self._ended(), PATIENCE)
             pair, ended = self._new_pair(), self._ended()
         now = self._clock()
         if pair is None:
-            if ended or now - self._heard > self._config.silence:
-                raise self._gone(ended)
+            if ended or now - self._last_time > self._config.silence:
+                raise self._gone(ended, now)
             return None
-        self._taken, self._heard = pair, now
+        self._taken, self._last_time = pair, now
         return pair if now >= self._settled else None
 
     def close(self) -> None:
-        """See `OpenCvPair.close`."""
+        """Stops both threads, which release their sources."""
         for source in self._sources:
             source.stop()
 
@@ -147,16 +179,17 @@ class LivePair:
     def _ended(self) -> bool:
         return any(source.ended for source in self._sources)
 
-    def _gone(self, ended: bool) -> CaptureError:
-        now, names = self._clock(), (self._config.rgb, self._config.depth)
-        said = [
-            f"'{name}' "
-            + ("nothing" if source.newest is None else f"{now - source.newest.time:.2f} s ago")
-            for name, source in zip(names, self._sources, strict=True)
+    def _gone(self, ended: bool, now: float) -> CaptureError:
+        ages = [
+            f"'{name}': "
+            + ("none" if source.newest is None else f"{now - source.newest.time:.2f} s ago")
+            for name, source in zip(
+                (self._config.rgb, self._config.depth), self._sources, strict=True
+            )
         ]
-        why = "ended" if ended else f"brought no new pair for {self._config.silence:g} s"
+        reason = "ended" if ended else f"delivered no new pair for {self._config.silence:g} s"
         return CaptureError(
-            f"{self._source} {why}; the last image came from {' and from '.join(said)}.",
-            remedy="See whether both are plugged in, or their senders running, and whether their "
-            "images come within OpenCvStreams.largest_gap of each other.",
+            f"{self._source} {reason}; last images: {', '.join(ages)}.",
+            remedy="Check that both are plugged in or their senders are running, and that their "
+            "images arrive within OpenCvStreams.largest_gap of each other.",
         )

@@ -1,4 +1,4 @@
-"""How OpenCV opens what it can read: devices, URLs, pipelines, files and numbered images."""
+"""How OpenCV opens a source: a device, a URL, a pipeline, a file, or numbered images."""
 
 import re
 from pathlib import Path
@@ -8,28 +8,35 @@ import cv2
 from poil_drake.errors import CaptureError
 
 _OPEN_TIMEOUT, _READ_TIMEOUT = 5000, 1000
-"""For a URL [ms]; OpenCV's own are 30 s."""
+"""For a URL [ms]; OpenCV's defaults are 30 s."""
 
 _NUMBERED = re.compile(r"%0?\d*d")
-"""In a pattern of numbered images."""
+"""Matches the number in a pattern of numbered images."""
 
 
 def is_file(source: str) -> bool:
-    """Returns whether a source can be read as fast as one likes."""
+    """Returns whether a source is read from files instead of live."""
     if _is_stream(source) or source.isdecimal():
         return False
     return not Path(source).is_char_device()
 
 
-def open_source(source: str, *, camera: str) -> cv2.VideoCapture:
-    """Opens a source.
+def open_source(
+    source: str, *, camera: str, size: tuple[int, int], fps: float, fourcc: str
+) -> cv2.VideoCapture:
+    """Opens a source, and requests a format from a device.
+
+    URLs and pipelines deliver the format of their sender.
 
     Args:
         source: See `OpenCvStreams`.
         camera: What to call the camera in an error.
+        size: (height, width) of the images [px].
+        fps: Images per second. A device may have another rate.
+        fourcc: The format; empty for the default of the device.
 
     Raises:
-        CaptureError: if OpenCV cannot open it.
+        CaptureError: if OpenCV cannot open it, or if a live source reports another size or format.
     """
     capture = _open(source)
     if not capture.isOpened():
@@ -38,57 +45,33 @@ def open_source(source: str, *, camera: str) -> cv2.VideoCapture:
             remedy="Check the name, the permissions (group video), and that no other program "
             "uses it; a pipeline needs an OpenCV that was built with GStreamer.",
         )
-    return capture
-
-
-def configure_live(
-    capture: cv2.VideoCapture,
-    *,
-    source: str,
-    camera: str,
-    size: tuple[int, int],
-    fps: float,
-    fourcc: str,
-) -> None:
-    """Asks a device for a format, and sees what a live source delivers.
-
-    A URL or a pipeline delivers what its sender does; it is not asked.
-
-    Args:
-        capture: The source, open.
-        source: See `OpenCvStreams`.
-        camera: What to call the camera in an error.
-        size: (height, width) of the images [px].
-        fps: Images per second; a device that has another rate is taken as it is.
-        fourcc: The format; empty: the device's own choice.
-
-    Raises:
-        CaptureError: if it says that it delivers another size or format.
-    """
+    if is_file(source):
+        return capture
     height, width = size
-    found_format = fourcc
     if not _is_stream(source):
         if fourcc:
             capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*fourcc))
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
         capture.set(cv2.CAP_PROP_FPS, fps)
-        if fourcc:
-            code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
-            found_format = code.to_bytes(4, "little").decode("ascii", "replace")
-    found = (
-        int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-        int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+    found_size = tuple(
+        int(capture.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
     )
-    # One that does not say its size shows it by its images.
-    if (found != (width, height) and min(found) > 0) or found_format != fourcc:
+    found_fourcc = fourcc
+    if fourcc and not _is_stream(source):
+        code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+        found_fourcc = code.to_bytes(4, "little").decode("ascii", "replace")
+    # A source that does not report its size is checked by its images.
+    if (found_size != (width, height) and min(found_size) > 0) or found_fourcc != fourcc:
+        capture.release()
         raise CaptureError(
-            f"{camera}: '{source}' delivers {found[0]} x {found[1]} pixels"
-            f"{f' as {found_format!r}' if fourcc else ''}, not {width} x {height}"
+            f"{camera}: '{source}' delivers {found_size[0]} x {found_size[1]} pixels"
+            f"{f' as {found_fourcc!r}' if fourcc else ''}, not {width} x {height}"
             f"{f' as {fourcc!r}' if fourcc else ''}.",
             remedy="Choose a size and a format that it has (v4l2-ctl --list-formats-ext lists "
             "them), with the calibration for that size.",
         )
+    return capture
 
 
 def _is_stream(source: str) -> bool:
@@ -107,6 +90,6 @@ def _open(source: str) -> cv2.VideoCapture:
         ]
         return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
     if _NUMBERED.search(source):
-        # FFmpeg, which OpenCV would ask first, makes 8 bit of 16.
+        # FFmpeg, OpenCV's first choice, converts 16 bit to 8.
         return cv2.VideoCapture(source, cv2.CAP_IMAGES)
     return cv2.VideoCapture(source)

@@ -7,20 +7,20 @@ from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.opencv.pairs import FilePair, LivePair, OpenCvPair
-from poil_drake.perception.capture.opencv.sources import configure_live, is_file, open_source
+from poil_drake.perception.capture.opencv.pairs import FilePair, LivePair
+from poil_drake.perception.capture.opencv.sources import is_file, open_source
 from poil_drake.perception.images import CameraModel, RgbdImage
 
 
 class OpenCvStreamsDevice:
-    """A pair of sources that are read at the same time; a `CaptureDevice`.
+    """A pair of sources that are read together; a `CaptureDevice`.
 
-    See `OpenCvStreams` for what the stamps mean. Files were tried with real files, live sources
-    with a stand-in for OpenCV's only.
+    See `OpenCvStreams` for what the stamps mean. Tested with real files; live sources only with a
+    stand-in for OpenCV's.
     """
 
     def __init__(self, config: OpenCvStreams, *, camera: CameraModel, clock: Clock):
-        """Remembers what to read; nothing is opened.
+        """Constructs the device; nothing is opened.
 
         Args:
             config: The sources.
@@ -40,37 +40,26 @@ class OpenCvStreamsDevice:
             raise InvalidValueError(
                 f"Of camera '{camera.name}' only one of '{config.rgb}' and '{config.depth}' is a "
                 "file.",
-                remedy="Give two files or two live sources (or see whether the device is there).",
+                remedy="Give two files or two live sources, and check that the devices exist.",
             )
-        self._config, self._clock = config, clock
-        self._size, self._name = (camera.height, camera.width), camera.name
+        self._config, self._camera, self._clock = config, camera, clock
+        self._size = (camera.height, camera.width)
         self._source = f"Camera '{camera.name}'"
-        self._pair: OpenCvPair | None = None
+        self._pair: FilePair | LivePair | None = None
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
         config = self._config
-        live = not is_file(config.rgb)
-        captures: list[cv2.VideoCapture] = []
+        rgb = self._open(config.rgb, config.rgb_fourcc)
         try:
-            for source, fourcc in (
-                (config.rgb, config.rgb_fourcc),
-                (config.depth, config.depth_fourcc),
-            ):
-                captures.append(open_source(source, camera=self._source))
-                if live:
-                    self._configure(captures[-1], source, fourcc)
+            depth = self._open(config.depth, config.depth_fourcc)
         except CaptureError:
-            for capture in captures:
-                capture.release()
+            rgb.release()
             raise
-        rgb, depth = captures
-        # A backend that cannot do this shows it by the images that it delivers.
+        # Where a backend does not support this, its images are rejected.
         depth.set(cv2.CAP_PROP_CONVERT_RGB, 0)
-        if live:
-            self._pair = LivePair(rgb, depth, config, camera=self._name, clock=self._clock)
-        else:
-            self._pair = FilePair(rgb, depth, config, camera=self._name, clock=self._clock)
+        pair = FilePair if is_file(config.rgb) else LivePair
+        self._pair = pair([rgb, depth], config, camera=self._camera.name, clock=self._clock)
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
@@ -95,15 +84,9 @@ class OpenCvStreamsDevice:
         if pair is not None:
             pair.close()
 
-    def _configure(self, capture: cv2.VideoCapture, source: str, fourcc: str) -> None:
-        configure_live(
-            capture,
-            source=source,
-            camera=self._source,
-            size=self._size,
-            fps=self._config.fps,
-            fourcc=fourcc,
-        )
+    def _open(self, source: str, fourcc: str) -> cv2.VideoCapture:
+        fps = self._config.fps
+        return open_source(source, camera=self._source, size=self._size, fps=fps, fourcc=fourcc)
 
     def _color(self, bgr: np.ndarray) -> np.ndarray:
         if bgr.ndim != 3 or bgr.shape[2] != 3:
@@ -119,7 +102,7 @@ class OpenCvStreamsDevice:
             raise NoImageError(
                 f"{self._source} delivers depth of shape {raw.shape} and type {raw.dtype} from "
                 f"'{self._config.depth}', but one channel with 16 bit is needed.",
-                remedy="Use a format that OpenCV keeps as it is: Y16 of a device, GRAY16_LE of a "
+                remedy="Use a format that OpenCV does not convert: Y16 of a device, GRAY16_LE of a "
                 "pipeline, FFV1 gray16le in a video, or numbered 16-bit PNG files.",
             )
         return raw

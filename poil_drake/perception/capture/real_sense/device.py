@@ -1,4 +1,4 @@
-"""Intel RealSense cameras, by `pyrealsense2`."""
+"""Intel RealSense cameras, read by `pyrealsense2`."""
 
 import time
 from contextlib import suppress
@@ -20,12 +20,12 @@ _MILLISECONDS = 1e3
 
 
 class RealSenseDevice:
-    """A RealSense with colour and depth, its depth aligned to colour; a `CaptureDevice`.
+    """A RealSense with depth aligned to colour; a `CaptureDevice`.
 
-    Images are rectified where the camera's own calibration says that they are distorted, and that
-    calibration must be the scenario's. See `RealSense` for what the stamps mean.
+    Images are undistorted by the camera's own calibration, which must agree with the scenario's.
+    See `RealSense` for what the stamps mean.
 
-    No camera was there to try it; the library's names and types were checked.
+    Tested without a camera, against the library's names and types.
     """
 
     def __init__(
@@ -36,13 +36,13 @@ class RealSenseDevice:
         clock: Clock,
         host_clock: Clock = time.time,
     ):
-        """Loads the library; the camera is not touched.
+        """Loads the library; the camera is not opened.
 
         Args:
-            config: Which camera, and how it is run.
+            config: Which camera to open, and how.
             camera: Its model in the scenario.
             clock: The time now [s since the epoch].
-            host_clock: This computer's clock, by which the library stamps.
+            host_clock: This computer's clock, which the library uses.
 
         Raises:
             MissingDependencyError: if `pyrealsense2` is not installed.
@@ -60,11 +60,11 @@ class RealSenseDevice:
             latency=config.latency,
             host_clock=host_clock,
         )
+        self._align = self._rs.align(self._rs.stream.color)
         self._pipeline: Any = None
-        self._align: Any = None
         self._rectification: Rectification | None = None
         self._depth_step = 0.0
-        self._heard = self._settled = 0.0
+        self._last_time = self._settled = 0.0
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
@@ -81,7 +81,6 @@ class RealSenseDevice:
                 if sensor.supports(rs.option.global_time_enabled):
                     sensor.set_option(rs.option.global_time_enabled, 1.0)
             self._depth_step = device.first_depth_sensor().get_depth_scale()
-            self._align = rs.align(rs.stream.color)
             stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
             intrinsics = stream.get_intrinsics()
         except RuntimeError as error:
@@ -94,8 +93,8 @@ class RealSenseDevice:
             ) from error
         self._rectification = Rectification(rs, intrinsics, source=self._source)
         check_intrinsics(self._rectification.K, self._camera, source=self._source)
-        self._heard = self._clock()
-        self._settled = self._heard + self._config.settle
+        self._last_time = self._clock()
+        self._settled = self._last_time + self._config.settle
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
@@ -106,26 +105,26 @@ class RealSenseDevice:
         except RuntimeError as error:
             raise CaptureError(
                 f"{self._source} failed: {error}.",
-                remedy="See whether it is plugged in, and into a USB 3 port.",
+                remedy="Check that it is plugged into a USB 3 port.",
             ) from error
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""
-        pipeline, self._pipeline, self._align = self._pipeline, None, None
+        pipeline, self._pipeline = self._pipeline, None
         if pipeline is not None:
-            # An unplugged camera cannot be stopped.
-            with suppress(RuntimeError):
+            with suppress(RuntimeError):  # An unplugged camera cannot be stopped.
                 pipeline.stop()
 
     def _read(self, rectification: Rectification) -> RgbdImage | None:
         _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
         TURNS.wait()
-        stamp = self._stamp(frames)
+        stamp = self._stamps.stamp(frames)
+        now = self._clock()
         if stamp is None:
-            self._silent()
+            self._check_silence(now)
             return None
-        self._heard = self._clock()
-        if self._heard < self._settled:
+        self._last_time = now
+        if now < self._settled:
             return None
         frames = self._align.process(frames)
         color, depth = frames.get_color_frame(), frames.get_depth_frame()
@@ -140,23 +139,14 @@ class RealSenseDevice:
             depth_step=self._depth_step,
         )
 
-    def _stamp(self, frames: Any) -> float | None:
-        """Returns when the frames were taken, or None where none are new."""
-        # The first frames come without their partners, and none at all when the time is over.
-        if not frames:
-            return None
-        color, depth = frames.get_color_frame(), frames.get_depth_frame()
-        return self._stamps.stamp(color, depth) if color and depth else None
-
-    def _silent(self) -> None:
-        """The library does not say that a camera was unplugged: it only becomes silent."""
-        if self._clock() - self._heard <= self._config.silence:
-            return
-        raise CaptureError(
-            f"{self._source} has sent no new image for {self._config.silence:g} s; connected are: "
-            f"{', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
-            remedy="See whether it is plugged in, and into a USB 3 port.",
-        )
+    def _check_silence(self, now: float) -> None:
+        # The library reports no error when a camera is unplugged; it only delivers no frames.
+        if now - self._last_time > self._config.silence:
+            raise CaptureError(
+                f"{self._source} has sent no new image for {self._config.silence:g} s; connected "
+                f"are: {', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
+                remedy="Check that it is plugged into a USB 3 port.",
+            )
 
     def _choose(self, serials: list[str]) -> str:
         wanted = self._config.serial
@@ -166,9 +156,7 @@ class RealSenseDevice:
             return serials[0]
         raise CaptureError(
             f"{self._source} was not found; connected are: {', '.join(serials) or 'none'}.",
-            remedy="Plug it in, and give it in the scenario the serial number printed on it."
-            if not wanted
-            else "Plug it in, or correct its serial number in the scenario.",
+            remedy="Plug it in, and write the serial number printed on it into the scenario.",
         )
 
     def _streams(self, serial: str) -> Any:

@@ -1,4 +1,4 @@
-"""Images of a RealSense as a pinhole camera would see them."""
+"""Images of a RealSense as a pinhole camera would capture them."""
 
 from typing import Any
 
@@ -8,25 +8,27 @@ import numpy as np
 from poil_drake.errors import CaptureError
 
 _KNOWN = ("brown_conrady", "modified_brown_conrady", "inverse_brown_conrady")
+
 _GRID = 9
-"""Points along each side of the image at which the library is asked."""
+"""Points along each side of the image at which OpenCV's projection is compared with the library's.
+"""
 
 _TOLERANCE = 0.5
-"""Between OpenCV's distortion and the library's [px]. Of pyrealsense2 2.59 they differ by 0.02 px
-with the coefficients of a D455."""
+"""Largest difference of those projections [px]. It is 0.02 px for pyrealsense2 2.59 with the
+coefficients of a D455."""
 
 
 class Rectification:
-    """Undoes the distortion of the colour image, and of the depth that is aligned to it.
+    """Undistorts the colour image and the depth that is aligned to it.
 
-    The library aligns depth to the colour image as that is, distorted. It calls most colour images
-    `inverse_brown_conrady`, and yet projects by the Brown-Conrady polynomial, which is OpenCV's. As
-    the name says otherwise, and older versions ignored it, the library itself is asked at some
-    points where they are projected to; what does not agree with OpenCV's model is refused.
+    The library aligns depth to the distorted colour image. It labels most colour images
+    `inverse_brown_conrady`, but projects by the Brown-Conrady polynomial, as OpenCV does. Since the
+    label is wrong, and older versions ignore distortion, some points are projected by the library
+    and compared with OpenCV's model.
     """
 
     def __init__(self, rs: Any, intrinsics: Any, *, source: str):
-        """Makes the maps, once for all images.
+        """Computes the maps for all images.
 
         Args:
             rs: The module `pyrealsense2`.
@@ -34,7 +36,7 @@ class Rectification:
             source: What to call the camera in an error.
 
         Raises:
-            CaptureError: if the images are distorted in a way that cannot be undone.
+            CaptureError: if the distortion does not agree with OpenCV's model.
         """
         self.K = np.array(
             [
@@ -47,37 +49,33 @@ class Rectification:
         coefficients = np.array(intrinsics.coeffs, float)
         if intrinsics.model.name == "none" or not coefficients.any():
             return
+        size = (intrinsics.width, intrinsics.height)
         u, v = cv2.initUndistortRectifyMap(
-            self.K,
-            coefficients,
-            np.eye(3),
-            self.K,
-            (intrinsics.width, intrinsics.height),
-            cv2.CV_32FC1,
+            self.K, coefficients, np.eye(3), self.K, size, cv2.CV_32FC1
         )
         if intrinsics.model.name not in _KNOWN or not self._agrees(rs, intrinsics, u, v):
             raise CaptureError(
                 f"{source} has images distorted by the model '{intrinsics.model.name}' with the "
-                f"coefficients {coefficients.tolist()}, which cannot be undone here.",
+                f"coefficients {coefficients.tolist()}, which is not supported.",
                 remedy="Update pyrealsense2 and the camera's firmware, or send rectified images "
                 "over LCM (!LcmImages).",
             )
         self._maps = cv2.convertMaps(u, v, cv2.CV_16SC2)
 
     def color(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns (H, W, 3) uint8 colour without distortion, interpolated; black beyond it."""
+        """Returns undistorted colour (H, W, 3) uint8, interpolated; black outside the image."""
         if self._maps is None:
             return pixels
         return cv2.remap(pixels, *self._maps, cv2.INTER_LINEAR)
 
     def depth(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns (H, W) depth without distortion, of the nearest pixel each; 0 beyond it."""
+        """Returns undistorted depth (H, W), of the nearest pixels; 0 outside the image."""
         if self._maps is None:
             return pixels
         return cv2.remap(pixels, *self._maps, cv2.INTER_NEAREST)
 
     def _agrees(self, rs: Any, intrinsics: Any, u: np.ndarray, v: np.ndarray) -> bool:
-        """Returns whether the library projects to where OpenCV's maps look."""
+        """Returns whether the library's projection agrees with OpenCV's maps."""
         height, width = u.shape
         for row in np.linspace(0, height - 1, _GRID).astype(int):
             for column in np.linspace(0, width - 1, _GRID).astype(int):

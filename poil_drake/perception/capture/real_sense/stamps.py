@@ -1,4 +1,4 @@
-"""When a RealSense took a pair of frames, and whether it is new."""
+"""When a RealSense captured a pair of frames, and whether the pair is new."""
 
 import math
 from typing import Any
@@ -9,34 +9,27 @@ from poil_drake.perception.capture.host_stamps import HostStamps
 _SECONDS_PER_MILLISECOND = 1e-3
 
 _LARGEST_GAP = 0.6
-"""Between the two frames of a pair [periods]: of two cameras out of step the nearest frames are up
-to half a period apart, and stamps tremble a little."""
+"""Between the two frames of a pair [periods]. Of two sensors out of step, the nearest frames are up
+to half a period apart; stamps have some jitter."""
 
 
 class FramePairStamps:
-    """Stamps pairs of a colour and a depth frame, and refuses those that are not new.
+    """Stamps pairs of a colour and a depth frame, and rejects those that are not new.
 
-    The library's pipeline gives with every new frame the last one of the other stream once more, so
-    a pair is new only where both frames are. Both are compared with those of the last pair that was
-    taken, since the two may come one after the other. The pair's time is that of the older frame.
+    With each new frame the library's pipeline repeats the last frame of the other stream, so a pair
+    is new only where both frames are. Both are compared with the last accepted pair, since the two
+    may arrive one after the other. The time of a pair is that of its older frame.
 
-    The time of a frame is, by its time domain: of `global_time`, the capture by this computer's
-    clock; of `system_time`, when the frame arrived; of `hardware_clock`, the camera's own, whose
-    offset is that of the frame that came fastest since the start. For the latter two the latency is
-    taken off. Whoever asks late thus finds an old frame old.
+    The time of a frame depends on its time domain: `global_time` is the capture by this computer's
+    clock; `system_time` is the frame's arrival; `hardware_clock` is the camera's clock, with the
+    offset of the frame that arrived fastest since the start. For the latter two the latency is
+    subtracted. A frame that is fetched late therefore has an old stamp.
     """
 
     def __init__(
-        self,
-        rs: Any,
-        clock: Clock,
-        *,
-        source: str,
-        fps: float,
-        latency: float,
-        host_clock: Clock,
+        self, rs: Any, clock: Clock, *, source: str, fps: float, latency: float, host_clock: Clock
     ):
-        """Makes it.
+        """Constructs the stamper.
 
         Args:
             rs: The module `pyrealsense2`.
@@ -44,7 +37,7 @@ class FramePairStamps:
             source: What to call the camera in an error.
             fps: Frames per second.
             latency: From a capture to the frame's arrival [s].
-            host_clock: This computer's, by which the library stamps.
+            host_clock: This computer's clock, which the library uses.
         """
         self._domains = rs.timestamp_domain
         self._largest_gap, self._latency = _LARGEST_GAP / fps, latency
@@ -52,17 +45,22 @@ class FramePairStamps:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets all frames, as after the camera was opened."""
+        """Forgets all frames, for use after the camera was opened."""
         self._stamps.restart()
         self._taken = (-1, -1)
         self._offset, self._hardware_time = math.inf, -math.inf
 
-    def stamp(self, color: Any, depth: Any) -> float | None:
-        """Returns when a pair was taken by our clock [s], or None where it is not new, or no pair.
+    def stamp(self, frames: Any) -> float | None:
+        """Returns when frames were captured [s, our clock], or None if they are not a new pair.
 
         Raises:
             CaptureError: see `HostStamps.convert`.
         """
+        if not frames:  # At a timeout.
+            return None
+        color, depth = frames.get_color_frame(), frames.get_depth_frame()
+        if not (color and depth):  # The first frames have no partners.
+            return None
         numbers = (color.get_frame_number(), depth.get_frame_number())
         if any(number <= taken for number, taken in zip(numbers, self._taken, strict=True)):
             return None
@@ -72,24 +70,20 @@ class FramePairStamps:
         times = [frame.get_timestamp() * _SECONDS_PER_MILLISECOND for frame in (color, depth)]
         if abs(times[0] - times[1]) > self._largest_gap:
             return None
-        stamp = self._convert(min(times), domain)
-        if stamp is not None:
-            self._taken = numbers
-        return stamp
-
-    def _convert(self, time: float, domain: Any) -> float | None:
-        if domain == self._domains.global_time:
-            return self._stamps.convert(time)
+        time = min(times)
         if domain == self._domains.hardware_clock:
             time += self._hardware_offset(time)
         stamp = self._stamps.convert(time)
-        return None if stamp is None else stamp - self._latency
+        if stamp is None:
+            return None
+        self._taken = numbers
+        return stamp if domain == self._domains.global_time else stamp - self._latency
 
     def _hardware_offset(self, time: float) -> float:
-        """Returns what makes a time of the camera's clock one of ours [s].
+        """Returns the offset from the camera's clock to ours [s].
 
-        It only becomes smaller; a clock that goes wrong by 50 ppm is 0.2 s off after an hour, and
-        images look older then. A clock that begins again, after 72 minutes, has a new offset.
+        It only decreases. A clock with a drift of 50 ppm is 0.2 s off after an hour, and images
+        look older then. A clock that restarts, after 72 minutes, gets a new offset.
         """
         if time < self._hardware_time:
             self._offset = math.inf

@@ -1,6 +1,6 @@
-"""What the tracker knows of the object: its surface and its texture, in the object's own frame."""
+"""The model of the object that the tracker aligns, in the object's own frame."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,43 +10,52 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.perception.images import MultiViewFrame
-from poil_drake.perception.trackers.rigid_flow.alignment.config import ModelConfig
-from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import match_contour
+from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import (
+    SEARCH_REACH,
+    match_contour,
+)
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
-from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import cross_rows
 from poil_drake.perception.trackers.rigid_flow.appearance_model import (
     AppearanceModel,
     color_features,
     learn_appearance,
 )
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.texture_patches import TexturePatches, take_patches
+from poil_drake.perception.trackers.rigid_flow.reference_view import make_reference_views
+from poil_drake.perception.trackers.rigid_flow.texture_patches import (
+    MAX_PATCHES,
+    TexturePatches,
+    take_patches,
+)
 from poil_drake.perception.trackers.rigid_flow.view_surface import ViewSurface, view_surface
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, make_window
+from poil_drake.perception.trackers.rigid_flow.view_window import (
+    PosedView,
+    ViewWindow,
+    make_window,
+    unproject_to_world,
+)
+
+_EROSION = 1  # border removed from the object's masks [px]; detectors spill over by about that
+_MIN_POINTS = 100  # surface points that a model needs
+_PATCHES_PER_VIEW = 40  # texture patches taken from one view of the first frame
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectModel(SharedOnCopy):
-    """The object in its own frame O, which is at the centroid of what was seen first.
+    """The object in its own frame O, whose origin is the centroid of what the first frame shows.
 
     Attributes:
-        points: (M, 3) surface points [m].
-        normals: (M, 3) unit.
-        colors: (M, 3) uint8 RGB.
-        trust: (M,) how much each counts, in (0, 1]; less than 1 where the model grew.
-        aligned: Those of them that enter the alignment.
-        support: Those of them, spread evenly over the object, that tell how much of it is seen.
-        patches: Texture.
-        appearance: Its colours and where it is not.
+        surface: Its surface points. They have trust 1 where the first frame shows them.
+        aligned: The surface points that enter the alignment.
+        support: Surface points, spread evenly, that measure how much of the object is seen.
+        patches: Its texture.
+        appearance: Its colours and what surrounded it.
         part_points: (N, 3) the points to report [m].
-        contour_bias: How far outward of its rendered outline the object really ends [px].
-        radius: Largest distance of a point from the origin [m].
+        contour_bias: How far outward of its rendered outline the object ends [px].
+        radius: Largest distance of a surface point from the origin [m].
     """
 
-    points: np.ndarray
-    normals: np.ndarray
-    colors: np.ndarray
-    trust: np.ndarray
+    surface: OrientedPoints
     aligned: OrientedPoints
     support: OrientedPoints
     patches: TexturePatches
@@ -62,142 +71,105 @@ def build_model(
     masks: tuple[np.ndarray, ...],
     config: RigidFlowConfig,
 ) -> tuple[ObjectModel, np.ndarray]:
-    """Models the object from the first frame.
+    """Returns the object's model and its pose X_WO (4, 4) in the first frame.
 
-    Returns:
-        The model, and X_WO (4, 4): the pose of its frame, whose axes are the world's.
+    The axes of its frame are those of the world then.
+
+    Args:
+        frame: The first frame.
+        query_points: (N, 3) the points to report [m, world].
+        masks: (H, W) bool for each view: where the object is.
+        config: Parameters.
 
     Raises:
-        TrackingError: if too little of the object is seen.
+        TrackingError: if the views show too little of the object.
     """
     surfaces: list[tuple[ViewWindow, ViewSurface]] = []
-    for index, mask in enumerate(masks):
-        window = _window_of_mask(frame, index, mask, config)
+    for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True):
+        v, u = np.nonzero(mask & (image.depth > 0.0))
+        window = make_window(camera, image, unproject_to_world(camera, image.depth, u, v))
         if window is None:
             continue
         (u0, v0), (height, width) = window.corner, window.depth.shape
-        inner = erode_mask(mask, config.model.erosion)[v0 : v0 + height, u0 : u0 + width]
-        surfaces.append((window, view_surface(window, inner, config)))
-    count = sum(len(surface.points) for _, surface in surfaces)
-    if count < config.model.min_points:
+        inner = erode_mask(mask, _EROSION)[v0 : v0 + height, u0 : u0 + width]
+        surfaces.append((window, view_surface(window, inner)))
+    count = sum(len(seen.points) for _, seen in surfaces)
+    if count < _MIN_POINTS:
         marked = [int(np.count_nonzero(mask)) for mask in masks]
         raise TrackingError(
-            f"Only {count} surface points of the object are seen, but {config.model.min_points} "
-            f"are needed; the masks mark {marked} pixels.",
+            f"The views show only {count} surface points of the object, but {_MIN_POINTS} are "
+            f"needed; the masks mark {marked} pixels.",
             remedy="Check the masks and the depth images, or move a camera nearer.",
         )
-    in_world = [(w.sight(np.eye(4)), surface) for w, surface in surfaces]
-    points_W = np.concatenate([sight.to_object(surface.points) for sight, surface in in_world])
-    normals = np.concatenate([surface.normals @ sight.R_CO for sight, surface in in_world])
-    colors = np.concatenate([surface.colors for _, surface in surfaces])
+    in_world = [(window.at(np.eye(4)), seen) for window, seen in surfaces]
+    points_W = np.concatenate([view.to_object(seen.points) for view, seen in in_world])
+    normals = np.concatenate([seen.normals @ view.R_CO for view, seen in in_world])
+    colors = np.concatenate([seen.colors for _, seen in surfaces])
     origin = points_W.mean(axis=0)
     X_WO = make_transform(np.eye(3), origin)
     radius = float(np.linalg.norm(points_W - origin, axis=1).max())
-    patches = TexturePatches.empty(config.texture)
-    for window, surface in surfaces:
+    surface = OrientedPoints.make(points_W - origin, normals, color_features(colors), 1.0)
+    views = [window.at(X_WO) for window, _ in surfaces]
+    patches = TexturePatches.empty()
+    for view, (_, seen) in zip(views, surfaces, strict=True):
         taken = take_patches(
-            window,
-            X_WO,
-            surface.usable,
-            surface.normal_image,
-            config.texture,
-            count=config.texture.max_patches,
-            trust=1.0,
+            view, seen.usable, seen.normal_image, count=_PATCHES_PER_VIEW, trust=1.0
         )
-        patches = patches.joined(taken, config.texture.max_total)
+        patches = patches.joined(taken, MAX_PATCHES)
+    reference_views = make_reference_views(frame, masks, X_WO)
     model = assemble_model(
-        points_W - origin,
-        normals,
-        colors,
-        np.ones(len(normals)),
+        surface,
         patches,
-        appearance=learn_appearance(frame, masks, X_WO, radius, config.appearance),
+        appearance=learn_appearance(frame, masks, reference_views, radius),
         part_points=query_points - origin,
-        contour_bias=0.0,
-        config=config.model,
+        contour_bias=_contour_bias(surface, views),
+        config=config,
     )
-    bias = _contour_bias(model, [window for window, _ in surfaces], X_WO, config)
-    return replace(model, contour_bias=bias), X_WO
+    return model, X_WO
 
 
 def assemble_model(
-    points: np.ndarray,
-    normals: np.ndarray,
-    colors: np.ndarray,
-    trust: np.ndarray,
+    surface: OrientedPoints,
     patches: TexturePatches,
     *,
     appearance: AppearanceModel,
     part_points: np.ndarray,
     contour_bias: float,
-    config: ModelConfig,
+    config: RigidFlowConfig,
 ) -> ObjectModel:
-    """Returns the model of a surface of M points with what follows from it."""
-    every = _oriented(points, normals, colors, trust)
-    support = farthest_point_sampling(points, min(config.support_points, len(points)))
+    """Returns the model of a surface, with the points chosen from it."""
+    support = farthest_point_sampling(surface.points, min(config.support_points, len(surface)))
     return ObjectModel(
-        points=points,
-        normals=normals,
-        colors=colors,
-        trust=trust,
-        aligned=every.select(_stable_choice(every.rows, config.aligned_points)),
-        support=every.select(support),
+        surface=surface,
+        aligned=surface.select(_stable_choice(surface.jacobian, config.aligned_points)),
+        support=surface.select(support),
         patches=patches,
         appearance=appearance,
         part_points=part_points,
         contour_bias=contour_bias,
-        radius=float(np.linalg.norm(points, axis=1).max()),
+        radius=float(np.linalg.norm(surface.points, axis=1).max()),
     )
 
 
-def _oriented(
-    points: np.ndarray, normals: np.ndarray, colors: np.ndarray, trust: np.ndarray
-) -> OrientedPoints:
-    rows = np.hstack([cross_rows(points, normals), normals])
-    offsets = np.einsum("mi,mi->m", points, normals)
-    return OrientedPoints(points, normals, offsets, rows, trust, color_features(colors))
+def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
+    """Returns the indices of those rows (M, 6) of a Jacobian that determine the pose best.
 
-
-def _stable_choice(rows: np.ndarray, count: int) -> np.ndarray:
-    """Chooses the points (of M, by index) that pin the pose down best.
-
-    Half of the choice goes by leverage, the share of a point in what is known of the pose: the few
-    points of a handle tell how far a cylinder has turned (cf. Gelfand et al. 2003, "Geometrically
-    stable sampling for the ICP algorithm"). The other half is even.
+    Half of the choice goes by leverage, the share of a point in the information on the pose: the
+    few points of a handle determine how far a cylinder has turned (cf. Gelfand et al. 2003,
+    "Geometrically stable sampling for the ICP algorithm"). The other half is uniform.
     """
-    if len(rows) <= count:
-        return np.arange(len(rows))
-    leverage = np.einsum("mi,mi->m", rows @ np.linalg.pinv(rows.T @ rows), rows)
-    share = 0.5 * leverage / leverage.sum() + 0.5 / len(rows)
-    # Systematic sampling: one point for each equal step of the summed shares.
+    if len(jacobian) <= count:
+        return np.arange(len(jacobian))
+    leverage = np.einsum("mi,mi->m", jacobian @ np.linalg.pinv(jacobian.T @ jacobian), jacobian)
+    share = 0.5 * leverage / leverage.sum() + 0.5 / len(jacobian)
+    # Systematic sampling: one point for each equal step of the cumulative shares.
     chosen = np.unique(np.searchsorted(np.cumsum(share), (np.arange(count) + 0.5) / count))
-    return np.minimum(chosen, len(rows) - 1)
+    return np.minimum(chosen, len(jacobian) - 1)
 
 
-def _window_of_mask(
-    frame: MultiViewFrame, index: int, mask: np.ndarray, config: RigidFlowConfig
-) -> ViewWindow | None:
-    """Returns the window around the masked pixels that have depth, None where there are few."""
-    camera, image = frame.cameras[index], frame.images[index]
-    v, u = np.nonzero(mask & (image.depth > 0.0))
-    if len(u) < 3:
-        return None
-    z = image.depth[v, u].astype(float)
-    pixels = np.stack([u * z, v * z, z], axis=1)
-    points_C = pixels @ np.linalg.inv(camera.K).T
-    points_W = points_C @ camera.X_WC[:3, :3].T + camera.X_WC[:3, 3]
-    return make_window(index, camera, image, points_W, config.window)
-
-
-def _contour_bias(
-    model: ObjectModel, windows: list[ViewWindow], X_WO: np.ndarray, config: RigidFlowConfig
-) -> float:
-    """Measures, where the pose is known, how far the edges are from the rendered outline."""
-    shifts = []
-    for window in windows:
-        matches = match_contour(model.points, model.normals, 0.0, window, X_WO, config.contour)
-        if matches is not None:
-            shifts.append(matches.displacements)
-    found = np.concatenate(shifts) if shifts else np.empty(0)
-    found = found[np.abs(found) < config.contour.search - 2]
-    return float(np.median(found)) if found.size else 0.5
+def _contour_bias(surface: OrientedPoints, views: list[PosedView]) -> float:
+    """Measures, at the known pose, how far outward of the rendered outline the edges are [px]."""
+    matches = (match_contour(surface, 0.0, view) for view in views)
+    shifts = np.concatenate([[], *(found.displacements for found in matches if found is not None)])
+    shifts = shifts[np.abs(shifts) < SEARCH_REACH - 2]
+    return float(np.median(shifts)) if shifts.size else 0.5

@@ -6,9 +6,8 @@ import numpy as np
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import PoseEstimate
-from poil_drake.perception.trackers.rigid_flow.model_growth import Keyframe, ReferenceView
+from poil_drake.perception.trackers.rigid_flow.model_growth import Keyframe
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
-from poil_drake.perception.trackers.rigid_flow.track_quality import Evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,28 +16,24 @@ class RigidFlowState(SharedOnCopy):
 
     Attributes:
         model: The object.
-        reference_views: What the first frame saw, for growth to compare with.
-        keyframes: From where the model has been learnt.
-        pose: Where the object is, or where it was last believed to be.
+        keyframes: The views from which the model was learnt.
+        pose: The object's pose; where it is lost, the predicted one.
         velocity: (6,) of the object in its own frame [rad/s, m/s].
         stamp: Time of capture of the last frame [s].
-        innovation: (angular [rad], linear [m]) how far the last motion was from what was expected
-            of it, by the motion prior if there was one.
+        innovation: (angular [rad], linear [m]) difference between the last motion and its
+            prediction, which is the motion prior where there was one.
         lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
             tracked.
-        guess: (4, 4) where a lost object may be, from the last search; None without an idea.
-        found: Whether the last search found a lost object, and the next has to confirm it.
-        evidence: What the last views said about the pose; None at the start.
+        candidate: (4, 4) the most likely pose of a lost object; None where none is likely.
+        unconfirmed: Whether the last frame found a lost object and the next one has to confirm it.
     """
 
     model: ObjectModel
-    reference_views: tuple[ReferenceView, ...]
     keyframes: tuple[Keyframe, ...]
     pose: PoseEstimate
     velocity: np.ndarray
     stamp: float
-    innovation: tuple[float, float]
-    lost_since: float | None
-    guess: np.ndarray | None
-    found: bool
-    evidence: Evidence | None
+    innovation: tuple[float, float] = (0.0, 0.0)
+    lost_since: float | None = None
+    candidate: np.ndarray | None = None
+    unconfirmed: bool = False

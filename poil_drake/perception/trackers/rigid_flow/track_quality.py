@@ -1,4 +1,4 @@
-"""Whether the views bear a pose out, and how far the points are to be believed."""
+"""Whether the views support a pose, and how reliable the reported points are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,213 +14,224 @@ from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import (
     sample_depth,
 )
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import PoseEstimate
-from poil_drake.perception.trackers.rigid_flow.appearance_model import (
-    ObservedPoints,
-    contradiction,
-    likeness,
-)
-from poil_drake.perception.trackers.rigid_flow.config import QualityConfig, RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.appearance_model import color_similarity
+from poil_drake.perception.trackers.rigid_flow.free_space import FEW_OBSERVED, ObservedPoints
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, ViewWindow
 
-_AHEAD_WEIGHT = 0.5  # against 1 for points that the camera sees through
-_VACANT_WEIGHT = 8.0  # few pixels show a handle, but they tell much
+MIN_COSINE = 0.4
+"""Between normal and line of sight of the model points that are compared."""
+
+OCCLUDED_ERROR = 0.03
+"""A model point so far behind measured depth is occluded by something else [m]."""
+
+ENOUGH_SHARE = 0.1
+"""With a smaller share of model points to compare, in all views together, a pose scores less."""
+
+MAX_CONFLICT = 0.04
+"""Largest share of observed points in free space at an accepted pose."""
+
+RETRY_CONFLICT = 0.02
+"""Above this share other poses are tried, unless the object has just moved as predicted."""
+
+LOST_AGREEMENT = 0.7
+"""Below this agreement the object is lost."""
+
+CERTAIN_AGREEMENT = 0.85
+"""Below this agreement other poses are tried, no lost object is found, and the model never grows.
+"""
+
+_LOST_DEVIATION = 0.025  # of part points: with larger ones the object is lost [m]
+_FOUND_DEVIATION = 0.01  # with smaller ones a lost object is found [m]
+_LEARN_DEVIATION = 0.006  # with smaller ones the model may grow [m]
+
+_SEEN_ERROR = 0.006  # a model point with depth measured within this is seen [m]
+_SELF_OCCLUDED = 0.008  # a point this far behind the rendered model is behind the object [m]
+_EDGE_ERROR = 2.5  # an outline pixel with its edge found within this is confirmed [px]
+_MIN_SUPPORT = 4  # support points that must be seen, in all views together
+_OCCLUDED_SHARE = 0.1  # with fewer points in sight, the object counts as occluded, not as gone
+
+_IN_FRONT_WEIGHT = 0.5  # against 1 for points that the camera sees through
+_CONFLICT_WEIGHT = 8.0  # few pixels show a handle, but they matter
+
+_POINT_DEVIATION = 0.01  # of a part point with confidence 0.6 [m]
+_VISIBLE_ERROR = 0.01  # a part point with depth measured within this is visible [m]
+_HIDDEN_CONFIDENCE = 0.6  # factor on the confidence of a part point that no view shows
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the views say about a pose, in numbers of model points that should be seen.
+    """How a pose compares with the views, in numbers of model points that should be seen.
 
     Attributes:
-        seen: Measured depth agrees.
-        other: Those of them whose colour is another.
-        through: Measured depth is farther: the camera sees through where the object should be.
-        ahead: Something is a little nearer: a wrong pose, or a thing that touches the object.
-        hidden: Something is much nearer and hides the object.
+        seen: Points whose depth is measured.
+        other_color: Those of them with a different colour.
+        seen_through: Points that the camera sees through.
+        in_front: Points with something a little nearer: the pose is wrong, or something touches
+            the object.
+        occluded: Points with something much nearer.
+        enough: With fewer points to compare, the pose scores less.
         support: How many of the support points some view shows.
-        edges: Share of the outline, where nothing hides it, whose edge is where it should be.
-        vacant: Share of what is around, and is the object's by its colour, that lies where the
-            object is known not to be.
-        enough: With fewer points to look at, a pose is borne out the less.
+        edges: Share of the unoccluded outline whose edge is where it should be.
+        conflict: Share of the observed points around the object that lie in free space.
+        deviation: Largest standard deviation of a part point [m].
     """
 
     seen: int
-    other: int
-    through: int
-    ahead: int
-    hidden: int
+    other_color: int
+    seen_through: int
+    in_front: int
+    occluded: int
+    enough: int
     support: int
     edges: float
-    vacant: float
-    enough: int
-
-    @property
-    def agreement(self) -> float:
-        """The share of points that agree, of those that nothing hides; 0 where there are none."""
-        return self.seen / (self.seen + self.against) if self.seen else 0.0
+    conflict: float
+    deviation: float
 
     @property
     def against(self) -> float:
-        """How many points speak against the pose; what is ahead may be a thing that touches."""
-        return self.through + _AHEAD_WEIGHT * self.ahead
+        """The weighted number of points that contradict the pose."""
+        return self.seen_through + _IN_FRONT_WEIGHT * self.in_front
 
     @property
-    def looked_at(self) -> int:
-        """How many points nothing hides."""
-        return self.seen + self.through + self.ahead
+    def agreement(self) -> float:
+        """The share of unoccluded points that are seen; 0 where there are none."""
+        return self.seen / (self.seen + self.against) if self.seen else 0.0
+
+    @property
+    def unoccluded(self) -> int:
+        """How many points nothing occludes."""
+        return self.seen + self.seen_through + self.in_front
 
     @property
     def score(self) -> float:
-        """How well the pose is borne out; for comparing poses in the same views."""
-        all_points = max(self.looked_at + self.hidden, self.enough)
-        points = (self.seen - 2 * self.other - self.against) / all_points
-        return points + self.edges - _VACANT_WEIGHT * self.vacant
+        """How well the views support the pose, for comparing poses in the same views."""
+        all_points = max(self.unoccluded + self.occluded, self.enough)
+        points = (self.seen - 2 * self.other_color - self.against) / all_points
+        return points + self.edges - _CONFLICT_WEIGHT * self.conflict
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether the views show enough of the object: points all over it, or many in one place."""
+        return self.support >= _MIN_SUPPORT or self.seen >= self.enough
+
+    def supports_pose(self, agreement: float) -> bool:
+        """Returns whether the pose of a tracked object is accepted, at some least agreement.
+
+        Where nearly all model points are occluded, the views neither support nor contradict the
+        pose. Then its deviation decides, which grows from step to step.
+        """
+        if self.deviation > _LOST_DEVIATION:
+            return False
+        if not self.is_supported:
+            return self.unoccluded < _OCCLUDED_SHARE * (self.unoccluded + self.occluded)
+        return self.agreement >= agreement and self.conflict <= MAX_CONFLICT
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the views support the pose so well that a lost object is there."""
+        return (
+            self.deviation <= _FOUND_DEVIATION
+            and self.is_supported
+            and self.unoccluded >= self.enough
+            and self.agreement >= CERTAIN_AGREEMENT
+            and self.conflict <= MAX_CONFLICT
+        )
+
+    @property
+    def may_learn(self) -> bool:
+        """Whether the pose is certain enough for the model to grow."""
+        return (
+            self.deviation < _LEARN_DEVIATION
+            and self.support >= _MIN_SUPPORT
+            and self.agreement >= CERTAIN_AGREEMENT
+            and self.conflict <= RETRY_CONFLICT
+        )
 
 
 def examine(
     model: ObjectModel,
     windows: Sequence[ViewWindow],
-    around: ObservedPoints,
-    X_WO: np.ndarray,
-    config: RigidFlowConfig,
+    observed: ObservedPoints,
+    pose: PoseEstimate,
 ) -> Evidence:
-    """Compares the model at a pose (4, 4) with the views, and with what is around it by colour."""
-    quality = config.quality
+    """Compares the model at a pose with the views and with the observed points around it."""
     counts = np.zeros(5, dtype=int)
-    supported = np.zeros(len(model.support.points), dtype=bool)
+    supported = np.zeros(len(model.support), dtype=bool)
     confirmed = searched = 0
     for window in windows:
-        support = sample_depth(model.support, window, X_WO, quality.min_cosine)
-        agrees = np.abs(support.residuals) < quality.inlier_error
-        supported[support.index[agrees]] = True
-        matches = match_contour(
-            model.points, model.normals, model.contour_bias, window, X_WO, config.contour
-        )
+        view = window.at(pose.X_WO)
+        support = sample_depth(model.support, view, MIN_COSINE)
+        supported[support.index[np.abs(support.residuals) < _SEEN_ERROR]] = True
+        matches = match_contour(model.surface, model.contour_bias, view)
         if matches is not None:
             error = np.abs(matches.displacements - model.contour_bias)
-            confirmed += int(np.count_nonzero(error < quality.edge_error))
+            confirmed += int(np.count_nonzero(error < _EDGE_ERROR))
             searched += matches.searched
-        counts += _count(model.aligned, window, X_WO, matches, config)
-    seen_count, other_count, through_count, ahead_count, hidden_count = counts.tolist()
-    explained, vacant = contradiction(
-        model.appearance, around, X_WO[None], model.radius, config.appearance
+        counts += _count(model.aligned, view, matches)
+    explained, conflicting = model.appearance.free_space.conflict(
+        observed, pose.X_WO[None], model.radius
     )
+    seen, other_color, seen_through, in_front, occluded = counts.tolist()
     return Evidence(
-        seen=seen_count,
-        other=other_count,
-        through=through_count,
-        ahead=ahead_count,
-        hidden=hidden_count,
+        seen=seen,
+        other_color=other_color,
+        seen_through=seen_through,
+        in_front=in_front,
+        occluded=occluded,
+        enough=round(ENOUGH_SHARE * len(model.aligned)),
         support=int(np.count_nonzero(supported)),
         edges=confirmed / searched if searched else 0.0,
-        enough=round(quality.enough_points * len(model.aligned.points)),
-        vacant=float(vacant[0] / (explained[0] + vacant[0] + config.appearance.few_observed)),
-    )
-
-
-def is_borne_out(
-    evidence: Evidence,
-    pose: PoseEstimate,
-    model: ObjectModel,
-    agreement: float,
-    config: QualityConfig,
-) -> bool:
-    """Returns whether a pose has the support that a tracked object must have.
-
-    With nearly all model points hidden there is no support, but neither is there evidence against
-    the pose; then its doubt, which grows from step to step, decides.
-    """
-    if pose.point_deviations(model.part_points).max() > config.lost_deviation:
-        return False
-    if not _is_supported(evidence, config):
-        return evidence.looked_at < config.hidden_share * (evidence.looked_at + evidence.hidden)
-    return evidence.agreement >= agreement and evidence.vacant <= config.max_vacant
-
-
-def is_found(
-    evidence: Evidence, pose: PoseEstimate, model: ObjectModel, config: QualityConfig
-) -> bool:
-    """Returns whether a pose is so well borne out that an object that was lost is there."""
-    sure = pose.point_deviations(model.part_points).max() <= config.found_deviation
-    return bool(
-        sure
-        and _is_supported(evidence, config)
-        and evidence.looked_at >= evidence.enough
-        and evidence.agreement >= config.found_agreement
-        and evidence.vacant <= config.max_vacant
+        conflict=float(conflicting[0] / (explained[0] + conflicting[0] + FEW_OBSERVED)),
+        deviation=float(pose.point_deviations(model.part_points).max()),
     )
 
 
 def part_confidence(
-    evidence: Evidence,
-    pose: PoseEstimate,
-    model: ObjectModel,
-    windows: Sequence[ViewWindow],
-    config: QualityConfig,
+    evidence: Evidence, pose: PoseEstimate, model: ObjectModel, windows: Sequence[ViewWindow]
 ) -> np.ndarray:
-    """Returns the confidence (N,) in [0, 1] of the part points of a pose that is borne out.
+    """Returns the confidence (N,) in [0, 1] of the part points at an accepted pose.
 
-    The product of four factors: how sure the pose is at the point, how well the views agree with
-    the pose, how little they contradict it, and whether a view shows the point.
+    The product of four factors: the certainty of the pose at the point, the agreement of the views
+    with the pose, the absence of conflict, and whether a view shows the point.
     """
-    sureness = pose.point_deviations(model.part_points) / config.point_deviation
-    agreement = np.clip(
-        (evidence.agreement - config.lost_agreement) / (1.0 - config.lost_agreement), 0.0, 1.0
-    )
-    if not _is_supported(evidence, config):
+    deviations = pose.point_deviations(model.part_points) / _POINT_DEVIATION
+    agreement = np.clip((evidence.agreement - LOST_AGREEMENT) / (1.0 - LOST_AGREEMENT), 0.0, 1.0)
+    if not evidence.is_supported:
         agreement = 0.0
-    visible = _visible(pose.X_WO, model.part_points, windows, config.visible_error)
-    shown = np.where(visible, 1.0, config.hidden_confidence)
-    unopposed = np.clip(1.0 - evidence.vacant / config.max_vacant, 0.1, 1.0)
-    belief = (0.2 + 0.8 * agreement) * unopposed * shown
-    return np.clip(np.exp(-0.5 * sureness**2) * belief, 0.0, 1.0)
+    visible = np.any([_is_visible(w.at(pose.X_WO), model.part_points) for w in windows], axis=0)
+    shown = np.where(visible, 1.0, _HIDDEN_CONFIDENCE)
+    unopposed = np.clip(1.0 - evidence.conflict / MAX_CONFLICT, 0.1, 1.0)
+    factor = (0.2 + 0.8 * agreement) * unopposed * shown
+    return np.clip(np.exp(-0.5 * deviations**2) * factor, 0.0, 1.0)
 
 
-def _is_supported(evidence: Evidence, config: QualityConfig) -> bool:
-    """Returns whether enough of the object is seen: points all over it, or many at one place."""
-    return evidence.support >= config.min_support or evidence.seen >= evidence.enough
-
-
-def _count(
-    surface: OrientedPoints,
-    window: ViewWindow,
-    X_WO: np.ndarray,
-    matches: ContourMatches | None,
-    config: RigidFlowConfig,
-) -> np.ndarray:
-    """Returns how many points are seen, of other colour, seen through, ahead and hidden (5,)."""
-    quality = config.quality
-    samples = sample_depth(surface, window, X_WO, quality.min_cosine)
+def _count(surface: OrientedPoints, view: PosedView, matches: ContourMatches | None) -> np.ndarray:
+    """Returns the first five numbers of `Evidence` for one view (5,)."""
+    window = view.window
+    samples = sample_depth(surface, view, MIN_COSINE)
     u, v = samples.pixels
-    near = np.abs(samples.residuals) < quality.inlier_error
+    near = np.abs(samples.residuals) < _SEEN_ERROR
     shown = near.copy()
     if matches is not None:
-        # What the object itself hides tells nothing.
+        # Points that the object itself occludes do not count.
         z = window.depth[v, u] - samples.behind
-        shown |= z < matches.rendering[v, u] + quality.self_hidden
-    own = surface.features[:, samples.index]
-    alike = likeness(window.rgb[v, u], own, config.appearance) > 0.0
+        shown |= z < matches.rendering[v, u] + _SELF_OCCLUDED
+    similar = color_similarity(window.rgb[v, u], surface.features[samples.index]) > 0.0
     through = ~near & (samples.behind > 0.0)
-    hidden = ~near & (samples.behind < -quality.hidden_error)
-    ahead = ~(near | through | hidden)
-    kinds = (near, near & ~alike, through, ahead, hidden)
+    occluded = ~near & (samples.behind < -OCCLUDED_ERROR)
+    in_front = ~(near | through | occluded)
+    kinds = (near, near & ~similar, through, in_front, occluded)
     return np.array([np.count_nonzero(kind & shown) for kind in kinds])
 
 
-def _visible(
-    X_WO: np.ndarray, points_O: np.ndarray, windows: Sequence[ViewWindow], error: float
-) -> np.ndarray:
-    """Returns which points (N,) bool have depth like theirs measured around their pixel."""
-    visible = np.zeros(len(points_O), dtype=bool)
-    for window in windows:
-        points_C = window.sight(X_WO).to_camera(points_O)
-        u, v = window.project(points_C)
-        height, width = window.depth.shape
-        u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
-        inside = (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1) & (points_C[:, 2] > 0.05)
-        u, v = np.where(inside, u, 1), np.where(inside, v, 1)
-        for du in (-1, 0, 1):
-            for dv in (-1, 0, 1):
-                behind = window.depth[v + dv, u + du] - points_C[:, 2]
-                visible |= inside & (np.abs(behind) < error)
-    return visible
+def _is_visible(view: PosedView, points_O: np.ndarray) -> np.ndarray:
+    """Returns which points (N,) bool have about their depth measured in or beside their pixel."""
+    points_C = view.to_camera(points_O)
+    u, v = (np.rint(x).astype(np.intp) for x in view.window.project(points_C))
+    height, width = view.window.depth.shape
+    inside = (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1) & (points_C[:, 2] > 0.05)
+    u, v = np.where(inside, u, 1), np.where(inside, v, 1)
+    rows, columns = v[:, None, None] + [[-1], [0], [1]], u[:, None, None] + [-1, 0, 1]
+    error = np.abs(view.window.depth[rows, columns] - points_C[:, 2, None, None])
+    return inside & (error < _VISIBLE_ERROR).any(axis=(1, 2))

@@ -7,11 +7,12 @@ import numpy as np
 from poil_drake.geometry.pca_normals import pca_normals
 from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
 from poil_drake.geometry.unprojection import depth_normals
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import EDGE_JUMP, ViewWindow
 
-_NEIGHBOURS, _DEVIATIONS = 12, 2.5  # what tells flying pixels from surface
-_NORMAL_STEP = 1  # wider differences would leave no normals on a handle
+_SPACING = 0.003  # of the surface points [m]; two pixels at 0.65 m
+_NEIGHBOURS, _DEVIATIONS = 12, 2.5  # of the outlier test that removes flying pixels
+_NORMAL_STEP = 1  # [px]; wider differences leave no normals on a handle
+_NORMAL_SMOOTHING = 2  # half width of the box over which normals are averaged [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,10 +20,10 @@ class ViewSurface:
     """Surface points of one view, in the camera's frame.
 
     Attributes:
-        points: (M, 3) at the model's spacing [m].
+        points: (M, 3) one for each voxel [m].
         normals: (M, 3) unit.
         colors: (M, 3) uint8 RGB.
-        usable: (h, w) bool, the pixels that they were made from.
+        usable: (h, w) bool, the pixels that the points were made from.
         normal_image: (h, w, 3) normals, finite where usable.
     """
 
@@ -33,35 +34,29 @@ class ViewSurface:
     normal_image: np.ndarray
 
 
-def view_normals(window: ViewWindow, mask: np.ndarray, config: RigidFlowConfig) -> np.ndarray:
+def view_normals(window: ViewWindow, mask: np.ndarray) -> np.ndarray:
     """Returns normals (h, w, 3) in the camera's frame, from the pixels of a mask (h, w) only.
 
-    They are NaN outside of the mask and along its border.
+    They are NaN outside the mask and along its border.
     """
     return depth_normals(
         np.where(mask, window.surface, np.float32(0.0)),
         window.K,
         step=_NORMAL_STEP,
-        smoothing=config.model.normal_smoothing,
-        relative_jump=config.window.edge_jump,
+        smoothing=_NORMAL_SMOOTHING,
+        relative_jump=EDGE_JUMP,
     )
 
 
-def view_surface(window: ViewWindow, mask: np.ndarray, config: RigidFlowConfig) -> ViewSurface:
-    """Takes the surface that a window shows within a mask.
-
-    Args:
-        window: The view.
-        mask: (h, w) bool, pixels of the window that may be used.
-        config: Parameters.
-    """
+def view_surface(window: ViewWindow, mask: np.ndarray) -> ViewSurface:
+    """Returns the surface that a window shows within a mask (h, w) bool."""
     trusted = mask & (window.surface > 0.0)
-    normals = view_normals(window, trusted, config)
+    normals = view_normals(window, trusted)
     v, u = np.nonzero(trusted)
     points = window.unproject(u, v, window.surface[v, u].astype(float))
     missing = np.flatnonzero(~np.isfinite(normals[v, u, 0]))
     if missing.size and len(points) >= 3:
-        # Along borders and on parts a few pixels wide there are no central differences.
+        # Along borders, and on parts a few pixels wide, there are no central differences.
         normals[v[missing], u[missing]] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
     kept = np.isfinite(normals[v, u, 0])
     kept &= statistical_inliers(points, neighbours=_NEIGHBOURS, deviations=_DEVIATIONS)
@@ -71,7 +66,7 @@ def view_surface(window: ViewWindow, mask: np.ndarray, config: RigidFlowConfig) 
         PointCloud(
             points[kept], normals[v[kept], u[kept]].astype(float), window.rgb[v[kept], u[kept]]
         ),
-        config.model.voxel_size,
+        _SPACING,
     )
-    assert cloud.normals is not None and cloud.colors is not None  # noqa: PT018 (as given)
+    assert cloud.normals is not None and cloud.colors is not None  # noqa: PT018
     return ViewSurface(cloud.points, cloud.normals, cloud.colors, usable, normals)

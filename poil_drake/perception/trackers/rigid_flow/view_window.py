@@ -7,41 +7,23 @@ import numpy as np
 
 from poil_drake.geometry.depth_masks import depth_edges
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.perception.trackers.rigid_flow.alignment.config import WindowConfig
 
-_MIN_SIDE = 24  # a smaller window has no room for contours to be searched in
+EDGE_JUMP = 0.015
+"""Neighbouring pixels whose depth differs by more than this share are at a depth edge, where depths
+of both surfaces mix. 0.015 is 1 cm at 0.65 m."""
 
-
-@dataclass(frozen=True, eq=False)
-class Sight:
-    """Where a camera is in the object's frame O.
-
-    Attributes:
-        R_CO: (3, 3) rotation.
-        origin: (3,) the object frame's origin in the camera [m].
-        eye: (3,) the camera's centre in the object frame [m].
-    """
-
-    R_CO: np.ndarray
-    origin: np.ndarray
-    eye: np.ndarray
-
-    def to_camera(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the object in the camera's frame [m]."""
-        return points_O @ self.R_CO.T + self.origin
-
-    def to_object(self, points_C: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the camera in the object's frame [m]."""
-        return points_C @ self.R_CO + self.eye
+_MARGIN = 24  # around the predicted outline [px]: room for the object's motion and contour searches
+_MIN_SIDE = 24  # in a smaller window [px] contours cannot be searched
+_BLUR = 1.0  # standard deviation of the blur before image gradients are taken [px]
 
 
 @dataclass(frozen=True, eq=False)
 class ViewWindow(SharedOnCopy):
-    """A window of one view, ready to align with.
+    """A window of one view, prepared for alignment.
 
     Attributes:
-        index: Which view of the frame.
         corner: (u, v) of the window's first pixel in the image.
         depth: (h, w) float32 measured depth [m], 0 where invalid.
         surface: (h, w) float32, `depth` without the pixels at depth edges.
@@ -49,10 +31,9 @@ class ViewWindow(SharedOnCopy):
         grey: (h, w, 3) float32: blurred grey level and its gradients along u and v.
         focal: (fx, fy) [px].
         centre: (cx, cy) in the window [px].
-        X_CW: (4, 4) the world in the camera.
+        X_CW: (4, 4) pose of the world in the camera.
     """
 
-    index: int
     corner: tuple[int, int]
     depth: np.ndarray
     surface: np.ndarray
@@ -68,11 +49,11 @@ class ViewWindow(SharedOnCopy):
         (fx, fy), (cx, cy) = self.focal, self.centre
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def sight(self, X_WO: np.ndarray) -> Sight:
-        """Returns where the camera is in the frame of an object at pose X_WO (4, 4)."""
+    def at(self, X_WO: np.ndarray) -> "PosedView":
+        """Returns the view of an object at pose X_WO (4, 4)."""
         X_CO = self.X_CW @ X_WO
-        R_CO = X_CO[:3, :3]
-        return Sight(R_CO, X_CO[:3, 3], -X_CO[:3, 3] @ R_CO)
+        R_CO, origin = X_CO[:3, :3], X_CO[:3, 3]
+        return PosedView(self, R_CO, origin, -origin @ R_CO)
 
     def project(self, points_C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns u and v (...) in the window of points (..., 3) in front of the camera."""
@@ -87,62 +68,66 @@ class ViewWindow(SharedOnCopy):
         y = (v - self.centre[1]) * (z / self.focal[1])
         return np.stack([x, y, z], axis=-1)
 
-    def pixel_gradient(
-        self, direction_u: np.ndarray, direction_v: np.ndarray, points_C: np.ndarray
-    ) -> np.ndarray:
-        """Returns how a projection moves along a direction of the image as its point moves.
 
-        Args:
-            direction_u: (...) component along u of a direction g.
-            direction_v: (...) component along v.
-            points_C: (..., 3) [m, camera].
+@dataclass(frozen=True, eq=False)
+class PosedView:
+    """A window with the object at some pose in it.
 
-        Returns:
-            (..., 3) derivative of g . (u, v) by the point [px/m, camera].
-        """
-        inverse_z = 1.0 / points_C[..., 2]
-        gx = direction_u * self.focal[0] * inverse_z
-        gy = direction_v * self.focal[1] * inverse_z
-        gz = -(gx * points_C[..., 0] + gy * points_C[..., 1]) * inverse_z
-        return np.stack([gx, gy, gz], axis=-1)
-
-
-def make_window(
-    index: int,
-    camera: CameraModel,
-    image: RgbdImage,
-    points_W: np.ndarray,
-    config: WindowConfig,
-) -> ViewWindow | None:
-    """Cuts out the window around points.
-
-    Args:
-        index: Which view of the frame this is.
-        camera: Its camera.
-        image: Its images.
-        points_W: (P, 3) points of the object where it is expected [m, world].
-        config: Parameters.
-
-    Returns:
-        The window, or None where the points lie outside the view.
+    Attributes:
+        window: The window.
+        R_CO: (3, 3) rotation of the object in the camera.
+        origin: (3,) origin of the object's frame in the camera [m].
+        eye: (3,) centre of the camera in the object's frame [m].
     """
-    box = _bounding_box(camera, points_W, config.margin)
+
+    window: ViewWindow
+    R_CO: np.ndarray
+    origin: np.ndarray
+    eye: np.ndarray
+
+    def to_camera(self, points_O: np.ndarray) -> np.ndarray:
+        """Returns points (..., 3) of the object in the camera's frame [m]."""
+        return points_O @ self.R_CO.T + self.origin
+
+    def to_object(self, points_C: np.ndarray) -> np.ndarray:
+        """Returns points (..., 3) of the camera in the object's frame [m]."""
+        return points_C @ self.R_CO + self.eye
+
+    def project(self, points_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns u and v (...) in the window of points (..., 3) of the object."""
+        return self.window.project(self.to_camera(points_O))
+
+    def unproject(self, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Returns the points (..., 3) [m, object] at pixels of the window and depths z [m]."""
+        return self.to_object(self.window.unproject(u, v, z))
+
+    def pixel_gradient(
+        self, du: np.ndarray | float, dv: np.ndarray | float, points_O: np.ndarray
+    ) -> np.ndarray:
+        """Returns the derivative (..., 3) of du u + dv v by points (..., 3) [px/m, object]."""
+        x, y, z = np.moveaxis(self.to_camera(points_O), -1, 0)
+        inverse_z = 1.0 / z
+        gx = du * self.window.focal[0] * inverse_z
+        gy = dv * self.window.focal[1] * inverse_z
+        gz = -(gx * x + gy * y) * inverse_z
+        return np.stack([gx, gy, gz], axis=-1) @ self.R_CO
+
+
+def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
+    """Returns the window around points (P, 3) [m, world], or None where they are out of view."""
+    box = _bounding_box(camera, points_W)
     if box is None:
         return None
     u0, v0, u1, v1 = box
     depth = image.depth[v0:v1, u0:u1]
-    edges = depth_edges(depth, config.edge_jump)
+    edges = depth_edges(depth, EDGE_JUMP)
     rgb = np.ascontiguousarray(image.rgb[v0:v1, u0:u1])
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), config.blur)
+    blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _BLUR)
     # Scharr's kernel sums to 32 for a unit slope.
     gu = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
     gv = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
-    R_CW = camera.X_WC[:3, :3].T
-    X_CW = np.eye(4)
-    X_CW[:3, :3], X_CW[:3, 3] = R_CW, -R_CW @ camera.X_WC[:3, 3]
     return ViewWindow(
-        index=index,
         corner=(u0, v0),
         depth=depth,
         surface=np.where(edges, np.float32(0.0), depth),
@@ -150,21 +135,33 @@ def make_window(
         grey=cv2.merge([blurred, gu, gv]),
         focal=(float(camera.K[0, 0]), float(camera.K[1, 1])),
         centre=(float(camera.K[0, 2]) - u0, float(camera.K[1, 2]) - v0),
-        X_CW=X_CW,
+        X_CW=inverse(camera.X_WC),
     )
 
 
-def _bounding_box(
-    camera: CameraModel, points_W: np.ndarray, margin: int
-) -> tuple[int, int, int, int] | None:
-    """Returns the pixels (u0, v0, u1, v1) around the projections of points, None if too few."""
+def unproject_to_world(
+    camera: CameraModel, depth: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Returns the points (M, 3) [m, world] at pixels (M,) of a depth image (H, W) [m]."""
+    z = depth[v, u].astype(float)
+    pixels = np.stack([u * z, v * z, z], axis=1)
+    return transform_points(camera.X_WC, pixels @ np.linalg.inv(camera.K).T)
+
+
+def square_kernel(radius: int) -> np.ndarray:
+    """Returns the kernel of `cv2.dilate` and `cv2.erode` that reaches `radius` pixels."""
+    return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)
+
+
+def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
+    """Returns the pixels (u0, v0, u1, v1) around projected points, None if there are too few."""
     points_C = (points_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
     points_C = points_C[points_C[:, 2] > 0.05]
     if len(points_C) == 0:
         return None
     uv = points_C @ camera.K.T
     uv = uv[:, :2] / uv[:, 2:]
-    low, high = np.floor(uv.min(axis=0)) - margin, np.ceil(uv.max(axis=0)) + margin + 1
+    low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
     u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
     u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
     if u1 - u0 < _MIN_SIDE or v1 - v0 < _MIN_SIDE:

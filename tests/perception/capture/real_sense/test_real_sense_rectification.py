@@ -1,4 +1,4 @@
-"""Undoing the distortion of a RealSense, with a stand-in that projects as its library does."""
+"""Undistorting a RealSense, with a stand-in that projects as its library does."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.real_sense.rectification import Rectification
 
 HEIGHT, WIDTH = 90, 160
-# Stronger than a D455's, so that it moves points by many pixels.
+# Stronger than a D455's, to move points by many pixels.
 COEFFICIENTS = [-0.2, 0.03, -0.0006, 0.0005, -0.002]
 
 
@@ -40,7 +40,7 @@ def lens(*, model: str = "inverse_brown_conrady", coeffs: list[float]) -> Simple
 
 
 @pytest.mark.parametrize(("model", "coeffs"), [("ftheta", [0.0] * 5), ("none", COEFFICIENTS)])
-def test_images_without_distortion_stay_as_they_are(model: str, coeffs: list[float]) -> None:
+def test_images_without_distortion_are_unchanged(model: str, coeffs: list[float]) -> None:
     dut = Rectification(LIBRARY, lens(model=model, coeffs=coeffs), source="It")
     pixels = np.ones((HEIGHT, WIDTH), np.uint16)
 
@@ -49,7 +49,7 @@ def test_images_without_distortion_stay_as_they_are(model: str, coeffs: list[flo
     np.testing.assert_array_equal(dut.K, [[80.0, 0.0, 80.25], [0.0, 80.0, 44.75], [0.0, 0.0, 1.0]])
 
 
-def test_a_point_is_where_a_pinhole_camera_sees_it() -> None:
+def test_a_point_moves_to_where_a_pinhole_camera_projects_it() -> None:
     intrinsics = lens(coeffs=COEFFICIENTS)
     dut = Rectification(LIBRARY, intrinsics, source="It")
     point = [0.8, -0.45, 1.0]
@@ -66,7 +66,7 @@ def test_a_point_is_where_a_pinhole_camera_sees_it() -> None:
     assert dut.color(color)[v, u].tolist() == [90, 90, 90]
 
 
-def test_depth_is_that_of_one_pixel_and_never_between_two() -> None:
+def test_depth_is_never_interpolated() -> None:
     dut = Rectification(LIBRARY, lens(coeffs=COEFFICIENTS), source="It")
     depth = np.full((HEIGHT, WIDTH), 500, np.uint16)
     depth[:, WIDTH // 2 :] = 1500
@@ -75,16 +75,16 @@ def test_depth_is_that_of_one_pixel_and_never_between_two() -> None:
 
 
 @pytest.mark.parametrize("model", ["ftheta", "kannala_brandt4"])
-def test_a_model_that_is_not_known_is_refused(model: str) -> None:
+def test_an_unknown_model_is_rejected(model: str) -> None:
     with pytest.raises(CaptureError, match=f"It has images distorted by the model '{model}'"):
         Rectification(LIBRARY, lens(model=model, coeffs=COEFFICIENTS), source="It")
 
 
-def test_a_library_that_projects_otherwise_is_refused() -> None:
+def test_a_library_with_another_projection_is_rejected() -> None:
     def undistorted(intrinsics: SimpleNamespace, point: list[float]) -> list[float]:
         return [80.0 * point[0] + 80.25, 80.0 * point[1] + 44.75]
 
     library = SimpleNamespace(rs2_project_point_to_pixel=undistorted)
 
-    with pytest.raises(CaptureError, match="cannot be undone"):
+    with pytest.raises(CaptureError, match="is not supported"):
         Rectification(library, lens(coeffs=COEFFICIENTS), source="It")

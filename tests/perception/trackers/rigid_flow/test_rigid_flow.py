@@ -12,273 +12,218 @@ from poil_drake.geometry.rigid_transform import (
 )
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
-STEP = 1 / 8
-
 
 def moved(X_WM, rotation_vector, shift):
-    """The mug's pose after a turn about its middle and a shift."""
+    """Returns the mug's pose after a turn about its middle and a shift."""
     middle = X_WM[:3, :3] @ [0.0, 0.0, 0.045] + X_WM[:3, 3]
     about = make_transform(np.eye(3), middle)
     turn = make_transform(rotation_exp(np.array(rotation_vector)), np.array(shift))
     return about @ turn @ inverse(about) @ X_WM
 
 
-def errors(output, scene, X_WM):
-    """Distances (N,) of the tracked points from where they truly are [m]."""
-    truth = transform_points(X_WM @ inverse(scene.start), scene.handle_points)
-    return np.linalg.norm(output.points.positions - truth, axis=1)
-
-
-def started(scene, **options):
-    shot = scene.shoot(scene.start, **options)
-    dut = RigidFlowTracker()
-    return dut, dut.start(shot.frame, scene.handle_points, shot.masks)
-
-
-def test_start_reports_the_query_points_as_they_are(mug_scene):
-    _, output = started(mug_scene)
+def test_start_reports_the_query_points_unchanged(tracked, mug_scene):
+    output = tracked().output
 
     np.testing.assert_array_equal(output.points.positions, mug_scene.handle_points)
     np.testing.assert_array_equal(output.points.confidence, 1.0)
     assert not output.lost
 
 
-def test_a_mug_at_rest_stays_where_it_is_without_noise(mug_scene):
-    dut, output = started(mug_scene)
+def test_a_mug_at_rest_stays_where_it_is_without_noise(tracked, mug_scene):
+    mug = tracked()
 
-    for k in range(1, 4):
-        output = dut.step(output.state, mug_scene.shoot(mug_scene.start, time=k * STEP).frame)
+    for _ in range(3):
+        output = mug.step(mug_scene.start)
 
-    # Depth is exact; what is left is the surface's curvature between pixels.
-    assert errors(output, mug_scene, mug_scene.start).max() < 5e-4
+    # Depth is exact; the curvature of the surface between pixels remains.
+    assert mug_scene.error(output, mug_scene.start) < 5e-4
     assert output.points.confidence.min() > 0.5
 
 
 @pytest.mark.parametrize("textured", [False, True])
-def test_follows_a_mug_that_is_lifted_and_turned(mug_scene, textured):
-    dut, output = started(mug_scene, textured=textured, noisy=True)
-    worst = []
+def test_tracks_a_mug_that_is_lifted_and_turned(tracked, mug_scene, textured):
+    mug = tracked(textured=textured, noisy=True)
+    errors = []
 
     # 70 degrees about a slanted axis and 12 cm up, from rest to rest, in 2.5 s.
-    for k in range(1, 21):
-        s = (1.0 - np.cos(np.pi * k / 20)) / 2
+    for s in (1.0 - np.cos(np.pi * np.arange(1, 21) / 20)) / 2:
         X_WM = moved(
             mug_scene.start, np.radians(70) * s * np.array([0.6, 0.7, 0.4]), [0, 0, 0.12 * s]
         )
-        shot = mug_scene.shoot(X_WM, time=k * STEP, textured=textured, noisy=True)
-        output = dut.step(output.state, shot.frame)
+        output = mug.step(X_WM)
         assert not output.lost
-        worst.append(errors(output, mug_scene, X_WM).max())
+        errors.append(mug_scene.error(output, X_WM))
 
     # The project's goal is a median of 3 mm; these images have half the resolution.
-    assert np.median(worst) < 3e-3
-    assert np.max(worst) < 8e-3
+    assert np.median(errors) < 3e-3
+    assert np.max(errors) < 8e-3
 
 
-def test_texture_tells_how_far_a_mug_without_a_handle_has_turned(mug_scene):
-    options = {"textured": True, "with_handle": False}
-    dut, output = started(mug_scene, **options)
+def test_texture_determines_how_far_a_mug_without_a_handle_has_turned(tracked, mug_scene):
+    mug = tracked(textured=True, with_handle=False)
 
     for k in range(1, 9):
         X_WM = moved(mug_scene.start, [0, 0, np.radians(5 * k)], [0, 0, 0])
-        output = dut.step(output.state, mug_scene.shoot(X_WM, time=k * STEP, **options).frame)
+        output = mug.step(X_WM)
 
     # 40 degrees move the points by 5 cm; a tenth of that would be 4 degrees.
-    assert errors(output, mug_scene, X_WM).max() < 5e-3
+    assert mug_scene.error(output, X_WM) < 5e-3
 
 
-def test_the_outline_tells_how_far_a_plain_tube_has_slid_along_itself(mug_scene):
-    dut, output = started(mug_scene, with_handle=False)
+def test_the_outline_determines_how_far_a_plain_tube_has_slid(tracked, mug_scene):
+    mug = tracked(with_handle=False)
 
     for k in range(1, 7):
-        X_WM = moved(mug_scene.start, [0, 0, 0], [0, 0, 0.01 * k])
-        output = dut.step(
-            output.state, mug_scene.shoot(X_WM, time=k * STEP, with_handle=False).frame
-        )
+        output = mug.step(moved(mug_scene.start, [0, 0, 0], [0, 0, 0.01 * k]))
 
     middle = output.points.positions.mean(axis=0) - mug_scene.handle_points.mean(axis=0)
     assert middle[2] == pytest.approx(0.06, abs=2e-3)
 
 
-def test_a_motion_prior_leads_through_a_motion_too_fast_to_extrapolate(mug_scene):
-    dut, output = started(mug_scene)
+def test_a_motion_prior_helps_with_a_motion_too_fast_to_extrapolate(tracked, mug_scene):
     X_WM = moved(mug_scene.start, [0.0, np.radians(25), 0.0], [0.0, 0.0, 0.06])
-    prior = X_WM @ inverse(mug_scene.start)
 
-    output = dut.step(output.state, mug_scene.shoot(X_WM, time=STEP).frame, prior)
+    output = tracked().step(X_WM, X_WM @ inverse(mug_scene.start))
 
     assert not output.lost
-    assert errors(output, mug_scene, X_WM).max() < 3e-3
+    assert mug_scene.error(output, X_WM) < 3e-3
 
 
-def test_the_views_overrule_a_motion_prior_when_the_mug_slips(mug_scene):
-    dut, output = started(mug_scene)
+def test_the_views_overrule_a_motion_prior_when_the_mug_slips(tracked, mug_scene):
+    mug = tracked()
     X_WM = moved(mug_scene.start, [0.0, np.radians(8), 0.0], [0.005, 0.0, 0.01])
 
-    for k in range(1, 4):
-        frame = mug_scene.shoot(X_WM, time=k * STEP).frame
-        output = dut.step(output.state, frame, np.eye(4))
+    for _ in range(3):
+        output = mug.step(X_WM, np.eye(4))
 
-    assert errors(output, mug_scene, X_WM).max() < 3e-3
+    assert mug_scene.error(output, X_WM) < 3e-3
 
 
-def test_a_sudden_push_is_found_again(mug_scene):
-    dut, output = started(mug_scene)
+def test_a_sudden_push_is_found_again(tracked, mug_scene):
+    mug = tracked()
     X_WM = moved(mug_scene.start, [0.0, 0.0, np.radians(15)], [0.025, 0.0, 0.0])
 
-    for k in range(1, 3):
-        output = dut.step(output.state, mug_scene.shoot(X_WM, time=k * STEP).frame)
+    for _ in range(2):
+        output = mug.step(X_WM)
 
     assert not output.lost
-    assert errors(output, mug_scene, X_WM).max() < 4e-3
+    assert mug_scene.error(output, X_WM) < 4e-3
 
 
-def test_says_at_once_that_an_object_has_vanished_and_finds_it_when_it_is_back(mug_scene):
-    dut, output = started(mug_scene)
+def test_an_object_that_vanishes_is_lost_at_once_and_found_when_it_is_back(tracked, mug_scene):
+    mug = tracked()
 
-    gone = dut.step(output.state, mug_scene.shoot(mug_scene.start, time=STEP, present=False).frame)
-    back = dut.step(gone.state, mug_scene.shoot(mug_scene.start, time=2 * STEP).frame)
+    gone = mug.step(mug_scene.start, present=False)
+    back = mug.step(mug_scene.start)
 
     assert gone.lost
     np.testing.assert_array_equal(gone.points.confidence, 0.0)
     assert np.isnan(gone.points.positions).all()
     assert not back.lost
-    assert errors(back, mug_scene, mug_scene.start).max() < 1e-3
+    assert mug_scene.error(back, mug_scene.start) < 1e-3
 
 
-def test_is_lost_when_the_object_leaves_all_views(mug_scene):
-    dut, output = started(mug_scene)
+def test_an_object_that_leaves_all_views_is_lost(tracked, mug_scene):
     prior = make_transform(np.eye(3), np.array([0.0, 0.0, 5.0]))
 
-    output = dut.step(
-        output.state, mug_scene.shoot(mug_scene.start, time=STEP, present=False).frame, prior
-    )
-
-    assert output.lost
+    assert tracked().step(mug_scene.start, prior, present=False).lost
 
 
-def board_before_all(mug_scene):
-    """A board above the mug that hides it from both cameras."""
-    return (
-        ([-0.15, -0.2, 0.0], [0.2, 0.2, 0.01]),
-        mug_scene.start @ make_transform(np.eye(3), np.array([0, 0, 0.13])),
-    )
+def test_behind_an_obstacle_confidence_fades_until_the_object_is_lost(tracked, mug_scene):
+    mug = tracked()
+    # A board above the mug that hides it from both cameras.
+    above = mug_scene.start @ make_transform(np.eye(3), np.array([0, 0, 0.13]))
+    board = ([-0.15, -0.2, 0.0], [0.2, 0.2, 0.01]), above
+    assert not any(mask.any() for mask in mug_scene.shoot(mug_scene.start, boxes=[board]).masks)
 
+    outputs = [mug.step(mug_scene.start, boxes=[board]) for _ in range(10)]
 
-def test_behind_an_obstacle_confidence_fades_until_the_object_is_lost(mug_scene):
-    dut, output = started(mug_scene)
-    confidence, lost = [], []
-
-    for k in range(1, 11):
-        shot = mug_scene.shoot(mug_scene.start, time=k * STEP, boxes=[board_before_all(mug_scene)])
-        assert not any(mask.any() for mask in shot.masks)
-        output = dut.step(output.state, shot.frame)
-        confidence.append(output.points.confidence.max())
-        lost.append(output.lost)
-
-    assert not lost[0]
-    assert lost[-1]
+    confidence = [output.points.confidence.max() for output in outputs]
+    assert not outputs[0].lost
+    assert outputs[-1].lost
     assert confidence[0] < 0.5
     assert np.all(np.diff(confidence) <= 0.0)
 
 
-def test_points_that_no_view_shows_are_reported_with_less_confidence(mug_scene):
-    dut, output = started(mug_scene)
-    # A bar along the handle's far side: it hides the handle and leaves most of the body.
-    bar = ([0.05, -0.09, -0.01], [0.12, 0.09, 0.1])
-    hiding = [(bar, mug_scene.start)]
+def test_points_that_no_view_shows_have_less_confidence(tracked, mug_scene):
+    # A bar that hides the handle, but little of the body.
+    bar = ([0.05, -0.09, -0.01], [0.12, 0.09, 0.1]), mug_scene.start
 
-    free = dut.step(output.state, mug_scene.shoot(mug_scene.start, time=STEP).frame)
-    hidden = dut.step(output.state, mug_scene.shoot(mug_scene.start, time=STEP, boxes=hiding).frame)
+    free = tracked().step(mug_scene.start)
+    hidden = tracked().step(mug_scene.start, boxes=[bar])
 
     assert not hidden.lost
-    assert errors(hidden, mug_scene, mug_scene.start).max() < 4e-3
+    assert mug_scene.error(hidden, mug_scene.start) < 4e-3
     assert np.all(hidden.points.confidence < free.points.confidence - 0.2)
     assert np.all(hidden.points.confidence > 0.0)
 
 
-def test_a_step_depends_on_nothing_but_its_arguments(mug_scene):
-    dut, output = started(mug_scene, textured=True, noisy=True)
-    X_WM = moved(mug_scene.start, np.radians([4, 5, 12]), [0.01, 0, 0.05])
-    frame = mug_scene.shoot(X_WM, time=STEP, textured=True, noisy=True).frame
+def test_a_step_depends_only_on_its_arguments(tracked, mug_scene):
+    mug = tracked(textured=True, noisy=True)
+    state = mug.output.state
+    frame = mug.frame(moved(mug_scene.start, np.radians([4, 5, 12]), [0.01, 0, 0.05]))
 
-    first = dut.step(output.state, frame)
-    dut.step(first.state, frame)
-    second = RigidFlowTracker().step(output.state, frame)
+    first = mug.dut.step(state, frame)
+    mug.dut.step(first.state, frame)
+    second = RigidFlowTracker().step(state, frame)
 
     np.testing.assert_array_equal(first.points.positions, second.points.positions)
     np.testing.assert_array_equal(first.points.confidence, second.points.confidence)
-    np.testing.assert_array_equal(first.state.pose.doubt, second.state.pose.doubt)
-    np.testing.assert_array_equal(first.state.model.points, second.state.model.points)
+    np.testing.assert_array_equal(first.state.pose.covariance, second.state.pose.covariance)
+    np.testing.assert_array_equal(
+        first.state.model.surface.points, second.state.model.surface.points
+    )
 
 
-def test_drake_may_copy_states_for_nothing(mug_scene):
-    _, output = started(mug_scene)
+def test_copying_a_state_costs_nothing(tracked):
+    state = tracked().output.state
 
-    assert copy.deepcopy(output.state) is output.state
+    assert copy.deepcopy(state) is state
 
 
-def test_what_moves_with_the_mug_does_not_join_the_model(mug_scene):
-    # A finger at the rim, which was not there at first, is carried along as the mug turns.
-    dut, output = started(mug_scene)
+def test_a_finger_that_moves_with_the_mug_does_not_join_the_model(tracked, mug_scene):
+    # A finger at the rim, which the first frame does not show, turns with the mug.
+    mug = tracked()
+    first = mug.output.state.model
     finger = ([0.044, -0.01, 0.07], [0.06, 0.01, 0.2])
+    side = make_transform(rotation_exp(np.array([0.0, 0.0, np.pi / 2])), np.zeros(3))
 
     for k in range(1, 10):
         X_WM = moved(mug_scene.start, [0, np.radians(5 * k), 0], [0, 0, 0.015 * k])
-        X_WF = X_WM @ make_transform(rotation_exp(np.array([0.0, 0.0, np.pi / 2])), np.zeros(3))
-        shot = mug_scene.shoot(X_WM, time=k * STEP, boxes=[(finger, X_WF)])
-        output = dut.step(output.state, shot.frame)
+        output = mug.step(X_WM, boxes=[(finger, X_WM @ side)])
 
-    model = output.state.model
-    points_M = transform_points(inverse(X_WM) @ output.state.pose.X_WO, model.points)
-    first = mug_scene.shoot(mug_scene.start)
-    grown = len(model.points) - len(
-        dut.start(first.frame, mug_scene.handle_points, first.masks).state.model.points
-    )
-    assert grown > 100
+    points_O = output.state.model.surface.points
+    points_M = transform_points(inverse(X_WM) @ output.state.pose.X_WO, points_O)
+    assert len(points_O) > len(first.surface) + 100
     assert np.count_nonzero(points_M[:, 2] > 0.1) == 0
-    assert errors(output, mug_scene, X_WM).max() < 5e-3
+    assert mug_scene.error(output, X_WM) < 5e-3
 
 
-def test_masks_must_fit_the_images(mug_scene):
+def speck(mask):
+    """Returns a mask of 6 x 6 pixels within a mask."""
+    v, u = (x[len(x) // 2] for x in np.nonzero(mask))
+    small = np.zeros_like(mask)
+    small[v - 3 : v + 3, u - 3 : u + 3] = True
+    return small
+
+
+@pytest.mark.parametrize(
+    ("masks", "scale", "error", "problem"),
+    [
+        (lambda masks: masks[:1], 1.0, InvalidValueError, r"\(240, 320\).*one mask"),
+        (lambda masks: [np.zeros_like(m) for m in masks], 1.0, TrackingError, r"mark \[0, 0\]"),
+        (lambda masks: [speck(m) for m in masks], 1.0, TrackingError, "surface points.*masks mark"),
+        (lambda masks: masks, np.nan, InvalidValueError, "query_points"),
+    ],
+    ids=["one mask", "empty masks", "a few pixels", "points not finite"],
+)
+def test_start_reports_unusable_arguments(mug_scene, masks, scale, error, problem):
     shot = mug_scene.shoot(mug_scene.start)
 
-    with pytest.raises(InvalidValueError, match=r"\(240, 320\).*one mask"):
-        RigidFlowTracker().start(shot.frame, mug_scene.handle_points, shot.masks[:1])
+    with pytest.raises(error, match=problem):
+        RigidFlowTracker().start(shot.frame, mug_scene.handle_points * scale, masks(shot.masks))
 
 
-def test_an_object_that_is_seen_in_no_view_cannot_be_tracked(mug_scene):
-    shot = mug_scene.shoot(mug_scene.start)
-    empty = tuple(np.zeros_like(mask) for mask in shot.masks)
-
-    with pytest.raises(TrackingError, match="masks are empty"):
-        RigidFlowTracker().start(shot.frame, mug_scene.handle_points, empty)
-
-
-def test_an_object_of_a_few_pixels_cannot_be_tracked(mug_scene):
-    shot = mug_scene.shoot(mug_scene.start)
-    few = []
-    for mask in shot.masks:
-        v, u = np.nonzero(mask)
-        speck = np.zeros_like(mask)
-        speck[v[len(v) // 2] - 3 : v[len(v) // 2] + 3, u[len(u) // 2] - 3 : u[len(u) // 2] + 3] = (
-            True
-        )
-        few.append(speck)
-
-    with pytest.raises(TrackingError, match=r"surface points .* masks mark"):
-        RigidFlowTracker().start(shot.frame, mug_scene.handle_points, tuple(few))
-
-
-def test_query_points_must_be_finite(mug_scene):
-    shot = mug_scene.shoot(mug_scene.start)
-
-    with pytest.raises(InvalidValueError, match="query_points"):
-        RigidFlowTracker().start(shot.frame, mug_scene.handle_points * np.nan, shot.masks)
-
-
-def test_a_motion_prior_must_be_a_transform(mug_scene):
-    dut, output = started(mug_scene)
-
+def test_a_motion_prior_must_be_a_transform(tracked, mug_scene):
     with pytest.raises(InvalidValueError, match="motion_prior"):
-        dut.step(output.state, mug_scene.shoot(mug_scene.start, time=STEP).frame, np.zeros(6))
+        tracked().step(mug_scene.start, np.zeros(6))

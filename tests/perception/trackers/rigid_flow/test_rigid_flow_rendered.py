@@ -13,11 +13,11 @@ from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 
 @pytest.mark.render
-def test_follows_the_handle_through_the_package_s_own_demonstration():
+def test_tracks_the_handle_through_the_built_in_demonstration():
     scenario = ChooseScenario()
     scene = DemonstrationScene(scenario)
     motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
-    # To the end, where a rod of the mug's colour goes through the handle.
+    # At the end a rod of the mug's colour goes through the handle.
     times = np.arange(0.0, motion.duration, 1 / 8)
     scene.put_object(motion.pose(0.0))
     first = scene.capture(0.0, labels=True)
@@ -35,7 +35,7 @@ def test_follows_the_handle_through_the_package_s_own_demonstration():
         errors.append(np.linalg.norm(output.points.positions - truth, axis=1))
         confidences.append(output.points.confidence.mean())
 
-    # The goals that the tracker was built for.
+    # The tracker's goals.
     assert np.median(errors) < 3e-3
     assert np.percentile(errors, 95) < 10e-3
     assert np.max(errors) < 15e-3
@@ -43,7 +43,7 @@ def test_follows_the_handle_through_the_package_s_own_demonstration():
 
 
 def handle_points(frame, part_masks):
-    """Ten points on the part, spread over what the cameras see of it."""
+    """Returns ten points spread over the visible part."""
     clouds = []
     for camera, image, mask in zip(frame.cameras, frame.images, part_masks, strict=True):
         trusted = clean_mask(mask, image.depth, DepthMaskConfig())

@@ -8,67 +8,64 @@ from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
 )
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.object_model import build_model
-from poil_drake.perception.trackers.rigid_flow.texture_patches import plane_remover
+from poil_drake.perception.trackers.rigid_flow.texture_patches import PLANE_REMOVER
 from poil_drake.perception.trackers.rigid_flow.view_window import make_window
 
 
-def model_of(scene, **options):
-    shot = scene.shoot(scene.start, **options)
-    model, X_WO = build_model(shot.frame, scene.handle_points, shot.masks, RigidFlowConfig())
+@pytest.fixture(scope="module")
+def textured(mug_scene):
+    """A textured mug's model, its pose, and the frame that it was built from."""
+    shot = mug_scene.shoot(mug_scene.start, textured=True)
+    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, RigidFlowConfig())
     return model, X_WO, shot.frame
 
 
-def test_a_textured_mug_has_patches_and_a_plain_one_none(mug_scene):
-    plain, _, _ = model_of(mug_scene)
-    textured, _, _ = model_of(mug_scene, textured=True)
-
-    assert len(plain.patches) == 0
-    assert len(textured.patches) > 40
+def test_a_textured_mug_has_patches_and_a_plain_one_none(textured, built_mug):
+    assert len(built_mug.model.patches) == 0
+    assert len(textured[0].patches) > 40
 
 
-def test_patches_lie_on_the_mug_and_face_outwards(mug_scene):
-    model, X_WO, _ = model_of(mug_scene, textured=True)
+def test_patches_lie_on_the_mug_and_face_outwards(textured, mug_scene):
+    model, X_WO, _ = textured
     X_MO = np.linalg.inv(mug_scene.start) @ X_WO
 
     points = transform_points(X_MO, model.patches.centres)
     normals = model.patches.normals @ X_MO[:3, :3].T
 
-    # On the outer or the inner wall; patches are not taken from rims and handles.
+    # On the walls and the floor, not on rims and handles.
     radius = np.linalg.norm(points[:, :2], axis=1)
     on_wall = np.minimum(np.abs(radius - 0.040), np.abs(radius - 0.036)) < 2e-3
     on_floor = np.abs(points[:, 2] - 0.006) < 2e-3
     assert np.mean(on_wall | on_floor) > 0.9
-    # Off the handle, whose flat sides look elsewhere.
+    # Off the handle, whose flat sides face elsewhere.
     outside = (radius > 0.038) & (points[:, 2] > 0.01) & (np.abs(points[:, 1]) > 0.01)
     outward = np.einsum("pi,pi->p", points[:, :2], normals[:, :2]) / radius
     assert np.all(outward[outside] > 0.9)
 
 
-def test_a_plane_of_grey_is_taken_off_and_nothing_else():
+def test_only_a_plane_of_grey_is_removed():
     j, i = np.mgrid[-2:3, -2:3]
     texture = np.where((i + j) % 2 == 0, 1.0, -1.0).ravel()
     plane = (40.0 + 3.0 * i - 2.0 * j).ravel()
 
-    np.testing.assert_allclose(plane @ plane_remover(2), 0.0, atol=1e-4)
-    # Taking the plane off before or after makes no difference.
+    np.testing.assert_allclose(plane @ PLANE_REMOVER, 0.0, atol=1e-4)
     np.testing.assert_allclose(
-        (texture + plane) @ plane_remover(2), texture @ plane_remover(2), atol=1e-4
+        (texture + plane) @ PLANE_REMOVER, texture @ PLANE_REMOVER, atol=1e-4
     )
 
 
 @pytest.mark.parametrize("shift", [[0.003, 0.0, 0.0], [0.0, 0.002, -0.003]])
-def test_patches_are_found_where_they_are_when_the_prediction_is_off(mug_scene, shift):
-    model, X_WO, frame = model_of(mug_scene, textured=True)
-    config = RigidFlowConfig()
+def test_patches_are_found_when_the_prediction_is_off(textured, shift):
+    model, X_WO, frame = textured
     predicted = make_transform(np.eye(3), np.array(shift)) @ X_WO
-    points_W = transform_points(X_WO, model.points)
-    window = make_window(0, frame.cameras[0], frame.images[0], points_W, config.window)
+    points_W = transform_points(X_WO, model.surface.points)
+    window = make_window(frame.cameras[0], frame.images[0], points_W)
 
-    shown = select_shown(model.patches, window, predicted, config.texture)
-    matches = match_patches(shown, window, predicted, config.texture)
+    view = window.at(predicted)
+    matches = match_patches(select_shown(model.patches, view), view)
 
-    true_u, true_v = window.project(window.sight(X_WO).to_camera(matches.centres))
+    true_u, true_v = window.at(X_WO).project(matches.centres)
     error = np.hypot(matches.targets[:, 0] - true_u, matches.targets[:, 1] - true_v)
     assert len(error) > 10
-    # The search goes in steps of 1.5 px; a shift of 3 mm is about 2 px.
+    # The search has steps of 1.5 px; a shift of 3 mm is about 2 px.
     assert np.median(error) < 1.2

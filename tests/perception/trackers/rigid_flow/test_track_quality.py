@@ -5,97 +5,75 @@ import pytest
 
 from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import PoseEstimate
-from poil_drake.perception.trackers.rigid_flow.appearance_model import observe
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.object_model import build_model
+from poil_drake.perception.trackers.rigid_flow.alignment.pose_location import look_around
 from poil_drake.perception.trackers.rigid_flow.track_quality import (
+    LOST_AGREEMENT,
+    MAX_CONFLICT,
+    RETRY_CONFLICT,
     Evidence,
     examine,
-    is_borne_out,
-    is_found,
     part_confidence,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import make_window
 
-CONFIG = RigidFlowConfig()
-QUALITY = CONFIG.quality
 GOOD = Evidence(
-    seen=190, other=10, through=2, ahead=8, hidden=60, support=20, edges=0.5, vacant=0.0, enough=120
+    seen=190,
+    other_color=10,
+    seen_through=2,
+    in_front=8,
+    occluded=60,
+    enough=120,
+    support=20,
+    edges=0.5,
+    conflict=0.0,
+    deviation=1e-3,
 )
-
-
-@pytest.fixture(scope="module")
-def mug(mug_scene):
-    shot = mug_scene.shoot(mug_scene.start)
-    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, CONFIG)
-    return model, PoseEstimate(X_WO, np.eye(6) * 1e-6, np.eye(6) * 1e-6), shot.frame
 
 
 def examined(mug, X_WO):
-    model, _, frame = mug
-    points = model.points @ X_WO[:3, :3].T + X_WO[:3, 3]
-    views = zip(frame.cameras, frame.images, strict=True)
-    windows = [make_window(i, c, im, points, CONFIG.window) for i, (c, im) in enumerate(views)]
-    around = observe(model.appearance, frame, X_WO[None, :3, 3], model.radius, CONFIG.appearance)
-    return examine(model, windows, around, X_WO, CONFIG), windows
+    """Returns the evidence for a pose of the mug in its first frame, and the confidence (N,)."""
+    pose = PoseEstimate(X_WO, np.eye(6) * 1e-6, np.eye(6) * 1e-6)
+    windows, observed = look_around(mug.model, mug.frame, X_WO)
+    evidence = examine(mug.model, windows, observed, pose)
+    return evidence, part_confidence(evidence, pose, mug.model, windows)
 
 
-def turned_about_its_axis(mug_scene, X_WO, degrees):
-    turn = make_transform(rotation_exp(np.array([0, 0, np.radians(degrees)])), np.zeros(3))
-    return mug_scene.start @ turn @ inverse(mug_scene.start) @ X_WO
-
-
-def test_agreement_weighs_what_is_seen_against_what_is_not():
-    # 8 points ahead count as 4.
+def test_agreement_compares_seen_points_with_those_against():
+    # 8 points in front count as 4.
     assert pytest.approx(190 / 196) == GOOD.agreement
 
 
-def test_a_good_pose_is_believed(mug):
-    model, pose, _ = mug
-
-    assert is_borne_out(GOOD, pose, model, 0.9, QUALITY)
-    assert is_found(GOOD, pose, model, QUALITY)
-
-
-@pytest.mark.parametrize("change", [{"through": 120}, {"vacant": 0.2}])
-def test_a_contradicted_pose_is_not(mug, change):
-    model, pose, _ = mug
-
+@pytest.mark.parametrize(
+    ("change", "accepted", "found"),
+    [
+        ({}, True, True),
+        ({"seen_through": 120}, False, False),
+        ({"conflict": 0.2}, False, False),
+        ({"deviation": 0.03}, False, False),
+        ({"seen": 0, "other_color": 0, "in_front": 0, "occluded": 200, "support": 0}, True, False),
+        ({"seen": 40, "other_color": 0, "seen_through": 0, "in_front": 0}, True, False),
+    ],
+    ids=["good", "seen through", "in conflict", "uncertain", "occluded", "few points"],
+)
+def test_a_tracked_object_is_accepted_and_a_lost_one_found(change, accepted, found):
     evidence = replace(GOOD, **change)
 
-    assert not is_borne_out(evidence, pose, model, 0.7, QUALITY)
-    assert not is_found(evidence, pose, model, QUALITY)
+    assert evidence.supports_pose(LOST_AGREEMENT) == accepted
+    assert evidence.is_found == found
 
 
-def test_a_hidden_object_is_not_lost_but_a_lost_one_is_not_found_there(mug):
-    model, pose, _ = mug
-    hidden = replace(GOOD, seen=0, other=0, through=3, ahead=0, hidden=200, support=0)
-
-    assert is_borne_out(hidden, pose, model, 0.7, QUALITY)
-    assert not is_found(hidden, pose, model, QUALITY)
-
-
-def test_a_few_points_that_agree_are_no_find(mug):
-    model, pose, _ = mug
-    few = replace(GOOD, seen=40, other=0, through=0, ahead=0, support=6)
-
-    assert not is_found(few, pose, model, QUALITY)
-
-
-def test_the_true_pose_is_borne_out_by_the_views(mug):
-    evidence, _ = examined(mug, mug[1].X_WO)
+def test_the_views_support_the_true_pose(built_mug):
+    evidence, _ = examined(built_mug, built_mug.X_WO)
 
     assert evidence.agreement > 0.95
-    assert evidence.vacant < QUALITY.retry_vacant
+    assert evidence.conflict < RETRY_CONFLICT
 
 
-def test_a_mug_turned_about_its_axis_is_told_by_its_handle(mug, mug_scene):
-    model, pose, _ = mug
-    X_WO = turned_about_its_axis(mug_scene, pose.X_WO, -60.0)
+def test_the_handle_contradicts_a_mug_turned_about_its_axis(built_mug, mug_scene):
+    turn = make_transform(rotation_exp(np.array([0, 0, np.radians(-60.0)])), np.zeros(3))
+    X_WO = mug_scene.start @ turn @ inverse(mug_scene.start) @ built_mug.X_WO
 
-    evidence, windows = examined(mug, X_WO)
-    confidence = part_confidence(evidence, replace(pose, X_WO=X_WO), model, windows, QUALITY)
+    evidence, confidence = examined(built_mug, X_WO)
 
-    assert evidence.vacant > QUALITY.max_vacant
-    assert not is_borne_out(evidence, pose, model, QUALITY.lost_agreement, QUALITY)
+    assert evidence.conflict > MAX_CONFLICT
+    assert not evidence.supports_pose(LOST_AGREEMENT)
     assert confidence.max() < 0.2

@@ -1,9 +1,9 @@
-"""The model's outline against the edges of measured depth.
+"""The contour term: the model's outline against the edges of measured depth.
 
-Depth alone says little about a motion along a surface: a plain cylinder may slide along its axis.
-Its outline tells. Around the predicted outline, edges of depth are searched along the outline's
-normal (RAPID, Harris and Stennett 1990, with depth edges in the place of grey ones), so that
-neither texture nor contrast with the background is needed.
+Depth alone determines a motion along a surface poorly: a plain cylinder may slide along its axis.
+Its outline determines it. Around the predicted outline, depth edges are searched along the
+outline's normal (RAPID, Harris and Stennett 1990, which uses grey-level edges), so neither texture
+nor contrast with the background is needed.
 """
 
 from dataclasses import dataclass
@@ -11,16 +11,27 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from poil_drake.perception.trackers.rigid_flow.alignment.config import ContourConfig
+from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
+    motion_jacobian,
     tukey_weights,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import Sight, ViewWindow
+from poil_drake.perception.trackers.rigid_flow.rows import evenly_spaced
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, square_kernel
 
+SEARCH_REACH = 8
+"""How far to either side of the model's outline an edge is searched [px]."""
+
+_SPLAT = 2  # half width of the square that a model point covers [px]; closes gaps between points
 _FAR = 0.05  # how far behind the object the empty part of a rendering lies [m]
-_INSIDE, _OUTSIDE = 3, 6  # pixels looked at on both sides of an edge
+_MODEL_JUMP = 0.015  # depth step that makes an outline of the model [m]
+_IMAGE_JUMP = 0.012  # depth step that ends the object in the image [m]
+_INSIDE, _OUTSIDE = 3, 6  # pixels examined on both sides of an edge
+_MAX_EDGES = 160  # outline pixels of a view that are used
+_DEVIATION = 1.0  # of an edge's place [px]
+_CORRELATION = 6.0  # number of edge pixels that count as one, since neighbours err together
+_DIRECTION_DEVIATION = 0.2  # of the outline's direction [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +41,10 @@ class ContourMatches:
     Attributes:
         points: (K, 3) outline points in the object's frame [m].
         directions: (K, 2) unit normals of the outline in the image, away from the object.
-        targets: (K,) where along its direction each one's edge is [px].
-        displacements: (K,) how far outward of the outline, as rendered, each edge is [px].
-        searched: How many outline pixels were searched from and not hidden by anything.
-        rendering: (h, w) float32 depth of the model as rendered [m].
+        targets: (K,) coordinate of each edge along its direction [px].
+        displacements: (K,) distance of each edge from the rendered outline, positive outward [px].
+        searched: How many outline pixels were searched from and not occluded.
+        rendering: (h, w) float32 rendered depth of the model [m].
     """
 
     points: np.ndarray
@@ -44,42 +55,31 @@ class ContourMatches:
     rendering: np.ndarray
 
 
-def match_contour(
-    points_O: np.ndarray,
-    normals_O: np.ndarray,
-    bias: float,
-    window: ViewWindow,
-    X_WO: np.ndarray,
-    config: ContourConfig,
-) -> ContourMatches | None:
+def match_contour(surface: OrientedPoints, bias: float, view: PosedView) -> ContourMatches | None:
     """Finds the edges that belong to the model's outline.
 
     Args:
-        points_O: (M, 3) model points [m].
-        normals_O: (M, 3) their normals.
-        bias: How far outward of its rendered outline the object really ends [px].
-        window: The view.
-        X_WO: (4, 4) pose of the object.
-        config: Parameters.
+        surface: The model's surface.
+        bias: How far outward of its rendered outline the object ends [px].
+        view: The view.
 
     Returns:
         The matches, or None where there are too few.
     """
-    sight = window.sight(X_WO)
-    rendering = render_depth(points_O, normals_O, window, sight, config.splat)
+    rendering = render_depth(surface, view)
     if rendering is None:
         return None
-    u, v = _outline(rendering, config)
+    u, v = _outline(rendering)
     if len(u) < 8:
         return None
     du, dv = _outward(rendering, u, v)
     z = rendering[v, u]
-    found, hidden, shift = _search_edges(window.depth, u, v, du, dv, z, config)
-    searched = int(np.count_nonzero(~hidden))
+    found, occluded, shift = _search_edges(view.window.depth, u, v, du, dv, z)
+    searched = int(np.count_nonzero(~occluded))
     u, v, du, dv, z, shift = (x[found] for x in (u, v, du, dv, z, shift))
-    # The rendering covers `splat` more than the points; the surface ends about there.
-    start_u, start_v = u - du * config.splat, v - dv * config.splat
-    points = sight.to_object(window.unproject(start_u, start_v, z.astype(float)))
+    # The rendering reaches _SPLAT beyond the points; the surface ends about at the points.
+    start_u, start_v = u - du * _SPLAT, v - dv * _SPLAT
+    points = view.unproject(start_u, start_v, z.astype(float))
     targets = start_u * du + start_v * dv + shift - bias
     return ContourMatches(points, np.stack([du, dv], axis=1), targets, shift, searched, rendering)
 
@@ -87,44 +87,41 @@ def match_contour(
 def add_contour_term(
     equations: NormalEquations,
     matches: ContourMatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     gate: float,
-    config: ContourConfig,
     *,
     final: bool,
 ) -> None:
-    """Adds the residuals of matches, which may have been found at another pose.
+    """Adds the distances of the outline from its edges.
 
-    If final, what is spurious in them is added, too.
+    Args:
+        equations: The sums to add to.
+        matches: Matches in this view, which may have been found at another pose.
+        view: The view.
+        gate: Residuals above this do not count [px].
+        final: Whether to add the spurious information due to errors of the directions, too.
     """
-    sight = window.sight(X_WO)
-    points_C = sight.to_camera(matches.points)
-    u, v = window.project(points_C)
+    u, v = view.project(matches.points)
     du, dv = matches.directions[:, 0], matches.directions[:, 1]
     residuals = matches.targets - (du * u + dv * v)
-    gradients = window.pixel_gradient(du, dv, points_C) @ sight.R_CO
-    rows = np.hstack([cross_rows(matches.points, gradients), gradients])
-    weights = tukey_weights(residuals, gate) / (config.deviation**2 * config.correlation)
-    equations.add(rows, residuals, weights)
-    if not final:
-        return
-    across = window.pixel_gradient(-dv, du, points_C) @ sight.R_CO
-    equations.add_spurious(
-        np.hstack([cross_rows(matches.points, across), across]),
-        weights * config.direction_deviation**2,
-    )
+    jacobian = motion_jacobian(matches.points, view.pixel_gradient(du, dv, matches.points))
+    weights = tukey_weights(residuals, gate) / (_DEVIATION**2 * _CORRELATION)
+    equations.add(jacobian, residuals, weights)
+    if final:
+        across = motion_jacobian(matches.points, view.pixel_gradient(-dv, du, matches.points))
+        equations.add_spurious(across, weights * _DIRECTION_DEVIATION**2)
 
 
-def render_depth(
-    points_O: np.ndarray, normals_O: np.ndarray, window: ViewWindow, sight: Sight, splat: int
-) -> np.ndarray | None:
-    """Returns the model's depth (h, w) float32, each point a square; empty pixels lie behind."""
-    facing = np.einsum("mi,mi->m", normals_O, sight.eye - points_O) > 0.0
-    points_C = sight.to_camera(points_O[facing])
-    u, v = window.project(points_C)
+def render_depth(surface: OrientedPoints, view: PosedView) -> np.ndarray | None:
+    """Returns the model's depth (h, w) float32, each point a square; empty pixels lie behind.
+
+    Returns None where fewer than 30 points are in the view.
+    """
+    facing = np.einsum("mi,mi->m", surface.normals, view.eye - surface.points) > 0.0
+    points_C = view.to_camera(surface.points[facing])
+    u, v = view.window.project(points_C)
     u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
-    height, width = window.depth.shape
+    height, width = view.window.depth.shape
     z = points_C[:, 2]
     inside = (u >= 0) & (v >= 0) & (u < width) & (v < height) & (z > 0.05)
     if np.count_nonzero(inside) < 30:
@@ -133,18 +130,16 @@ def render_depth(
     rendering = np.full((height, width), z.max() + np.float32(_FAR), dtype=np.float32)
     far_to_near = np.argsort(-z)
     rendering[v[far_to_near], u[far_to_near]] = z[far_to_near]
-    return cv2.erode(rendering, _square(splat), borderType=cv2.BORDER_REPLICATE)
+    return cv2.erode(rendering, square_kernel(_SPLAT), borderType=cv2.BORDER_REPLICATE)
 
 
-def _outline(rendering: np.ndarray, config: ContourConfig) -> tuple[np.ndarray, np.ndarray]:
+def _outline(rendering: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns pixels (u, v) on the near side of the rendering's depth steps."""
-    steps = cv2.dilate(rendering, _square(1)) - rendering > config.model_jump
-    border = config.search + 1
+    steps = cv2.dilate(rendering, square_kernel(1)) - rendering > _MODEL_JUMP
+    border = SEARCH_REACH + 1
     v, u = np.nonzero(steps[border:-border, border:-border])
-    if len(u) > config.max_edges:
-        chosen = np.linspace(0, len(u) - 1, config.max_edges).astype(np.intp)
-        u, v = u[chosen], v[chosen]
-    return u + border, v + border
+    chosen = evenly_spaced(len(u), _MAX_EDGES)
+    return u[chosen] + border, v[chosen] + border
 
 
 def _outward(rendering: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -163,27 +158,26 @@ def _search_edges(
     du: np.ndarray,
     dv: np.ndarray,
     z: np.ndarray,
-    config: ContourConfig,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Searches along each outline pixel's direction for where depth falls back.
+    """Searches along each outline pixel's direction for a step back in depth.
 
-    The edge is put where most pixels before it have the model's depth and most after it are
-    farther, which holes and flying pixels disturb little.
+    The edge is where most pixels before it have the model's depth and most pixels after it are
+    farther. Holes and flying pixels have little influence on it.
 
     Returns:
         found: (K,) bool.
-        hidden: (K,) bool, whether something stands in front.
+        occluded: (K,) bool, whether something is in front.
         shift: (K,) place of the edge along the direction [px].
     """
-    steps = np.arange(-config.search, config.search + 1)
+    steps = np.arange(-SEARCH_REACH, SEARCH_REACH + 1)
     uu = np.rint(u[:, None] + du[:, None] * steps).astype(np.intp)
     vv = np.rint(v[:, None] + dv[:, None] * steps).astype(np.intp)
     measured = depth[vv, uu]
     behind = measured - z[:, None]
-    near = np.abs(behind) < config.image_jump
+    near = np.abs(behind) < _IMAGE_JUMP
     kinds = np.zeros((3, len(u), len(steps) + _INSIDE + _OUTSIDE), dtype=np.int8)
     kinds[0, :, _INSIDE:-_OUTSIDE] = near
-    kinds[1, :, _INSIDE:-_OUTSIDE] = behind > config.image_jump
+    kinds[1, :, _INSIDE:-_OUTSIDE] = behind > _IMAGE_JUMP
     kinds[2, :, _INSIDE:-_OUTSIDE] = ~near & (behind < 0.0) & (measured > 0.0)
     balance = kinds[0] - kinds[1]
     last = np.cumsum(balance[:, _INSIDE:-_OUTSIDE], axis=1, dtype=np.int16).argmax(axis=1)
@@ -191,10 +185,6 @@ def _search_edges(
     inner = kinds[:, rows, last[:, None] + np.arange(1, _INSIDE + 1)].sum(axis=2)
     outer = kinds[:, rows, last[:, None] + np.arange(_INSIDE + 1, _INSIDE + _OUTSIDE + 1)]
     outer = outer.sum(axis=2)
-    hidden = inner[2] + outer[2] > 0
-    found = (inner[0] >= 2) & (outer[1] >= 2) & (outer[0] <= 1) & ~hidden
-    return found, hidden, steps[last] + 0.5
-
-
-def _square(radius: int) -> np.ndarray:
-    return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)
+    occluded = inner[2] + outer[2] > 0
+    found = (inner[0] >= 2) & (outer[1] >= 2) & (outer[0] <= 1) & ~occluded
+    return found, occluded, steps[last] + 0.5

@@ -1,59 +1,62 @@
-"""Model points against the depth that is measured where they project to."""
+"""The depth term: model points against the depth measured where they project to (ICP)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.perception.trackers.rigid_flow.alignment.config import DepthConfig
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
+    motion_jacobian,
     tukey_weights,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
+from poil_drake.perception.trackers.rigid_flow.rows import Rows
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
+
+_MIN_COSINE = 0.25  # between a surface normal and the line of sight
+_DEVIATION = 0.001  # of a residual [m]: depth noise and the model's error
+_CORRELATION = 20.0  # number of residuals that count as one, since neighbours err together
+_NORMAL_DEVIATION = 0.06  # of the model's normals [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class OrientedPoints:
-    """Points of a surface with what the point-to-plane residual needs of them, in one frame.
+class OrientedPoints(Rows):
+    """Points of a surface, with precomputed parts of their point-to-plane residuals.
 
     Attributes:
         points: (M, 3) [m].
         normals: (M, 3) unit.
         offsets: (M,) n . q [m].
-        rows: (M, 6) (q x n, n), the Jacobian of n . q by a motion (ω, v).
+        jacobian: (M, 6) (q x n, n), the derivative of n . q by a motion (ω, v).
         trust: (M,) weights in (0, 1].
-        features: (3, M) of their colours, as of `color_features`.
+        features: (M, 3) of their colours, see `color_features`.
     """
 
     points: np.ndarray
     normals: np.ndarray
     offsets: np.ndarray
-    rows: np.ndarray
+    jacobian: np.ndarray
     trust: np.ndarray
     features: np.ndarray
 
-    def select(self, index: np.ndarray) -> "OrientedPoints":
-        """Returns some of the points, by index."""
-        return OrientedPoints(
-            self.points[index],
-            self.normals[index],
-            self.offsets[index],
-            self.rows[index],
-            self.trust[index],
-            self.features[:, index],
-        )
+    @classmethod
+    def make(
+        cls, points: np.ndarray, normals: np.ndarray, features: np.ndarray, trust: float
+    ) -> "OrientedPoints":
+        """Returns points that all have one weight."""
+        offsets = np.einsum("mi,mi->m", points, normals)
+        jacobian, weights = motion_jacobian(points, normals), np.full(len(points), trust)
+        return cls(points, normals, offsets, jacobian, weights, features)
 
 
 @dataclass(frozen=True, eq=False)
 class DepthSamples:
-    """Depth measured at the model points that face a camera and have depth, K of them.
+    """Depth measured at K model points: those that face the camera and have valid depth.
 
     Attributes:
-        index: (K,) which model points.
-        pixels: (2, K) u and v of theirs in the window.
-        residuals: (K,) how far outward along its normal each one's surface is measured [m].
-        behind: (K,) how much farther than predicted the depth is measured [m].
+        index: (K,) indices of the model points.
+        pixels: (2, K) their u and v in the window.
+        residuals: (K,) distance of the measured surface along the normal, positive outward [m].
+        behind: (K,) measured less predicted depth [m].
     """
 
     index: np.ndarray
@@ -63,23 +66,22 @@ class DepthSamples:
 
 
 def sample_depth(
-    surface: OrientedPoints, window: ViewWindow, X_WO: np.ndarray, min_cosine: float
+    surface: OrientedPoints, view: PosedView, min_cosine: float = _MIN_COSINE
 ) -> DepthSamples:
     """Looks up the depth at each model point's pixel.
 
-    The measured point lies on that pixel's own line of sight, so that rounding to the pixel costs
-    nothing on a plane.
+    The measured point lies on the line of sight of that pixel, so rounding to pixels causes no
+    error on planes.
 
     Args:
         surface: Model points in the object's frame.
-        window: The view.
-        X_WO: (4, 4) pose of the object.
+        view: The view.
         min_cosine: Least cosine between a normal and the line of sight.
     """
-    sight = window.sight(X_WO)
-    points_C = sight.to_camera(surface.points)
+    window = view.window
+    points_C = view.to_camera(surface.points)
     z = points_C[:, 2]
-    facing = surface.normals @ sight.eye - surface.offsets
+    facing = surface.normals @ view.eye - surface.offsets
     candidates = np.flatnonzero((facing > min_cosine * z) & (z > 0.05))
     u, v = window.project(points_C[candidates])
     u, v = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
@@ -89,7 +91,7 @@ def sample_depth(
     depth = window.surface[v, u].astype(float)
     valid = depth > 0.0
     index, u, v, depth = candidates[valid], u[valid], v[valid], depth[valid]
-    measured = sight.to_object(window.unproject(u, v, depth))
+    measured = view.unproject(u, v, depth)
     residuals = np.einsum("mi,mi->m", surface.normals[index], measured) - surface.offsets[index]
     return DepthSamples(index, (u, v), residuals, depth - z[index])
 
@@ -97,26 +99,29 @@ def sample_depth(
 def add_depth_term(
     equations: NormalEquations,
     surface: OrientedPoints,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     gate: float,
-    config: DepthConfig,
     *,
     final: bool,
 ) -> None:
-    """Adds the point-to-plane residuals of one view; if final, also what is spurious in them."""
-    samples = sample_depth(surface, window, X_WO, config.min_cosine)
+    """Adds the point-to-plane residuals of one view.
+
+    Args:
+        equations: The sums to add to.
+        surface: Model points in the object's frame.
+        view: The view.
+        gate: Residuals above this do not count [m].
+        final: Whether to add the spurious information due to errors of the normals, too.
+    """
+    samples = sample_depth(surface, view)
     weights = tukey_weights(samples.residuals, gate)
-    # At a slant a small distance along the normal may be a large one along the line of sight.
+    # On a slanted surface, a short distance along the normal may be a long one in depth.
     weights[np.abs(samples.behind) > 3.0 * gate] = 0.0
-    weights *= surface.trust[samples.index] / (config.deviation**2 * config.correlation)
-    equations.add(surface.rows[samples.index], samples.residuals, weights)
+    weights *= surface.trust[samples.index] / (_DEVIATION**2 * _CORRELATION)
+    equations.add(surface.jacobian[samples.index], samples.residuals, weights)
     if not final:
         return
     points = surface.points[samples.index]
-    errors = weights * config.normal_deviation**2
-    for axis in np.eye(3):
-        # A normal that errs along this axis.
-        equations.add_spurious(
-            np.hstack([cross_rows(points, axis), np.broadcast_to(axis, points.shape)]), errors
-        )
+    errors = weights * _NORMAL_DEVIATION**2
+    for axis in np.eye(3):  # Errors of the normals along this axis.
+        equations.add_spurious(motion_jacobian(points, axis), errors)

@@ -1,56 +1,58 @@
-"""What is the object's by its colour, against the space where the object is known not to be.
+"""The free-space term: observed points against the space where the object is known not to be.
 
-A handle that is seen beside the model's handle lies where, carried back to the first frame, a
-camera looked through. It pulls the model round, however little of the model's own handle is seen.
+A handle that is seen beside the model's handle lies in free space. It turns the model towards it,
+however little of the model's own handle is seen.
 """
 
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.perception.trackers.rigid_flow.alignment.config import AppearanceConfig
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
+    motion_jacobian,
     tukey_weights,
 )
-from poil_drake.perception.trackers.rigid_flow.appearance_model import (
-    AppearanceModel,
+from poil_drake.perception.trackers.rigid_flow.free_space import (
+    TOLERANCE,
+    FreeSpaceGrid,
     ObservedPoints,
 )
+
+GATE = 0.03
+"""Points deeper in free space belong to something else [m]."""
+
+_DEVIATION = 0.003  # of how deep in free space a point of the object is [m]
+_CORRELATION = 4.0  # number of observed points that count as one, since they err together
 
 
 def add_free_space_term(
     equations: NormalEquations,
-    appearance: AppearanceModel,
-    around: ObservedPoints,
+    free_space: FreeSpaceGrid,
+    observed: ObservedPoints,
     X_WO: np.ndarray,
     radius: float,
-    config: AppearanceConfig,
 ) -> None:
-    """Adds how far observed points are inside of empty space.
+    """Adds how deep in free space the observed points are.
 
     Args:
-        equations: What to add to.
-        appearance: How the object looks, and where it is not.
-        around: Points that are the object's by their colour.
+        equations: The sums to add to.
+        free_space: Where the object is known not to be.
+        observed: Points in the object's colours.
         X_WO: (4, 4) pose of the object.
         radius: Of the object [m]; points farther away do not count.
-        config: Parameters.
     """
-    points = transform_points(inverse(X_WO), around.points)
-    depth = appearance.free_space_depth_at(tuple(points.T)) - config.tolerance
+    points = transform_points(inverse(X_WO), observed.points)
+    depth = free_space.depth_at(tuple(points.T)) - TOLERANCE
     inside = (depth > 0.0) & (np.einsum("qi,qi->q", points, points) < radius**2)
     if not np.any(inside):
         return
     points, depth = points[inside], depth[inside]
-    step = appearance.spacing * np.eye(3)
     slopes = [
-        appearance.free_space_depth_at(tuple((points + h).T))
-        - appearance.free_space_depth_at(tuple((points - h).T))
-        for h in step
+        free_space.depth_at(tuple((points + h).T)) - free_space.depth_at(tuple((points - h).T))
+        for h in free_space.spacing * np.eye(3)
     ]
-    outward = np.stack(slopes, axis=1) / (2.0 * appearance.spacing)
-    # As the object moves by d = (omega, v), a point q of the world moves in it by -(v + omega x q).
-    rows = -np.hstack([cross_rows(points, outward), outward])
-    weights = around.weights[inside] * tukey_weights(depth, config.gate)
-    equations.add(rows, -depth, weights / (config.deviation**2 * config.correlation))
+    outward = np.stack(slopes, axis=1) / (2.0 * free_space.spacing)
+    # A motion d = (ω, v) of the object moves a point q of the world by -(v + ω x q) within it.
+    jacobian = -motion_jacobian(points, outward)
+    weights = observed.weights[inside] * tukey_weights(depth, GATE)
+    equations.add(jacobian, -depth, weights / (_DEVIATION**2 * _CORRELATION))

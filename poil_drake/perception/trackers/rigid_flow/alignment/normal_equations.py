@@ -1,4 +1,4 @@
-"""Sums that a weighted least-squares step is solved from."""
+"""The normal equations of a weighted least-squares step."""
 
 import numpy as np
 
@@ -14,13 +14,18 @@ def huber_weights(residuals: np.ndarray, threshold: float) -> np.ndarray:
     return threshold / np.maximum(np.abs(residuals), threshold)
 
 
-def cross_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns the cross products (..., 3) of rows; several times faster than `np.cross`."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
+def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Returns the derivative of scalars by a motion d = (ω, v) that moves a point q by ω x q + v.
+
+    Args:
+        points: (..., 3) the points q [m].
+        gradients: (..., 3) or (3,) the derivatives g of the scalars by q.
+
+    Returns:
+        (..., 6) rows (q x g, g).
+    """
+    gradients = np.broadcast_to(gradients, points.shape)
+    return np.concatenate([np.cross(points, gradients), gradients], axis=-1)
 
 
 class NormalEquations:
@@ -32,8 +37,8 @@ class NormalEquations:
     Attributes:
         H: (6, 6).
         b: (6,).
-        spurious: (6, 6) the part of H that is owed to noise in J, in expectation. Noisy normals
-            make a plain cylinder look as if it told how far it has turned.
+        spurious: (6, 6) the expected part of H that is due to noise in J. Noisy normals make a
+            plain cylinder look as if they determined how far it has turned.
     """
 
     def __init__(self) -> None:
@@ -48,14 +53,14 @@ class NormalEquations:
         self.b += residuals @ weighted
 
     def add_spurious(self, jacobian: np.ndarray, weights: np.ndarray) -> None:
-        """Notes errors of the Jacobian: rows (M, 6), each of one standard deviation."""
+        """Adds errors of the Jacobian: rows (M, 6), each of one standard deviation."""
         self.spurious += (jacobian * weights[:, None]).T @ jacobian
 
     def information(self, length: float) -> np.ndarray:
-        """Returns what the data tell of the pose: H less its spurious part, not below zero.
+        """Returns the information (6, 6) on the pose: H less its spurious part, not below zero.
 
         Args:
-            length: Size of the object [m], by which rotations and translations are compared.
+            length: Size of the object [m], which makes rotations and translations comparable.
         """
         scale = np.array([1.0 / length] * 3 + [1.0] * 3)
         values, vectors = np.linalg.eigh((self.H - self.spurious) * np.outer(scale, scale))

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
-from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, rotation_log
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, rotation_log, skew
 from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import (
     ContourMatches,
     add_contour_term,
@@ -22,83 +23,114 @@ from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
     match_patches,
     select_shown,
 )
-from poil_drake.perception.trackers.rigid_flow.appearance_model import ObservedPoints
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.free_space import ObservedPoints
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.texture_patches import TexturePatches
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
 
 
+class _Iteration(NamedTuple):
+    """How one Gauss-Newton step weighs its residuals.
+
+    Attributes:
+        depth_gate: Larger depth residuals do not count [m].
+        contour_gate: Larger contour residuals do not count [px].
+        min_correlation: Patches that correlate less with the image do not count; 0 where patches
+            are searched instead (`add_flow_term`).
+        match_contour: Whether edges are searched. Each search costs a rendering of the model.
+    """
+
+    depth_gate: float
+    contour_gate: float
+    min_correlation: float
+    match_contour: bool = False
+
+
+_ITERATIONS = (
+    _Iteration(0.02, 10.0, 0.0, match_contour=True),
+    _Iteration(0.015, 8.0, 0.0),
+    _Iteration(0.01, 6.0, 0.5),
+    _Iteration(0.008, 5.0, 0.6, match_contour=True),
+    _Iteration(0.006, 4.0, 0.6),
+    _Iteration(0.006, 4.0, 0.6),
+)
+_FLOW_ITERATIONS = 2  # the first ones, in which patches are searched
+
+_SETTLED = (float(np.radians(0.05)), 1e-4)  # smaller steps end the alignment [rad, m]
+
+_FREEDOM = 4.0
+"""Degrees of freedom of the Student-t error of the prediction. With fewer, the views overrule the
+prediction more readily (slip, pushes)."""
+
+_OPTIMISM = 5.0
+"""Factor by which the views seem to determine the pose better than they do, since errors of the
+model stay the same from frame to frame. Measured: errors over standard deviations."""
+
+
 @dataclass(frozen=True, eq=False)
 class PoseEstimate(SharedOnCopy):
-    """A pose and how sure it is.
+    """A pose with its uncertainty.
 
     Attributes:
         X_WO: (4, 4) pose of the object.
-        covariance: (6, 6) of its error (ω [rad], v [m]) in the object's frame, which the next
-            alignment is held by. Along what the data do not tell, it takes their noise for
-            information, which keeps the pose from being driven about by that noise.
-        doubt: (6, 6) likewise, but without that: how far off the pose may really be.
+        prior_covariance: (6, 6) of the error (ω [rad], v [m]) in the object's frame, as the next
+            alignment assumes it. It counts the noise of the data as information, so that the pose
+            does not drift with that noise along what the data do not determine.
+        covariance: (6, 6) of the actual error, without that information.
     """
 
     X_WO: np.ndarray
+    prior_covariance: np.ndarray
     covariance: np.ndarray
-    doubt: np.ndarray
 
     def point_deviations(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns how far off points (N, 3) of the object may be: (N,) standard deviations [m]."""
-        lever = np.zeros((len(points_O), 3, 6))
-        lever[:, :, 3:] = np.eye(3)
-        x, y, z = points_O.T
-        lever[:, 0, 1], lever[:, 0, 2] = z, -y
-        lever[:, 1, 0], lever[:, 1, 2] = -z, x
-        lever[:, 2, 0], lever[:, 2, 1] = y, -x
-        return np.sqrt(np.einsum("nik,kl,nil->n", lever, self.doubt, lever))
+        """Returns the standard deviations (N,) [m] of points (N, 3) of the object."""
+        identity = np.broadcast_to(np.eye(3), (len(points_O), 3, 3))
+        jacobian = np.concatenate([-skew(points_O), identity], axis=2)
+        return np.sqrt(np.einsum("nik,kl,nil->n", jacobian, self.covariance, jacobian))
 
 
 def align(
     model: ObjectModel,
     windows: Sequence[ViewWindow],
-    around: ObservedPoints,
+    observed: ObservedPoints,
     predicted: PoseEstimate,
-    config: RigidFlowConfig,
 ) -> PoseEstimate:
     """Aligns the model with the views by robust Gauss-Newton steps.
 
     Args:
         model: The object.
         windows: The views in which it may be seen.
-        around: What is around it and is its own by its colour.
-        predicted: Where it is expected; the alignment starts there.
-        config: Parameters.
+        observed: Points around it in its colours.
+        predicted: Its predicted pose, where the alignment starts.
 
     Returns:
-        The pose with what the data and the prediction leave of its uncertainty.
+        The pose, with the uncertainty that the data and the prediction leave.
     """
     X = predicted.X_WO
-    held_by = np.linalg.inv(predicted.covariance)
+    prior = np.linalg.inv(predicted.prior_covariance)
     views = [_View(window) for window in windows]
-    last = len(config.depth.gates) - 1
+    last = len(_ITERATIONS) - 1
     k = 0
     while True:
         equations = NormalEquations()
         for view in views:
-            view.add_to(equations, model, X, k, k == last, config)
-        add_free_space_term(equations, model.appearance, around, X, model.radius, config.appearance)
+            view.add_to(equations, model, X, k)
+        add_free_space_term(equations, model.appearance.free_space, observed, X, model.radius)
         deviation = motion_between(predicted.X_WO, X)
-        # Student's t in place of a normal distribution: a large deviation loosens its own hold.
-        freedom = config.motion.robustness
-        hold = (freedom + 6.0) / (freedom + deviation @ held_by @ deviation)
-        H = equations.H + hold * held_by
-        step = np.linalg.solve(H, equations.b - hold * (held_by @ deviation))
+        # Student's t instead of a normal distribution: a large deviation weakens the prior.
+        weight = (_FREEDOM + 6.0) / (_FREEDOM + deviation @ prior @ deviation)
+        H = equations.H + weight * prior
+        step = np.linalg.solve(H, equations.b - weight * (prior @ deviation))
         X = move(X, step)
         if k == last:
             break
-        # Nothing moves any more: only the last iteration, with its gates, remains.
-        k = last if _is_small(step, config) and k >= config.texture.search_iterations else k + 1
-    told = equations.information(model.radius) / config.quality.optimism
-    doubt = np.linalg.inv(np.linalg.inv(predicted.doubt) + told)
-    return PoseEstimate(X, np.linalg.inv(H), doubt)
+        # Once the pose has settled, only the last iteration remains, with its gates.
+        settled = np.linalg.norm(step[:3]) < _SETTLED[0] and np.linalg.norm(step[3:]) < _SETTLED[1]
+        k = last if settled and k >= _FLOW_ITERATIONS else k + 1
+    information = equations.information(model.radius) / _OPTIMISM
+    covariance = np.linalg.inv(np.linalg.inv(predicted.covariance) + information)
+    return PoseEstimate(X, np.linalg.inv(H), covariance)
 
 
 def move(X_WO: np.ndarray, motion: np.ndarray) -> np.ndarray:
@@ -114,52 +146,28 @@ def motion_between(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:
     return np.concatenate([turn, R.T @ (X_to[:3, 3] - X_from[:3, 3])])
 
 
-def _is_small(step: np.ndarray, config: RigidFlowConfig) -> bool:
-    motion = config.motion
-    return bool(
-        np.linalg.norm(step[:3]) < motion.settled_angular
-        and np.linalg.norm(step[3:]) < motion.settled_linear
-    )
-
-
 class _View:
-    """One view during an alignment: what was found in it stays in use for some iterations."""
+    """One view during an alignment. Its matches stay in use for some iterations."""
 
     def __init__(self, window: ViewWindow):
         self._window = window
-        self._outline: ContourMatches | None = None
+        self._contour: ContourMatches | None = None
         self._flow: PatchMatches | None = None
-        self._shown: TexturePatches | None = None
+        self._patches = TexturePatches.empty()
 
-    def add_to(
-        self,
-        equations: NormalEquations,
-        model: ObjectModel,
-        X: np.ndarray,
-        k: int,
-        final: bool,
-        config: RigidFlowConfig,
-    ) -> None:
+    def add_to(self, equations: NormalEquations, model: ObjectModel, X: np.ndarray, k: int) -> None:
         """Adds the terms of iteration k at pose X (4, 4)."""
-        window, contour, texture = self._window, config.contour, config.texture
-        gate = config.depth.gates[k]
-        add_depth_term(equations, model.aligned, window, X, gate, config.depth, final=final)
-        if k in contour.search_iterations:
-            self._outline = match_contour(
-                model.points, model.normals, model.contour_bias, window, X, contour
-            )
-        if self._outline is not None:
-            gate = contour.gates[k]
-            add_contour_term(equations, self._outline, window, X, gate, contour, final=final)
-        if len(model.patches) == 0:
-            return
-        # First patches are searched, then grey levels are compared.
-        if self._shown is None or k == texture.search_iterations:
-            self._shown = select_shown(model.patches, window, X, texture)
-        if k == 0 and texture.search_iterations > 0:
-            self._flow = match_patches(self._shown, window, X, texture)
-        if k >= texture.search_iterations:
-            least = texture.min_correlations[k]
-            add_texture_term(equations, self._shown, window, X, least, texture)
+        view, iteration, final = self._window.at(X), _ITERATIONS[k], k == len(_ITERATIONS) - 1
+        add_depth_term(equations, model.aligned, view, iteration.depth_gate, final=final)
+        if iteration.match_contour:
+            self._contour = match_contour(model.surface, model.contour_bias, view)
+        if self._contour is not None:
+            add_contour_term(equations, self._contour, view, iteration.contour_gate, final=final)
+        if k in (0, _FLOW_ITERATIONS):
+            self._patches = select_shown(model.patches, view)
+        if k == 0:
+            self._flow = match_patches(self._patches, view)
+        if k >= _FLOW_ITERATIONS:
+            add_texture_term(equations, self._patches, view, iteration.min_correlation)
         elif self._flow is not None:
-            add_flow_term(equations, self._flow, window, X, texture)
+            add_flow_term(equations, self._flow, view)

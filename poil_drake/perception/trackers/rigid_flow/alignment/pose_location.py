@@ -1,4 +1,4 @@
-"""Where the object is expected in a frame, and where it is found."""
+"""Where the object is predicted in a frame, and where it is located."""
 
 from typing import NamedTuple
 
@@ -11,27 +11,46 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import (
     align,
     move,
 )
-from poil_drake.perception.trackers.rigid_flow.alignment.pose_search import Guess, search
+from poil_drake.perception.trackers.rigid_flow.alignment.pose_search import SearchRegion, search
 from poil_drake.perception.trackers.rigid_flow.appearance_model import observe
-from poil_drake.perception.trackers.rigid_flow.config import (
-    MotionConfig,
-    RigidFlowConfig,
-    SearchConfig,
-)
+from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+from poil_drake.perception.trackers.rigid_flow.free_space import ObservedPoints
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
-from poil_drake.perception.trackers.rigid_flow.track_quality import Evidence, examine, is_borne_out
+from poil_drake.perception.trackers.rigid_flow.track_quality import (
+    CERTAIN_AGREEMENT,
+    MAX_CONFLICT,
+    RETRY_CONFLICT,
+    Evidence,
+    examine,
+)
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, make_window
 
-_DRAW_STEP = 1e-3  # frames this far apart are searched with other poses [s]
+_MAX_INNOVATION = 3.0
+"""In standard deviations. An object whose last motion differed more from the motion prior is not
+expected to follow it in the next step."""
+
+_VELOCITY_DAMPING = 0.95  # share of the velocity that continues in the next step
+_MAX_EXTRAPOLATION = 0.5  # longest time over which the velocity is extrapolated [s]
+
+_NEAR = (float(np.radians(20.0)), 0.025)  # deviation of a search [rad, m] where the object is lost
+_GROWTH = (float(np.radians(20.0)), 0.03)  # its growth while the object is lost [rad/s, m/s]
+_FAR = (float(np.radians(60.0)), 0.1)  # its limit [rad, m]
+_FOUND = (float(np.radians(10.0)), 0.01)  # deviation of a pose that was found [rad, m]
+_SEED_PERIOD = 1e-3  # frames this far apart draw different poses [s]
 
 
 class Location(NamedTuple):
-    """A pose that was aligned with the views, what they say about it, and their windows."""
+    """An aligned pose, how the views compare with it, and their windows."""
 
     pose: PoseEstimate
     evidence: Evidence
     windows: list[ViewWindow]
+
+
+def spread(angular: float, linear: float) -> np.ndarray:
+    """Returns the covariance (6, 6) of standard deviations [rad, m] along each axis."""
+    return np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
 
 
 def predict(
@@ -40,109 +59,98 @@ def predict(
     motion_prior: np.ndarray | None,
     config: RigidFlowConfig,
 ) -> PoseEstimate:
-    """Returns where the object is expected, and how surely.
+    """Returns the predicted pose.
 
     Args:
-        state: Where the tracker stands.
+        state: The tracker's state.
         elapsed: Since the last frame [s].
         motion_prior: (4, 4) expected motion in the world, or None.
         config: Parameters.
     """
-    motion = config.motion
-    angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
-    obeyed = _is_obedient(state, elapsed, motion)
-    if motion_prior is not None and (obeyed or state.lost_since is not None):
+    deviations = _prior_deviations(elapsed, config)
+    usable = state.lost_since is not None or _follows_prior(state, elapsed, config)
+    if motion_prior is not None and usable:
         X_WO = motion_prior @ state.pose.X_WO
     else:
-        ahead = motion.velocity_damping * min(elapsed, motion.max_extrapolation)
+        ahead = _VELOCITY_DAMPING * min(elapsed, _MAX_EXTRAPOLATION)
         X_WO = move(state.pose.X_WO, state.velocity * ahead)
-        # A motion that was off once may be as far off again.
-        angular = max(motion.free_angular * elapsed, state.innovation[0])
-        linear = max(motion.free_linear * elapsed, state.innovation[1])
-    spread = np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
-    return PoseEstimate(X_WO, state.pose.covariance + spread, state.pose.doubt + spread)
+        # The next motion may differ as much from its prediction as the last one did.
+        free = np.array([config.free_angular_speed, config.free_linear_speed]) * elapsed
+        deviations = np.maximum(free, state.innovation)
+    noise = spread(*deviations)
+    return PoseEstimate(X_WO, state.pose.prior_covariance + noise, state.pose.covariance + noise)
 
 
-def _is_obedient(state: RigidFlowState, elapsed: float, motion: MotionConfig) -> bool:
-    """Returns whether the last motion was about as expected."""
-    angular, linear = motion.prior_angular * elapsed, motion.prior_linear * elapsed
-    return (
-        state.innovation[0] <= motion.disobedience * angular
-        and state.innovation[1] <= motion.disobedience * linear
-    )
+def _prior_deviations(elapsed: float, config: RigidFlowConfig) -> np.ndarray:
+    """Returns the standard deviations [rad, m] of a motion from its motion prior."""
+    return np.array([config.prior_angular_speed, config.prior_linear_speed]) * elapsed
 
 
-def _windows(
-    model: ObjectModel, frame: MultiViewFrame, X_WO: np.ndarray, config: RigidFlowConfig
-) -> list[ViewWindow]:
-    """Returns the windows around the object of the views that it may be seen in."""
-    points_W = transform_points(X_WO, model.points)
-    windows = [
-        make_window(index, camera, image, points_W, config.window)
-        for index, (camera, image) in enumerate(zip(frame.cameras, frame.images, strict=True))
-    ]
-    return [window for window in windows if window is not None]
+def _follows_prior(state: RigidFlowState, elapsed: float, config: RigidFlowConfig) -> bool:
+    """Returns whether the last motion was about as predicted."""
+    limits = _MAX_INNOVATION * _prior_deviations(elapsed, config)
+    return bool(np.all(state.innovation <= limits))
 
 
 def locate(
     state: RigidFlowState, frame: MultiViewFrame, predicted: PoseEstimate, config: RigidFlowConfig
 ) -> Location:
-    """Aligns from the prediction, and where that fails from poses found by search."""
-    model, sizes = state.model, config.search
+    """Aligns the model from the prediction and, where that fails, from poses found by search."""
+    model = state.model
     best: Location | None = None
     if state.lost_since is None:
-        best = _align(model, frame, predicted, config)
-        obedient = _is_obedient(state, frame.stamp - state.stamp, config.motion)
-        if _is_beyond_doubt(best, model, config, obedient=obedient):
+        best = _align(model, frame, predicted)
+        followed = _follows_prior(state, frame.stamp - state.stamp, config)
+        if _is_certain(best, MAX_CONFLICT if followed else RETRY_CONFLICT):
             return best
-    spread = np.diag(np.repeat(np.array([sizes.aligned_angular, sizes.aligned_linear]) ** 2, 3))
-    guesses = _guesses(state, frame.stamp, predicted, sizes)
-    # Each frame draws other poses, and the same frame the same.
-    draw = abs(round(frame.stamp / _DRAW_STEP))
-    for X_WO in search(model, frame, guesses, draw, config):
-        start = PoseEstimate(X_WO, spread, predicted.doubt + spread)
-        other = _align(model, frame, start, config)
+    noise = spread(*_FOUND)
+    # The draw depends on the frame only, so a step is reproducible.
+    seed = abs(round(frame.stamp / _SEED_PERIOD))
+    for X_WO in search(model, frame, _search_regions(state, frame.stamp, predicted), seed):
+        other = _align(model, frame, PoseEstimate(X_WO, noise, predicted.covariance + noise))
         if best is None or other.evidence.score > best.evidence.score:
             best = other
-        if _is_beyond_doubt(best, model, config, obedient=False):
+        if _is_certain(best, RETRY_CONFLICT):
             break
     assert best is not None, "a search finds at least one pose"
     return best
 
 
-def _is_beyond_doubt(
-    location: Location, model: ObjectModel, config: RigidFlowConfig, *, obedient: bool
-) -> bool:
-    """Returns whether no other pose need be tried; an object that moved as expected gets credit."""
-    quality = config.quality
-    pose, evidence, _ = location
-    credit = quality.max_vacant if obedient else quality.retry_vacant
-    borne_out = is_borne_out(evidence, pose, model, quality.retry_agreement, quality)
-    return borne_out and evidence.vacant <= credit
+def look_around(
+    model: ObjectModel, frame: MultiViewFrame, X_WO: np.ndarray
+) -> tuple[list[ViewWindow], ObservedPoints]:
+    """Returns the windows around the model at a pose (4, 4), and the observed points around it."""
+    points_W = transform_points(X_WO, model.surface.points)
+    views = zip(frame.cameras, frame.images, strict=True)
+    windows = [make_window(camera, image, points_W) for camera, image in views]
+    observed = observe(model.appearance, frame, X_WO[None, :3, 3], model.radius)
+    return [window for window in windows if window is not None], observed
 
 
-def _align(
-    model: ObjectModel, frame: MultiViewFrame, start: PoseEstimate, config: RigidFlowConfig
-) -> Location:
-    """Aligns the model from one pose."""
-    windows = _windows(model, frame, start.X_WO, config)
-    around = observe(
-        model.appearance, frame, start.X_WO[None, :3, 3], model.radius, config.appearance
-    )
-    pose = align(model, windows, around, start, config)
-    return Location(pose, examine(model, windows, around, pose.X_WO, config), windows)
+def _align(model: ObjectModel, frame: MultiViewFrame, start: PoseEstimate) -> Location:
+    windows, observed = look_around(model, frame, start.X_WO)
+    pose = align(model, windows, observed, start)
+    return Location(pose, examine(model, windows, observed, pose), windows)
 
 
-def _guesses(
-    state: RigidFlowState, stamp: float, predicted: PoseEstimate, sizes: SearchConfig
-) -> list[Guess]:
-    """Returns where to search: around what was expected, what was last seen, and the guess."""
+def _is_certain(location: Location, max_conflict: float) -> bool:
+    """Returns whether no other pose needs to be tried."""
+    evidence = location.evidence
+    return evidence.supports_pose(CERTAIN_AGREEMENT) and evidence.conflict <= max_conflict
+
+
+def _search_regions(
+    state: RigidFlowState, stamp: float, predicted: PoseEstimate
+) -> list[SearchRegion]:
+    """Returns regions around the prediction, the last pose while tracked, and the candidate."""
     missed = 0.0 if state.lost_since is None else stamp - state.lost_since
-    angular = min(sizes.near_angular + sizes.growth_angular * missed, sizes.far_angular)
-    linear = min(sizes.near_linear + sizes.growth_linear * missed, sizes.far_linear)
-    guesses = [Guess(predicted.X_WO, angular, linear)]
+    angular, linear = (
+        min(near + growth * missed, far)
+        for near, growth, far in zip(_NEAR, _GROWTH, _FAR, strict=True)
+    )
+    regions = [SearchRegion(predicted.X_WO, angular, linear)]
     if state.lost_since is None:
-        guesses.append(Guess(state.pose.X_WO, angular, linear))
-    if state.guess is not None:
-        guesses.append(Guess(state.guess, sizes.near_angular, sizes.near_linear))
-    return guesses
+        regions.append(SearchRegion(state.pose.X_WO, angular, linear))
+    if state.candidate is not None:
+        regions.append(SearchRegion(state.candidate, *_NEAR))
+    return regions

@@ -1,32 +1,42 @@
 """The texture term: patches of the surface against the image.
 
-Patches are compared with the image as it is now at the places that the pose gives, so they stay
-comparable over large rotations, and nothing drifts from frame to frame. A plane of grey is taken
-off both sides and the contrast is matched, so that shading does not matter.
+Patches, moved by the pose and projected, are compared with the current image, so they remain
+comparable over large rotations, and errors do not accumulate from frame to frame. A plane of grey
+is subtracted on both sides and the contrast is matched, which removes the effect of shading.
 
-First each patch is searched in a neighbourhood, as optical flow does, which bears with poses that
-are several pixels off. Then grey levels are compared directly, which is more precise.
+First each patch is searched in a neighbourhood, as in optical flow, which copes with poses that are
+several pixels off. Then grey levels are compared directly, which is more precise.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.perception.trackers.rigid_flow.alignment.config import TextureConfig
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
     huber_weights,
+    motion_jacobian,
     tukey_weights,
 )
 from poil_drake.perception.trackers.rigid_flow.texture_patches import (
+    HALF_WIDTH,
+    PLANE_REMOVER,
     TexturePatches,
     facing_patches,
-    plane_remover,
     sample_image,
 )
-from poil_drake.perception.trackers.rigid_flow.view_window import Sight, ViewWindow
+from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 
+_MAX_SHOWN = 60  # patches of a view that are used, the most trusted first
+_MAX_DEPTH_ERROR = 0.01  # where depth differs by more, a patch is occluded [m]
+
+_SEARCH_REACH = 3  # samples to each side
+_FOUND_CORRELATION = 0.7  # of a patch that counts as found
+_FLOW_DEVIATION = 1.0  # of the place where a patch is found [px]
+_FLOW_GATE = 6.0  # distance from the prediction [px]
+
+_DEVIATION = 3.0  # of a residual [grey levels]
+_CORRELATION = 10.0  # number of residuals that count as one, since they err together
 _CONTRAST_LIMITS = (0.5, 2.0)  # how much a patch's contrast may change with the light
 
 
@@ -37,7 +47,7 @@ class PatchMatches:
     Attributes:
         centres: (K, 3) [m, object].
         targets: (K, 2) where each was found [px].
-        tensor: (K, 2, 2) how well each tells its place; of trace 1.
+        tensor: (K, 2, 2) structure tensor of each in the image, of trace 1.
         trust: (K,) weights in (0, 1].
     """
 
@@ -47,23 +57,22 @@ class PatchMatches:
     trust: np.ndarray
 
 
-def match_patches(
-    patches: TexturePatches, window: ViewWindow, X_WO: np.ndarray, config: TextureConfig
-) -> PatchMatches | None:
-    """Searches each patch in its neighbourhood of the image, for poses that are several pixels off.
+def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | None:
+    """Searches each patch in its neighbourhood of the image.
 
     Args:
         patches: Patches that the view shows.
-        window: The view.
-        X_WO: (4, 4) pose at which the search starts.
-        config: Parameters.
+        view: The view, with a pose that may be several pixels off.
+
+    Returns:
+        The matches, or None where there are fewer than 3.
     """
     if len(patches) == 0:
         return None
-    half, reach = config.half_width, config.search
+    half, reach = HALF_WIDTH, _SEARCH_REACH
     side, wide = 2 * half + 1, 2 * (half + reach) + 1
-    u, v = window.project(window.sight(X_WO).to_camera(patches.samples))
-    # The grid under the present pose, continued on all sides.
+    u, v = view.project(patches.samples)
+    # The patch's grid at this pose, extended on all sides.
     centre = side * side // 2
     du_i, dv_i = (x[:, centre + 1] - x[:, centre] for x in (u, v))
     du_j, dv_j = (x[:, centre + side] - x[:, centre] for x in (u, v))
@@ -71,79 +80,69 @@ def match_patches(
     j, i = np.meshgrid(steps, steps, indexing="ij")
     wide_u = u[:, centre, None] + du_i[:, None] * i.ravel() + du_j[:, None] * j.ravel()
     wide_v = v[:, centre, None] + dv_i[:, None] * i.ravel() + dv_j[:, None] * j.ravel()
-    sampled = sample_image(window.grey, wide_u, wide_v).reshape(len(u), wide, wide, 3)
+    sampled = sample_image(view.window.grey, wide_u, wide_v).reshape(len(u), wide, wide, 3)
     views = np.lib.stride_tricks.sliding_window_view(sampled[..., 0], (side, side), axis=(1, 2))
     views = views.reshape(len(u), (2 * reach + 1) ** 2, side * side)
-    views = views @ plane_remover(half)
+    views = views @ PLANE_REMOVER
     reference = patches.values / np.linalg.norm(patches.values, axis=1, keepdims=True)
     length = np.sqrt(np.einsum("psk,psk->ps", views, views)) + np.float32(1e-3)
     scores = np.einsum("psk,pk->ps", views, reference) / length
     best = scores.argmax(axis=1)
     row, column = best // (2 * reach + 1) - reach, best % (2 * reach + 1) - reach
-    good = scores[np.arange(len(u)), best] > config.search_correlation
+    good = scores[np.arange(len(u)), best] > _FOUND_CORRELATION
     good &= (np.abs(row) < reach) & (np.abs(column) < reach)
     if np.count_nonzero(good) < 3:
         return None
-    # How well a patch tells its place along each direction of the image.
     inner = slice(reach, reach + side)
     gradients = sampled[good][:, inner, inner, 1:].reshape(-1, side * side, 2).astype(float)
     tensor = np.einsum("pka,pkb->pab", gradients, gradients)
     tensor /= np.trace(tensor, axis1=1, axis2=2)[:, None, None] + 1e-9
-    row, column = row[good], column[good]
-    flow = np.stack(
-        [
-            column * du_i[good] + row * du_j[good],
-            column * dv_i[good] + row * dv_j[good],
-        ],
-        axis=1,
-    )
-    start = np.stack([u[good, centre], v[good, centre]], axis=1)
-    return PatchMatches(patches.centres[good], start + flow, tensor, patches.trust[good])
+    found_u = u[:, centre] + (column * du_i + row * du_j)
+    found_v = v[:, centre] + (column * dv_i + row * dv_j)
+    targets = np.stack([found_u, found_v], axis=1)[good]
+    return PatchMatches(patches.centres[good], targets, tensor, patches.trust[good])
 
 
-def add_flow_term(
-    equations: NormalEquations,
-    matches: PatchMatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
-    config: TextureConfig,
-) -> None:
+def add_flow_term(equations: NormalEquations, matches: PatchMatches, view: PosedView) -> None:
     """Adds the distances in the image between patches and where they were found."""
-    sight = window.sight(X_WO)
-    places = np.stack(window.project(sight.to_camera(matches.centres)), axis=1)
+    places = np.stack(view.project(matches.centres), axis=1)
     residuals = matches.targets - places
-    weights = tukey_weights(np.linalg.norm(residuals, axis=1), config.search_gate)
-    weights *= matches.trust / config.search_deviation**2
+    weights = tukey_weights(np.linalg.norm(residuals, axis=1), _FLOW_GATE)
+    weights *= matches.trust / _FLOW_DEVIATION**2
     tensor = matches.tensor * weights[:, None, None]
     pull = np.einsum("pab,pb->pa", tensor, residuals)
-    _add_patches(equations, matches.centres, tensor, pull, window, sight)
+    _add_patches(equations, matches.centres, tensor, pull, view)
 
 
 def add_texture_term(
     equations: NormalEquations,
     patches: TexturePatches,
-    window: ViewWindow,
-    X_WO: np.ndarray,
+    view: PosedView,
     min_correlation: float,
-    config: TextureConfig,
 ) -> None:
-    """Adds the grey-level residuals of patches, all of which the view shows."""
+    """Adds the grey-level residuals of patches.
+
+    Args:
+        equations: The sums to add to.
+        patches: Patches that the view shows.
+        view: The view.
+        min_correlation: Patches that correlate less with the image are left out.
+    """
     if len(patches) == 0:
         return
-    sight = window.sight(X_WO)
-    u, v = window.project(sight.to_camera(patches.samples))
-    sampled = sample_image(window.grey, u, v).transpose(2, 0, 1) @ plane_remover(config.half_width)
+    u, v = view.project(patches.samples)
+    sampled = sample_image(view.window.grey, u, v).transpose(2, 0, 1) @ PLANE_REMOVER
     current, gu, gv = sampled
     cross = np.einsum("pk,pk->p", current, patches.values)
     power = np.einsum("pk,pk->p", current, current) + 1e-6
     own_power = np.einsum("pk,pk->p", patches.values, patches.values)
     contrast = np.clip(cross / power, *_CONTRAST_LIMITS)
     residuals = patches.values - contrast[:, None] * current
-    weights = huber_weights(residuals, 1.5 * config.deviation)
+    weights = huber_weights(residuals, 1.5 * _DEVIATION)
     usable = cross > min_correlation * np.sqrt(power * own_power)
-    scale = usable * patches.trust / (config.deviation**2 * config.correlation)
+    scale = usable * patches.trust / (_DEVIATION**2 * _CORRELATION)
     weights *= scale[:, None]
-    # All samples of a patch share its derivative by the pose, so they are summed up first.
+    # All samples of a patch have the derivative of its centre by the pose, so sum them first.
     weighted_u, weighted_v = weights * gu, weights * gv
     tensor = np.empty((len(patches), 2, 2))
     tensor[:, 0, 0] = np.einsum("pk,pk->p", weighted_u, gu)
@@ -154,24 +153,21 @@ def add_texture_term(
     pull[:, 1] = np.einsum("pk,pk->p", weighted_v, residuals)
     tensor *= (contrast**2)[:, None, None]
     pull *= contrast[:, None]
-    _add_patches(equations, patches.centres, tensor, pull, window, sight)
+    _add_patches(equations, patches.centres, tensor, pull, view)
 
 
-def select_shown(
-    patches: TexturePatches, window: ViewWindow, X_WO: np.ndarray, config: TextureConfig
-) -> TexturePatches:
-    """Returns the patches that a view shows of an object at pose X_WO (4, 4)."""
-    sight = window.sight(X_WO)
-    shown = np.flatnonzero(facing_patches(patches, sight.eye, config))
-    if len(shown) > config.max_shown:
+def select_shown(patches: TexturePatches, view: PosedView) -> TexturePatches:
+    """Returns the patches that a view shows."""
+    shown = np.flatnonzero(facing_patches(patches, view.eye))
+    if len(shown) > _MAX_SHOWN:
         trusted = np.argsort(-patches.trust[shown], kind="stable")
-        shown = np.sort(shown[trusted[: config.max_shown]])
-    points_C = sight.to_camera(patches.samples[shown])
-    u, v = window.project(points_C)
-    height, width = window.depth.shape
+        shown = np.sort(shown[trusted[:_MAX_SHOWN]])
+    points_C = view.to_camera(patches.samples[shown])
+    u, v = view.window.project(points_C)
+    height, width = view.window.depth.shape
     inside = ((u >= 1) & (v >= 1) & (u < width - 2) & (v < height - 2)).all(axis=1)
     inside &= (points_C[..., 2] > 0.05).all(axis=1)
-    inside[inside] = _unhidden(window, u[inside], v[inside], points_C[inside][..., 2], config)
+    inside[inside] = _unoccluded(view, u[inside], v[inside], points_C[inside][..., 2])
     return patches.select(shown[inside])
 
 
@@ -180,36 +176,27 @@ def _add_patches(
     centres: np.ndarray,
     tensor: np.ndarray,
     pull: np.ndarray,
-    window: ViewWindow,
-    sight: Sight,
+    view: PosedView,
 ) -> None:
-    """Adds patches that pull on their places in the image.
+    """Adds patches, each with its normal equations for a displacement in the image.
 
     Args:
-        equations: What to add to.
+        equations: The sums to add to.
         centres: (P, 3) [m, object].
-        tensor: (P, 2, 2) how firmly each holds its place in the image.
-        pull: (P, 2) tensor times distance to where it belongs.
-        window: The view.
-        sight: Where the camera is.
+        tensor: (P, 2, 2) matrix of the displacement's equations.
+        pull: (P, 2) their right-hand side.
+        view: The view.
     """
-    points_C = sight.to_camera(centres)
-    ones, zeros = np.ones(len(centres)), np.zeros(len(centres))
-    rows = np.empty((len(centres), 2, 6))
-    for axis, (gu, gv) in enumerate(((ones, zeros), (zeros, ones))):
-        along = window.pixel_gradient(gu, gv, points_C) @ sight.R_CO
-        rows[:, axis, 3:] = along
-        rows[:, axis, :3] = cross_rows(centres, along)
-    flat = rows.reshape(-1, 6)
-    equations.H += flat.T @ (tensor @ rows).reshape(-1, 6)
+    gradients = (view.pixel_gradient(1.0, 0.0, centres), view.pixel_gradient(0.0, 1.0, centres))
+    jacobian = np.stack([motion_jacobian(centres, along) for along in gradients], axis=1)
+    flat = jacobian.reshape(-1, 6)
+    equations.H += flat.T @ (tensor @ jacobian).reshape(-1, 6)
     equations.b += pull.reshape(-1) @ flat
 
 
-def _unhidden(
-    window: ViewWindow, u: np.ndarray, v: np.ndarray, z: np.ndarray, config: TextureConfig
-) -> np.ndarray:
-    """Returns which patches (P,) bool have the depth they should have, at nearly all samples."""
-    measured = window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
+def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Returns which patches (P,) bool have about their own depth measured at nearly all samples."""
+    measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     valid = measured > 0.0
-    wrong = valid & (np.abs(measured - z) > config.max_depth_error)
+    wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
     return (wrong.mean(axis=1) < 0.2) & (valid.mean(axis=1) > 0.5)

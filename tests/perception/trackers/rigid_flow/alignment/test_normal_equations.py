@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import (
     NormalEquations,
-    cross_rows,
     huber_weights,
     tukey_weights,
 )
@@ -24,12 +23,12 @@ def test_solves_weighted_least_squares():
     np.testing.assert_allclose(np.linalg.solve(dut.H, dut.b), expected, atol=1e-12)
 
 
-def test_information_leaves_out_what_is_spurious():
+def test_information_excludes_the_spurious_part():
     dut = NormalEquations()
     dut.add(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), np.zeros(6), np.ones(6))
     dut.add_spurious(np.diag([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.ones(6))
 
-    # 1 - 4 is below zero, 4 - 1 is left, the rest is as it was.
+    # 1 - 4 is below zero, 4 - 1 remains, the rest is unchanged.
     np.testing.assert_allclose(dut.information(0.1), np.diag([0.0, 3.0, 9.0, 16.0, 25.0, 36.0]))
 
 
@@ -45,10 +44,3 @@ def test_huber_s_weights(r):
     (weight,) = huber_weights(np.array([r]), 1.5)
 
     assert weight == pytest.approx(1.0 if abs(r) <= 1.5 else 1.5 / abs(r))
-
-
-def test_cross_products_are_numpy_s():
-    a, b = np.random.default_rng(1).normal(size=(2, 7, 3))
-
-    np.testing.assert_allclose(cross_rows(a, b), np.cross(a, b))
-    np.testing.assert_allclose(cross_rows(a, b[0]), np.cross(a, b[0]))

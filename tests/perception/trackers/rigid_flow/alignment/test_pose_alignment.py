@@ -10,10 +10,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import (
     motion_between,
     move,
 )
-from poil_drake.perception.trackers.rigid_flow.appearance_model import observe
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.object_model import build_model
-from poil_drake.perception.trackers.rigid_flow.view_window import make_window
+from poil_drake.perception.trackers.rigid_flow.alignment.pose_location import look_around
 
 motions = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).map(np.array)
 
@@ -25,7 +22,7 @@ def test_motion_between_inverts_move(start, motion):
     np.testing.assert_allclose(motion_between(X, move(X, motion)), motion, atol=1e-9)
 
 
-def test_move_is_in_the_object_s_own_frame():
+def test_a_motion_is_in_the_object_s_frame():
     X = make_transform(rotation_exp(np.array([0.0, 0.0, np.pi / 2])), np.array([1.0, 2.0, 3.0]))
 
     moved = move(X, np.array([0, 0, 0, 0.1, 0, 0]))
@@ -34,7 +31,7 @@ def test_move_is_in_the_object_s_own_frame():
     np.testing.assert_allclose(moved[:3, 3], [1.0, 2.1, 3.0])
 
 
-def test_deviations_of_points_are_those_of_sampled_poses():
+def test_deviations_of_points_match_those_of_sampled_poses():
     rng = np.random.default_rng(2)
     root = rng.normal(size=(6, 6)) * 1e-3
     dut = PoseEstimate(np.eye(4), np.eye(6), root @ root.T)
@@ -47,45 +44,30 @@ def test_deviations_of_points_are_those_of_sampled_poses():
     np.testing.assert_allclose(dut.point_deviations(points), expected, rtol=0.05)
 
 
-@pytest.fixture
-def aligned(mug_scene):
-    """A function that aligns the mug's model from a pose that is off by a motion."""
-    config = RigidFlowConfig()
-    shot = mug_scene.shoot(mug_scene.start)
-    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, config)
-
-    def run(motion, deviation):
-        start = move(X_WO, np.array(motion))
-        predicted = PoseEstimate(start, deviation**2 * np.eye(6), deviation**2 * np.eye(6))
-        points = transform_points(start, model.points)
-        views = zip(shot.frame.cameras, shot.frame.images, strict=True)
-        windows = [make_window(i, c, im, points, config.window) for i, (c, im) in enumerate(views)]
-        around = observe(
-            model.appearance, shot.frame, start[None, :3, 3], model.radius, config.appearance
-        )
-        return align(model, windows, around, predicted, config), X_WO
-
-    return run
+def aligned(mug, motion, deviation):
+    """Aligns the mug's model from a pose that is off by a motion."""
+    start = move(mug.X_WO, np.array(motion))
+    predicted = PoseEstimate(start, deviation**2 * np.eye(6), deviation**2 * np.eye(6))
+    return align(mug.model, *look_around(mug.model, mug.frame, start), predicted)
 
 
-def test_finds_back_from_a_pose_several_pixels_off(aligned):
-    pose, X_WO = aligned([0.05, -0.04, 0.06, 0.004, -0.004, 0.005], 0.1)
+def test_recovers_from_a_pose_several_pixels_off(built_mug):
+    pose = aligned(built_mug, [0.05, -0.04, 0.06, 0.004, -0.004, 0.005], 0.1)
 
-    error = motion_between(X_WO, pose.X_WO)
+    error = motion_between(built_mug.X_WO, pose.X_WO)
     assert np.linalg.norm(error[:3]) < np.radians(0.5)
     assert np.linalg.norm(error[3:]) < 5e-4
 
 
-def test_views_make_the_pose_surer_than_its_prediction(aligned):
-    pose, _ = aligned(np.zeros(6), 0.1)
+def test_the_views_reduce_the_uncertainty(built_mug):
+    pose = aligned(built_mug, np.zeros(6), 0.1)
 
-    assert np.all(np.linalg.eigvalsh(pose.doubt) < 0.01)
-    # What noise seems to tell is left out of doubt, but not out of the other covariance.
-    assert np.all(np.linalg.eigvalsh(pose.doubt - pose.covariance) > -1e-12)
+    assert np.all(np.linalg.eigvalsh(pose.covariance) < 0.01)
+    # Only the prior covariance counts noise as information.
+    assert np.all(np.linalg.eigvalsh(pose.covariance - pose.prior_covariance) > -1e-12)
 
 
-def test_a_tight_prediction_is_kept_to(aligned):
-    pose, X_WO = aligned([0.0, 0.0, 0.01, 0.0, 0.0, 0.0], 1e-7)
+def test_a_certain_prediction_outweighs_the_views(built_mug):
+    pose = aligned(built_mug, [0.0, 0.0, 0.01, 0.0, 0.0, 0.0], 1e-7)
 
-    # 2 mm of freedom for 10 mrad: the prediction outweighs the views by far.
-    assert motion_between(X_WO, pose.X_WO)[2] == pytest.approx(0.01, rel=0.05)
+    assert motion_between(built_mug.X_WO, pose.X_WO)[2] == pytest.approx(0.01, rel=0.05)

@@ -1,0 +1,101 @@
+"""Where the object is known not to be: the space that a camera saw through in the first frame.
+
+Depth may agree with a wrong pose: a mug looks the same from all sides but for its handle. What the
+views show elsewhere in the object's colours then contradicts the pose: a handle that, moved back to
+the first frame, lies where a camera looked through. Background that was there in the first frame,
+such as a rod that the object hangs on, contradicts nothing, whatever its colour.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.rigid_transform import inverse
+from poil_drake.perception.trackers.rigid_flow.reference_view import ReferenceView
+
+TOLERANCE = 0.002
+"""How deep in free space a point of the object may lie [m]: errors of the pose."""
+
+FEW_OBSERVED = 20.0
+"""With this weight of observed points, their result counts half; with less, it counts less."""
+
+_SURROUNDINGS = 0.04  # how far around the object free space is mapped [m]
+_SPACING = 0.004  # of the grid [m]
+_SOFTNESS = 0.008  # beyond TOLERANCE the conflict grows from 0 to 1 over this distance [m]
+_MARGIN = 0.02  # points up to this far beyond the object's radius matter [m]
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedPoints:
+    """Points that the views show in the object's colours, Q of them.
+
+    Attributes:
+        points: (Q, 3) float32 [m, world].
+        weights: (Q,) float32 in (0, 1]: the confidence that the colour is the object's.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpaceGrid(SharedOnCopy):
+    """A grid of the free space around the object, in the object's frame.
+
+    Attributes:
+        depth: (G, G, G) float32 distance into free space [m]; 0 where the object may be.
+        corner: Where the grid begins along each axis [m].
+        spacing: Edge of a cell [m].
+    """
+
+    depth: np.ndarray
+    corner: float
+    spacing: float
+
+    def depth_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
+        """Returns how deep in free space points are [m], given as x, y and z (...)."""
+        size = len(self.depth)
+        index = np.zeros(points_O[0].shape, dtype=np.int32)
+        for coordinate in points_O:
+            cell = (coordinate - np.float32(self.corner)) * np.float32(1.0 / self.spacing)
+            index *= size
+            index += np.clip(cell, 0, size - 1).astype(np.int32)
+        return self.depth.ravel()[index]
+
+    def conflict(
+        self, observed: ObservedPoints, poses: np.ndarray, radius: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compares observed points with each of many poses (P, 4, 4) of the object.
+
+        Args:
+            observed: The points.
+            poses: (P, 4, 4) poses in the world.
+            radius: Of the object [m].
+
+        Returns:
+            explained: (P,) weight of the points that may be on the object's surface.
+            conflicting: (P,) weight of those that lie near the object, but in free space.
+        """
+        X_OW = inverse(poses).astype(np.float32)
+        R = np.ascontiguousarray(X_OW[:, :3, :3])
+        points = (R @ observed.points.T + X_OW[:, :3, 3:]).transpose(1, 0, 2)
+        near = (points * points).sum(axis=0) < np.float32(radius + _MARGIN) ** 2
+        inside = self.depth_at(tuple(points)) - np.float32(TOLERANCE)
+        share = np.clip(inside * np.float32(1.0 / _SOFTNESS), 0.0, 1.0)
+        conflicting = np.where(near, share, 0.0)
+        explained = np.where(near, 1.0 - share, 0.0)
+        return explained @ observed.weights, conflicting @ observed.weights
+
+
+def map_free_space(views: Sequence[ReferenceView], radius: float) -> FreeSpaceGrid:
+    """Returns the space around an object of some radius [m] that a reference view saw through."""
+    reach = radius + _SURROUNDINGS
+    size = int(np.ceil(2.0 * reach / _SPACING))
+    axis = (np.arange(size) + 0.5) * _SPACING - reach
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    free = np.any([view.sees_through(grid) for view in views], axis=0)
+    depth = distance_transform_edt(free.reshape(size, size, size), sampling=_SPACING)
+    return FreeSpaceGrid(depth.astype(np.float32), -reach, _SPACING)
