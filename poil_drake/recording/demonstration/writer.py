@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -21,14 +20,9 @@ from poil_drake.recording.demonstration.layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.camera_messages import encode_calibration, encode_transform
-from poil_drake.recording.mcap.image_messages import (
-    ColorEncoding,
-    encode_color,
-    encode_depth,
-    encode_label,
-)
+from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
+from poil_drake.recording.mcap.message_encoder import MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 
@@ -37,12 +31,12 @@ class DemonstrationWriter:
     """Writes the frames of a demonstration, as a context manager.
 
     The file appears under its name only when the `with` block ends without an exception and at
-    least two frames were written: a recording that failed never looks complete.
+    least two frames were written, so that a failed recording never looks complete.
 
     Args:
         path: The MCAP file; its folder is made where needed.
         cameras: The names of the cameras that every frame must have, in its order.
-        metadata: What to say about the demonstration, e.g. {"scenario": ..., "seed": ...}.
+        metadata: Metadata of the file, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.
         color: How colour images are encoded; by default JPEG.
 
@@ -68,6 +62,7 @@ class DemonstrationWriter:
         self._written: dict[str, CameraModel] = {}
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
+        self._encoder = MessageEncoder()
         self._sink = McapSink(self._partial)
         if scenario_text is not None:
             self._sink.add_attachment(
@@ -100,38 +95,30 @@ class DemonstrationWriter:
         self._frame_count += 1
 
     def _write_camera(self, camera: CameraModel, image: RgbdImage) -> None:
+        encode, frame_id = self._encoder, optical_frame(camera.name)
         stamp = to_nanoseconds(image.stamp)
-        frame_id = optical_frame(camera.name)
+        messages = {}
         if not _same(camera, self._written.get(camera.name)):
-            self._sink.write(
-                camera_topic(camera.name, "calibration"),
-                encode_calibration(camera, stamp=stamp, frame_id=frame_id),
-                time=stamp,
-            )
-            self._sink.write(
-                TRANSFORM_TOPIC,
-                encode_transform(camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp),
-                time=stamp,
-            )
             self._written[camera.name] = camera
-        messages = {
-            "image": encode_color(image.rgb, stamp=stamp, frame_id=frame_id, encoding=self._color),
-            "depth": encode_depth(image.depth, stamp=stamp, frame_id=frame_id),
+            topic = camera_topic(camera.name, "calibration")
+            messages[topic] = encode.calibration(camera, stamp=stamp, frame_id=frame_id)
+            messages[TRANSFORM_TOPIC] = encode.transform(
+                camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
+            )
+        images = {
+            "image": encode.color(image.rgb, stamp=stamp, frame_id=frame_id, encoding=self._color),
+            "depth": encode.depth(image.depth, stamp=stamp, frame_id=frame_id),
         }
         if image.label is not None:
-            messages["label"] = encode_label(image.label, stamp=stamp, frame_id=frame_id)
-        for kind, message in messages.items():
-            self._sink.write(camera_topic(camera.name, kind), message, time=stamp)
+            images["label"] = encode.label(image.label, stamp=stamp, frame_id=frame_id)
+        messages |= {camera_topic(camera.name, kind): one for kind, one in images.items()}
+        for topic, message in messages.items():
+            self._sink.write(topic, message, time=stamp)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exception_type: type[BaseException] | None,
-        exception: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, exception_type: type[BaseException] | None, *_: object) -> None:
         try:
             if exception_type is None:
                 self._finish()

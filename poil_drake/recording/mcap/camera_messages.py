@@ -1,4 +1,4 @@
-"""Cameras as Foxglove messages: `CameraCalibration` and `FrameTransform`."""
+"""Decodes the Foxglove messages of cameras: `CameraCalibration` and `FrameTransform`."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,14 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.images import CameraModel
-from poil_drake.recording.mcap.timestamps import set_timestamp
 
-# Both are OpenCV's model, with 5 and 8 coefficients.
+# Both are OpenCV's lens model, with 5 and 8 coefficients.
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a recording says of a camera, without its pose.
+    """Intrinsics of a recorded camera.
 
     Attributes:
         frame_id: The name of the camera's optical frame.
@@ -34,27 +32,11 @@ class Calibration:
     distortion: np.ndarray
 
 
-def encode_calibration(camera: CameraModel, *, stamp: int, frame_id: str) -> CameraCalibration:
-    """Returns a camera's intrinsics as a message; the image is taken as rectified."""
-    message = CameraCalibration(
-        frame_id=frame_id,
-        width=camera.width,
-        height=camera.height,
-        distortion_model="plumb_bob",
-        D=[0.0] * 5,
-        K=camera.K.ravel(),
-        R=np.eye(3).ravel(),
-        P=np.hstack([camera.K, np.zeros((3, 1))]).ravel(),
-    )
-    set_timestamp(message, stamp)
-    return message
-
-
 def decode_calibration(message: CameraCalibration) -> Calibration:
     """Returns the intrinsics of a message.
 
     Raises:
-        InvalidValueError: if the camera is not calibrated or its lens model is not known.
+        InvalidValueError: if the camera is not calibrated or its lens model is unknown.
     """
     K = np.array(message.K, dtype=float)
     if K.size != 9 or not np.all(np.isfinite(K)) or K[0] <= 0.0 or K[4] <= 0.0:
@@ -77,34 +59,6 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
     return Calibration(message.frame_id, message.width, message.height, K.reshape(3, 3), distortion)
 
 
-def encode_transform(
-    X_PC: np.ndarray,
-    *,
-    parent: str,
-    child: str,
-    stamp: int,
-    message: FrameTransform | None = None,
-) -> FrameTransform:
-    """Returns the (4, 4) pose of frame `child` in frame `parent` [m] as a message.
-
-    Args:
-        X_PC: The pose.
-        parent: The frame that it is in.
-        child: The frame that it is of.
-        stamp: When it was there [ns].
-        message: One of an earlier call for the same frames, which is filled again and returned;
-            None: a new one.
-    """
-    if message is None:
-        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
-    set_timestamp(message, stamp)
-    for axis, value in zip("xyz", X_PC[:3, 3], strict=True):
-        setattr(message.translation, axis, value)
-    for axis, value in zip("xyzw", Rotation.from_matrix(X_PC[:3, :3]).as_quat(), strict=True):
-        setattr(message.rotation, axis, value)
-    return message
-
-
 def decode_transform(message: FrameTransform) -> np.ndarray:
     """Returns the (4, 4) pose of the child frame in the parent frame [m].
 
@@ -116,8 +70,8 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
     X_PC[:3, 3] = [getattr(message.translation, axis) for axis in "xyz"]
     if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
         raise InvalidValueError(
-            f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is no "
-            "rigid motion.",
+            f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "
+            "a rigid motion.",
             remedy="Write a finite translation and a unit quaternion.",
         )
     X_PC[:3, :3] = Rotation.from_quat(quaternion).as_matrix()

@@ -1,4 +1,4 @@
-"""A sink for messages: open, write, close."""
+"""Writes messages to an MCAP file."""
 
 import json
 from collections.abc import Mapping
@@ -10,19 +10,18 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.recording.mcap.message_parts import MessageParts
+from poil_drake.recording.mcap.message_encoder import EncodedMessage
 
 
 class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
 
-    Messages are written in chunks, each as soon as it is full. Until `close` the file lacks its
-    index and footer; all chunks but the one begun can still be read, and `mcap recover` adds the
-    rest.
+    Messages are written in chunks, each as soon as it is full. Until `close`, the file lacks its
+    index and footer; all chunks but the last can still be read, and `mcap recover` adds the rest.
 
     Args:
         path: The file. Its folder is made where needed; an older file is overwritten.
-        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner, and
+        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner and
             compress less well.
     """
 
@@ -35,16 +34,12 @@ class McapSink:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}
 
-    def write(self, topic: str, message: Any, *, time: int) -> None:
-        """Writes a protobuf message, or the `MessageParts` of one, at `time` [ns]."""
-        if isinstance(message, MessageParts):
-            kind, data = type(message.message), message.serialized()
-        else:
-            kind, data = type(message), message.SerializeToString()
-        name = kind.DESCRIPTOR.full_name
+    def write(self, topic: str, message: EncodedMessage, *, time: int) -> None:
+        """Writes a Foxglove message at `time` [ns]."""
+        name = message.message_type.DESCRIPTOR.full_name
         if name not in self._schemas:
-            self._schemas[name] = register_schema(self._writer, kind)
-        self._add(topic, name, MessageEncoding.Protobuf, data, time)
+            self._schemas[name] = register_schema(self._writer, message.message_type)
+        self._add(topic, name, MessageEncoding.Protobuf, message.data, time)
 
     def write_json(
         self, topic: str, value: Mapping[str, Any], *, schema: Mapping[str, Any], time: int
@@ -83,7 +78,7 @@ class McapSink:
             self._stream.close()
 
     def abandon(self) -> None:
-        """Closes the file without index and footer: what it holds is not complete."""
+        """Closes the file without index and footer, so that readers see that it is incomplete."""
         self._stream.close()
 
     def _add(self, topic: str, schema: str, encoding: str, data: bytes, time: int) -> None:

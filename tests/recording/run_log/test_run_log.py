@@ -9,7 +9,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
-from poil_drake.recording.mcap.camera_messages import encode_transform
+from poil_drake.recording.mcap.message_encoder import MessageEncoder
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
 
@@ -171,13 +171,13 @@ def test_a_camera_is_described(path):
 def test_a_full_queue_may_drop_messages_and_says_so(path):
     gate, started = threading.Event(), threading.Event()
 
-    def slow():
+    def slow(X, **named):
         started.set()
         gate.wait()
-        return encode_transform(np.eye(4), parent="world", child="a", stamp=0)
+        return MessageEncoder().transform(X, parent="world", child="a", **named)
 
     with RunLogWriter(path, config=RunLogConfig(queue_capacity=2, drop_when_full=True)) as dut:
-        dut._write("/tf", 0.0, slow)
+        dut._write("/tf", slow, np.eye(4), time=0.0)
         started.wait()
         for i in range(5):
             dut.write_phase(str(i), time=i / 8)
@@ -192,7 +192,7 @@ def test_an_error_while_writing_reaches_the_caller(path):
     dut = RunLogWriter(path)
     dut.write_status("/phase", {"a": 1}, time=0.0)
     dut.write_transform(np.eye(4), child="a", time=0.0)
-    dut._write("/tf", 0.0, lambda: (_ for _ in ()).throw(OSError("disk full")))
+    dut._submit(lambda: (_ for _ in ()).throw(OSError("disk full")))
 
     with pytest.raises(OSError, match="disk full"):
         dut.close()
