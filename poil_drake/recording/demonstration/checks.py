@@ -1,4 +1,4 @@
-"""Finds what a demonstration file lacks, and says so."""
+"""Checks that a demonstration file is complete."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -27,30 +27,34 @@ _Json = TypeVar("_Json", list, dict)
 def camera_names(path: Path, contents: Contents, wanted: Sequence[str] | None) -> list[str]:
     """Returns the cameras to use, in the order wanted, of the metadata, or of their names."""
     found = sorted(contents.cameras)
-    listed = _json_metadata(path, contents, CAMERAS_KEY, list) or []
-    names = list(wanted) if wanted is not None else [str(name) for name in listed]
-    names += [name for name in found if wanted is None and name not in names]
-    if not names:
+    if wanted is None:
+        listed = _json_metadata(path, contents, CAMERAS_KEY, list)
+        wanted = list(dict.fromkeys([*map(str, listed), *found]))
+    if not wanted:
         raise DemonstrationError(
             f"{path} holds no camera: it has no topic {camera_topic('<name>', 'image')}.",
             remedy="Record colour, depth and calibration of each camera, see "
             "docs/demonstration_format.md.",
         )
-    for name in names:
+    for name in wanted:
         if name not in contents.cameras:
             raise DemonstrationError(
                 f"{path} has no topic of camera '{name}'; it has "
                 f"{', '.join(repr(camera) for camera in found) or 'no camera at all'}.",
                 remedy="Record all cameras, or name the cameras to use.",
             )
-    return names
+    return list(wanted)
 
 
 def check_camera(path: Path, name: str, camera: CameraContents) -> None:
     """Raises an error unless a camera has colour, depth and calibration."""
-    has = {"image": camera.image, "depth": camera.depth, "calibration": camera.calibration}
-    present = [kind for kind, messages in has.items() if messages]
-    for kind, messages in has.items():
+    streams: dict[str, Sequence[object]] = {
+        "image": camera.image,
+        "depth": camera.depth,
+        "calibration": camera.calibration,
+    }
+    present = [kind for kind, messages in streams.items() if messages]
+    for kind, messages in streams.items():
         if not messages:
             raise DemonstrationError(
                 f"{path}: camera '{name}' has {' and '.join(present) or 'labels'} but no topic "
@@ -58,10 +62,9 @@ def check_camera(path: Path, name: str, camera: CameraContents) -> None:
                 remedy="Record colour, depth and calibration of each camera, or name the cameras "
                 "to use.",
             )
-    for kind, stream in (("image", camera.image), ("depth", camera.depth)):
-        if len(stream) < MIN_FRAMES:
+        if kind != "calibration" and len(messages) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{path}: topic {camera_topic(name, kind)} has {len(stream)} message, fewer than "
+                f"{path}: topic {camera_topic(name, kind)} has {len(messages)} message, fewer than "
                 f"{MIN_FRAMES} frames.",
                 remedy="Record the whole motion.",
             )
@@ -92,20 +95,16 @@ def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
 
 
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
-    """Returns the frame that stands for the world, after checking that all cameras hang on it.
+    """Returns the frame that is the world, after checking that it is joined to all cameras.
 
     It is the frame that the metadata names, or "world", or else the root above the first camera.
     """
     frames = contents.frames
     optical = {name: contents.cameras[name].frame_id for name in names}
     base = contents.metadata.get(WORLD_FRAME_KEY, WORLD_FRAME)
-    root = frames.root(optical[names[0]])
-    if (
-        base not in frames
-        and WORLD_FRAME_KEY not in contents.metadata
-        and root != optical[names[0]]
-    ):
-        base = root
+    if base not in frames and WORLD_FRAME_KEY not in contents.metadata:
+        root = frames.root(optical[names[0]])
+        base = root if root != optical[names[0]] else base
     for name, frame in optical.items():
         if frames.pose(base=base, frame=frame, stamp=0) is None:
             raise DemonstrationError(
@@ -118,22 +117,22 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
 
 
 def label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
-    """Returns which render labels stand for what."""
-    table = _json_metadata(path, contents, LABEL_IDS_KEY, dict) or {}
-    for name, ids in dict(table).items():
+    """Returns the render labels of each object and part."""
+    table = _json_metadata(path, contents, LABEL_IDS_KEY, dict)
+    for name, ids in table.items():
         if not isinstance(ids, list) or not all(isinstance(id_, int) for id_ in ids):
             raise DemonstrationError(
                 f"{path}: the metadata '{LABEL_IDS_KEY}' gives {ids} for '{name}'.",
                 remedy="Give a list of render labels, e.g. [3, 4].",
             )
-    return {name: tuple(ids) for name, ids in dict(table).items()}
+    return {name: tuple(ids) for name, ids in table.items()}
 
 
-def _json_metadata(path: Path, contents: Contents, key: str, kind: type[_Json]) -> _Json | None:
-    """Returns a metadata value that is JSON, or None where there is none."""
+def _json_metadata(path: Path, contents: Contents, key: str, kind: type[_Json]) -> _Json:
+    """Returns a metadata value that is a JSON list or table; an empty one if there is none."""
     text = contents.metadata.get(key)
     if text is None:
-        return None
+        return kind()
     try:
         value = json.loads(text)
     except json.JSONDecodeError:

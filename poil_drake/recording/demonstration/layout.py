@@ -20,5 +20,5 @@ def camera_topic(camera: str, kind: str) -> str:
 
 
 def optical_frame(camera: str) -> str:
-    """Returns the frame that our recordings give to a camera."""
+    """Returns the name of a camera's optical frame in our recordings."""
     return f"{camera}_optical_frame"

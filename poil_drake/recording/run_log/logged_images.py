@@ -1,25 +1,20 @@
-"""The images of a run's log, decoded when they are asked for."""
+"""The images of a run's log, decoded when they are needed."""
 
-from collections import OrderedDict
+from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-from google.protobuf.message import DecodeError
-
-from poil_drake.errors import DemonstrationError, InvalidValueError, RunLogError
+from poil_drake.errors import DemonstrationError, RunLogError
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.recording.demonstration.layout import camera_topic
-from poil_drake.recording.mcap.image_messages import decode_color, decode_depth, decode_label
-from poil_drake.recording.mcap.scan import read_messages
+from poil_drake.recording.demonstration.stored_images import read_images
 from poil_drake.recording.mcap.timestamps import to_seconds
 from poil_drake.recording.run_log.recorded_run import LoggedImages
 
-_KEPT = 2
+_CACHED = 2
 """Tracker and detector look at the same image, and then at the next."""
 
 
 class ImageReader:
-    """Decodes the logged images of one camera; the last few are kept.
+    """Decodes the logged images of one camera; the last few are cached.
 
     Args:
         path: The log.
@@ -29,37 +24,30 @@ class ImageReader:
 
     def __init__(self, path: Path, camera: CameraModel, images: list[LoggedImages]):
         self._path, self._camera, self._images = path, camera, tuple(images)
-        self._kept: OrderedDict[int, RgbdImage] = OrderedDict()
+        self._cached = lru_cache(_CACHED)(self._decode)
 
     def __call__(self, index: int) -> RgbdImage:
-        """Returns the image of that number.
+        """Returns an image by its index.
 
         Raises:
             RunLogError: if it cannot be decoded, has another size, or the file has changed.
         """
-        image = self._kept.pop(index, None) or self._decode(self._images[index])
-        self._kept[index] = image
-        if len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
-        return image
+        return self._cached(index)
 
-    def _decode(self, logged: LoggedImages) -> RgbdImage:
-        stored = {"image": logged.color, "depth": logged.depth, "label": logged.label}
-        given = {kind: image for kind, image in stored.items() if image is not None}
-        decoders = {"image": decode_color, "depth": decode_depth, "label": decode_label}
-        pixels: dict[str, np.ndarray] = {}
-        topic = ""
+    def _decode(self, index: int) -> RgbdImage:
+        logged, camera = self._images[index], self._camera
         try:
-            data = read_messages(self._path, [image.location for image in given.values()])
-            for (kind, image), content in zip(given.items(), data, strict=True):
-                topic = camera_topic(self._camera.name, kind)
-                pixels[kind] = decoders[kind](image.message_type.FromString(content))
-                self._check_size(pixels[kind])
-        except (DecodeError, InvalidValueError, DemonstrationError) as error:
-            problem = getattr(error, "problem", f"a message is damaged: {error}.")
-            where = f"{self._path}, topic {topic}: " if topic else f"{self._path}: "
+            pixels = read_images(
+                self._path,
+                camera.name,
+                {"image": logged.color, "depth": logged.depth, "label": logged.label},
+                size=(camera.width, camera.height),
+                size_source=f"the scenario's camera '{camera.name}' has",
+            )
+        except DemonstrationError as error:
             raise RunLogError(
-                f"{where}{problem}", remedy="Copy the log again, and replay what it was run with."
+                error.problem,
+                remedy="Copy the log again, and replay it with the cameras of the run.",
             ) from error
         return RgbdImage(
             rgb=pixels["image"],
@@ -67,13 +55,3 @@ class ImageReader:
             stamp=to_seconds(logged.color.stamp),
             label=pixels.get("label"),
         )
-
-    def _check_size(self, pixels: np.ndarray) -> None:
-        height, width = pixels.shape[:2]
-        camera = self._camera
-        if (width, height) != (camera.width, camera.height):
-            raise InvalidValueError(
-                f"an image has {width} x {height} pixels, but the scenario's camera "
-                f"'{camera.name}' has {camera.width} x {camera.height}.",
-                remedy="Give the camera the size that it had.",
-            )

@@ -9,8 +9,8 @@ import numpy as np
 
 from poil_drake.errors import RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.contents import StoredImage
 from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY
+from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.camera_messages import Calibration
 from poil_drake.recording.run_log.series import Series
 

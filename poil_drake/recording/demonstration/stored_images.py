@@ -1,0 +1,92 @@
+"""Images that are decoded from their MCAP file when they are needed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import DecodeError
+
+from poil_drake.errors import DemonstrationError, InvalidValueError
+from poil_drake.recording.demonstration.layout import camera_topic
+from poil_drake.recording.mcap.image_messages import decode_color, decode_depth, decode_label
+from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
+from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
+
+_DECODERS = {"image": decode_color, "depth": decode_depth, "label": decode_label}
+
+
+@dataclass(frozen=True)
+class StoredImage:
+    """An image that is still in the file.
+
+    Attributes:
+        stamp: When it was captured [ns].
+        frame_id: The frame that the recorder gave it.
+        message_type: Its Foxglove message class.
+        location: Where it is in the file.
+    """
+
+    stamp: int
+    frame_id: str
+    message_type: Any
+    location: Location
+
+    @classmethod
+    def of(cls, scanned: ScannedMessage) -> Self:
+        """Returns the image of a message.
+
+        Raises:
+            InvalidValueError: if the message is not an image.
+        """
+        message = scanned.decode(CompressedImage, RawImage)
+        stamp = get_timestamp(message, default=scanned.log_time)
+        return cls(stamp, message.frame_id, type(message), scanned.location)
+
+
+def read_images(
+    path: Path,
+    camera: str,
+    images: Mapping[str, StoredImage | None],
+    *,
+    size: tuple[int, int],
+    size_source: str,
+) -> dict[str, np.ndarray]:
+    """Returns the pixels of a camera's images, by kind.
+
+    Args:
+        path: The file.
+        camera: The camera's name.
+        images: "image" (colour), "depth" and "label" -> the image; None leaves it out.
+        size: Width and height that each must have [px].
+        size_source: What has that size, for errors.
+
+    Raises:
+        DemonstrationError: if an image cannot be decoded or has another size, or the file has
+            changed. It names the file and the topic.
+    """
+    stored = {kind: image for kind, image in images.items() if image is not None}
+    data = read_messages(path, [image.location for image in stored.values()])
+    pixels = {}
+    for (kind, image), content in zip(stored.items(), data, strict=True):
+        try:
+            pixels[kind] = _DECODERS[kind](image.message_type.FromString(content))
+            height, width = pixels[kind].shape[:2]
+            if (width, height) != size:
+                raise InvalidValueError(
+                    f"an image has {width} x {height} pixels, but {size_source} {size[0]} x "
+                    f"{size[1]}.",
+                    remedy="Record colour and depth registered to each other, at the size of the "
+                    "calibration.",
+                )
+        except (DecodeError, InvalidValueError) as error:
+            problem = getattr(error, "problem", f"a message is damaged: {error}.")
+            raise DemonstrationError(
+                f"{path}, topic {camera_topic(camera, kind)}, at {to_seconds(image.stamp)} s: "
+                f"{problem}",
+                remedy=getattr(error, "remedy", "Record the demonstration again."),
+            ) from error
+    return pixels
