@@ -1,1 +1,1 @@
-"""Demonstrations and run logs as MCAP. No pydrake."""
+"""Demonstrations and run logs, recorded as MCAP; nothing here imports pydrake."""

@@ -1,9 +1,9 @@
-"""A run as its log has it; images are left in the file until they are asked for."""
+"""A recorded run; its images stay in the log until they are needed."""
 
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
 
 
 class PhaseStart(NamedTuple):
-    """When a phase of the skill was seen to begin [s], which, and why."""
+    """When a phase of the skill began [s], which one, and why."""
 
     time: float
     name: str
@@ -40,8 +40,8 @@ class LoggedImages:
     Attributes:
         time: When they were logged [s].
         color: The colour image.
-        depth: The depth image; None where it is missing.
-        label: The label image, which may have been logged later; None where there is none.
+        depth: The depth image; None if it is missing.
+        label: The label image, which may have been logged later; None if there is none.
     """
 
     time: float
@@ -50,28 +50,32 @@ class LoggedImages:
     label: StoredImage | None = None
 
 
+def _empty(size: int) -> Any:
+    return field(default_factory=lambda: Series.of([], size))
+
+
 @dataclass
 class RecordedRun:
-    """What the log of a run holds of what a replay needs, and of what it is compared with.
+    """What a replay needs of a run's log, and what it is compared with.
 
     Attributes:
         path: The file.
         joint_names: The arm's joints, J of them.
-        metadata: What the log says about the run.
-        scenario_text: The scenario as YAML; None where the log lacks it.
-        plan: The plan's file; None where the log lacks it.
+        metadata: The metadata of the run.
+        scenario_text: The scenario as YAML; None if the log lacks it.
+        plan: The plan's file; None if the log lacks it.
         joints: (T, 3 J) measured positions [rad], velocities [rad/s] and external torques [Nm].
-        commands: (T, J) joint velocities commanded [rad/s].
-        postures: (T, J) the joint positions that they lead to [rad].
-        twist: (T, 6) spatial velocity asked of the gripper, (ω [rad/s], v [m/s]) in the world.
-        numbers: Topic -> (T, fields) of the statuses in `run_log_reader.NUMBERS`.
+        commands: (T, J) commanded joint velocities [rad/s].
+        postures: (T, J) the joint positions to which they lead [rad].
+        twist: (T, 6) desired spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
+        numbers: Topic -> (T, fields) of the statuses in `reader.NUMBERS`.
         camera_times: Camera -> (T, 1) when its newest image was captured [s].
         calibrations: Camera -> its intrinsics.
         camera_poses: Camera -> (4, 4) its pose in the world [m].
         phases: The phases of the skill.
-        tracks: The tracks that were released.
+        tracks: The tracks that the tracker released.
         images: Camera -> its images, in order.
-        cut_off: What is wrong with the file's end; empty for a whole file.
+        cut_off: How the file ends if it is cut off; empty for a whole file.
     """
 
     path: Path
@@ -79,10 +83,10 @@ class RecordedRun:
     metadata: dict[str, str] = field(default_factory=dict)
     scenario_text: str | None = None
     plan: bytes | None = None
-    joints: Series = field(default_factory=lambda: Series.of([], 21))
-    commands: Series = field(default_factory=lambda: Series.of([], 7))
-    postures: Series = field(default_factory=lambda: Series.of([], 7))
-    twist: Series = field(default_factory=lambda: Series.of([], 6))
+    joints: Series = _empty(21)
+    commands: Series = _empty(7)
+    postures: Series = _empty(7)
+    twist: Series = _empty(6)
     numbers: dict[str, Series] = field(default_factory=dict)
     camera_times: dict[str, Series] = field(default_factory=dict)
     calibrations: dict[str, Calibration] = field(default_factory=dict)
@@ -94,15 +98,15 @@ class RecordedRun:
 
     @property
     def end(self) -> float:
-        """The time of the last sample of the joints [s]; 0 where there is none."""
+        """The time of the last sample of the joints [s]; 0 if there is none."""
         return float(self.joints.times[-1]) if len(self.joints) else 0.0
 
     @property
     def label_ids(self) -> dict[str, tuple[int, ...]]:
-        """Which labels stand for what; empty where the log does not say.
+        """The labels of objects and parts; empty if the log does not say.
 
         Raises:
-            RunLogError: if the log says it wrongly.
+            RunLogError: if the metadata is not a table of labels.
         """
         text = self.metadata.get(LABEL_IDS_KEY, "{}")
         try:
