@@ -2,15 +2,14 @@
 
 PLAN_ATTACHMENT = "plan.npz"
 STATION_KEY = "station"
-"""Metadata: the kind of station, one of the three below."""
+SIMULATED, HARDWARE, DRY_RUN = "simulated", "hardware", "dry_run"
+"""Metadata: the kind of station, and its three values."""
 
 REPLAY_OF_KEY, REPLAY_OF_DIGEST_KEY = "replay_of", "replay_of_sha256"
 """Metadata of the log of a replay: the name of the log that was replayed, and its SHA-256."""
 
 REPLAY_TRACKER_KEY, REPLAY_TEXT_KEY = "replay_tracker", "replay_scenario_text"
 """Likewise: the tracker, and the YAML that was laid over the scenario."""
-
-SIMULATED, HARDWARE, DRY_RUN = "simulated", "hardware", "dry_run"
 
 JOINT_STATES_TOPIC = "/robot/joint_states"
 JOINT_COMMANDS_TOPIC = "/robot/joint_commands"

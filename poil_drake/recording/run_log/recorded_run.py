@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,10 +50,6 @@ class LoggedImages:
     label: StoredImage | None = None
 
 
-def _empty(size: int) -> Any:
-    return field(default_factory=lambda: Series.of([], size))
-
-
 @dataclass
 class RecordedRun:
     """What a replay needs of a run's log, and what it is compared with.
@@ -83,10 +79,10 @@ class RecordedRun:
     metadata: dict[str, str] = field(default_factory=dict)
     scenario_text: str | None = None
     plan: bytes | None = None
-    joints: Series = _empty(21)
-    commands: Series = _empty(7)
-    postures: Series = _empty(7)
-    twist: Series = _empty(6)
+    joints: Series = field(default_factory=lambda: Series.of([], 21))
+    commands: Series = field(default_factory=lambda: Series.of([], 7))
+    postures: Series = field(default_factory=lambda: Series.of([], 7))
+    twist: Series = field(default_factory=lambda: Series.of([], 6))
     numbers: dict[str, Series] = field(default_factory=dict)
     camera_times: dict[str, Series] = field(default_factory=dict)
     calibrations: dict[str, Calibration] = field(default_factory=dict)
