@@ -150,7 +150,7 @@ def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
 
 
 class _CheckedFile(io.BufferedReader):
-    """A file whose reads return all bytes asked for, or raise a `CutOffError`.
+    """A file whose reads return all bytes asked for, or raise an error.
 
     `StreamReader` does not notice a short read, and requests as much memory as a damaged length
     says.
@@ -165,6 +165,11 @@ class _CheckedFile(io.BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > self._size - self.tell():
+            # A whole file has the magic bytes at its start and at its end.
+            if self._size >= 2 * MAGIC_SIZE:
+                self.seek(-MAGIC_SIZE, io.SEEK_END)
+                if super().read() == MCAP0_MAGIC:
+                    raise ValueError("it is longer than the file")
             raise CutOffError(
                 f"{self._path} is cut off: it ends inside the record at byte {self.position}, "
                 "without a footer.",

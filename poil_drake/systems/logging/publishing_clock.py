@@ -1,4 +1,4 @@
-"""Measures how long publishing takes, whoever publishes."""
+"""Measures the duration of all publishing in a diagram."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ Schedule = tuple[float, float]
 
 
 class _End(LeafSystem):
-    """Publishes nothing; runs at one end of a diagram's publish events."""
+    """Publishes nothing; runs before or after all other publish events of a diagram."""
 
     def __init__(self, clock: "PublishingClock", starts: bool, schedules: Iterable[Schedule]):
         super().__init__()
@@ -27,10 +27,10 @@ class _End(LeafSystem):
 class PublishingClock:
     """Times the publish events of a diagram under "publishing" on a stopwatch.
 
-    At one instant Drake lets a diagram's subsystems publish in the order in which they were added.
-    Two systems that publish nothing themselves, one added before all others and one after them,
-    therefore enclose everything that is published, also by systems that cannot measure themselves,
-    such as Drake's visualizers. What publishing has to compute first counts, too.
+    At one instant, Drake publishes a diagram's subsystems in the order in which they were added.
+    Two systems that publish nothing, one added before all others and one after them, therefore
+    enclose everything that is published, also by systems that cannot measure themselves, such as
+    Drake's visualizers. The computations that publishing triggers count, too.
     """
 
     def __init__(self, stopwatch: Stopwatch, schedules: Iterable[Schedule]):
@@ -40,8 +40,8 @@ class PublishingClock:
             stopwatch: Where to note the durations.
             schedules: When anything in the diagram publishes.
         """
-        self._stopwatch, self._schedules = stopwatch, sorted(set(schedules))
-        self._running = self._stopwatch.measure("publishing")
+        self._schedules = sorted(set(schedules))
+        self._measurement = stopwatch.measure("publishing")
         self._is_running = False
 
     def AddStart(self, builder: DiagramBuilder) -> None:
@@ -53,9 +53,9 @@ class PublishingClock:
         builder.AddNamedSystem("publishing_stop", _End(self, False, self._schedules))
 
     def _turn(self, starts: bool) -> None:
-        # Where two schedules meet, each end is told twice.
+        # Where two schedules meet, each end runs twice.
         if starts and not self._is_running:
-            self._running.__enter__()
+            self._measurement.__enter__()
         elif self._is_running and not starts:
-            self._running.__exit__(None, None, None)
+            self._measurement.__exit__(None, None, None)
         self._is_running = starts

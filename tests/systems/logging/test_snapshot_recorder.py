@@ -3,7 +3,6 @@ import pytest
 from system_bench import SystemBench
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
@@ -89,11 +88,6 @@ def test_snapshots_are_chosen_by_time(album):
 def test_an_empty_album_has_nothing_to_choose(album):
     assert album.snapshots == ()
     assert album.nearest_to([1.0]) == ()
-
-
-def test_an_album_of_one_is_refused():
-    with pytest.raises(InvalidValueError, match="capacity"):
-        SnapshotAlbum(capacity=1)
 
 
 @pytest.mark.parametrize("late", [0, 1, 2, 5])
