@@ -1,4 +1,4 @@
-"""The contents of a demonstration file, found in one pass without decoding the images."""
+"""The contents of a demonstration file or run log, found without decoding its images."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,7 +29,7 @@ from poil_drake.recording.mcap.timestamps import get_timestamp
 
 @dataclass
 class CameraContents:
-    """What a file holds of one camera; `collect` returns it in order of time.
+    """What a file holds of one camera.
 
     Attributes:
         image: Its colour images.
@@ -51,64 +51,67 @@ class CameraContents:
 
 @dataclass
 class Contents:
-    """What a demonstration file holds."""
+    """The contents of a file in the layout of demonstrations, which run logs have, too."""
 
     cameras: dict[str, CameraContents] = field(default_factory=dict)
     frames: FrameTree = field(default_factory=FrameTree)
     metadata: dict[str, str] = field(default_factory=dict)
     scenario_text: str | None = None
 
+    def add(self, item: ScannedMessage | Metadata | Attachment) -> None:
+        """Adds what was read from a file; anything that does not belong to the layout is ignored.
+
+        Raises:
+            InvalidValueError: if a message is damaged, or not of the type that its topic holds.
+        """
+        if isinstance(item, ScannedMessage):
+            self._add_message(item)
+        elif isinstance(item, Metadata) and item.name == METADATA_RECORD:
+            self.metadata |= item.metadata
+        elif isinstance(item, Attachment) and item.name == SCENARIO_ATTACHMENT:
+            self.scenario_text = item.data.decode(errors="replace")
+
+    def _add_message(self, scanned: ScannedMessage) -> None:
+        if scanned.message_type(FrameTransform, FrameTransforms):
+            message = scanned.decode(FrameTransform, FrameTransforms)
+            for transform in getattr(message, "transforms", [message]):
+                self.frames.add(
+                    parent=transform.parent_frame_id,
+                    child=transform.child_frame_id,
+                    stamp=get_timestamp(transform, default=scanned.log_time),
+                    X_PC=decode_transform(transform),
+                )
+            return
+        match = CAMERA_TOPIC.fullmatch(scanned.topic)
+        if match is None:
+            return
+        kind = match["kind"]
+        if kind == "label" and not scanned.message_type(CompressedImage, RawImage):
+            return
+        camera = self.cameras.setdefault(match["camera"], CameraContents())
+        if kind == "calibration":
+            message = scanned.decode(CameraCalibration)
+            stamp = get_timestamp(message, default=scanned.log_time)
+            camera.calibration.append((stamp, decode_calibration(message)))
+        else:
+            getattr(camera, kind).append(StoredImage.of(scanned))
+
 
 def collect(path: Path) -> Contents:
-    """Reads through a whole file; topics that do not belong to the layout are ignored.
+    """Reads through a whole file and returns its contents, each camera's in order of time.
 
     Raises:
         DemonstrationError: if the file is damaged, or a topic of the layout holds something else.
     """
     contents = Contents()
     for item in scan(path):
-        if isinstance(item, Metadata):
-            if item.name == METADATA_RECORD:
-                contents.metadata |= item.metadata
-        elif isinstance(item, Attachment):
-            if item.name == SCENARIO_ATTACHMENT:
-                contents.scenario_text = item.data.decode(errors="replace")
-        else:
-            try:
-                _add(contents, item)
-            except InvalidValueError as error:
-                raise DemonstrationError(
-                    f"{path}, topic {item.topic}: {error.problem}", remedy=error.remedy
-                ) from error
+        try:
+            contents.add(item)
+        except InvalidValueError as error:
+            where = f"{path}, topic {item.topic}" if isinstance(item, ScannedMessage) else path
+            raise DemonstrationError(f"{where}: {error.problem}", remedy=error.remedy) from error
     for camera in contents.cameras.values():
         for stream in (camera.image, camera.depth, camera.label):
             stream.sort(key=lambda image: image.stamp)
         camera.calibration.sort(key=lambda entry: entry[0])
     return contents
-
-
-def _add(contents: Contents, scanned: ScannedMessage) -> None:
-    """Adds a message of the layout to the contents."""
-    if scanned.message_type(FrameTransform, FrameTransforms):
-        message = scanned.decode(FrameTransform, FrameTransforms)
-        for transform in getattr(message, "transforms", [message]):
-            contents.frames.add(
-                parent=transform.parent_frame_id,
-                child=transform.child_frame_id,
-                stamp=get_timestamp(transform, default=scanned.log_time),
-                X_PC=decode_transform(transform),
-            )
-        return
-    match = CAMERA_TOPIC.fullmatch(scanned.topic)
-    if match is None:
-        return
-    kind = match["kind"]
-    if kind == "label" and not scanned.message_type(CompressedImage, RawImage):
-        return
-    camera = contents.cameras.setdefault(match["camera"], CameraContents())
-    if kind == "calibration":
-        message = scanned.decode(CameraCalibration)
-        stamp = get_timestamp(message, default=scanned.log_time)
-        camera.calibration.append((stamp, decode_calibration(message)))
-    else:
-        getattr(camera, kind).append(StoredImage.of(scanned))

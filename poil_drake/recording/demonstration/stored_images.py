@@ -25,12 +25,14 @@ class StoredImage:
 
     Attributes:
         stamp: When it was captured [ns].
+        log_time: When it was logged [ns].
         frame_id: The frame that the recorder gave it.
         message_type: Its Foxglove message class.
         location: Where it is in the file.
     """
 
     stamp: int
+    log_time: int
     frame_id: str
     message_type: Any
     location: Location
@@ -44,7 +46,8 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
-        return cls(stamp, message.frame_id, type(message), scanned.location)
+        log_time, location = scanned.log_time, scanned.location
+        return cls(stamp, log_time, message.frame_id, type(message), location)
 
 
 def read_images(

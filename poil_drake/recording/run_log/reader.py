@@ -7,25 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from mcap.records import Metadata
+from mcap.records import Attachment
 from mcap.well_known import MessageEncoding
 
 from poil_drake.errors import DemonstrationError, InvalidValueError, PoilError, RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.layout import (
-    CAMERA_TOPIC,
-    METADATA_RECORD,
-    SCENARIO_ATTACHMENT,
-    TRANSFORM_TOPIC,
-    WORLD_FRAME,
-    optical_frame,
-)
-from poil_drake.recording.demonstration.stored_images import StoredImage
-from poil_drake.recording.mcap.camera_messages import decode_calibration, decode_transform
+from poil_drake.recording.demonstration.contents import CameraContents, Contents
+from poil_drake.recording.demonstration.layout import WORLD_FRAME, optical_frame
 from poil_drake.recording.mcap.log_messages import decode_joint_states, decode_points
 from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -92,14 +82,13 @@ class _Reader:
 
     def __init__(self, path: Path, joint_names: tuple[str, ...]):
         self._run = RecordedRun(path, joint_names)
+        self._contents = Contents()
         self._samples: dict[str, list[tuple[float, Any]]] = defaultdict(list)
         self._image_times: dict[str, list[tuple[float, Any]]] = defaultdict(list)
-        self._images: dict[tuple[str, str, int], StoredImage] = {}
         self._add: dict[str, Callable[[ScannedMessage, float], None]] = {
             TRACKED_TOPIC: self._add_track,
             CAMERAS_STATUS_TOPIC: self._add_image_times,
             PHASE_TOPIC: self._add_phase,
-            TRANSFORM_TOPIC: self._add_transform,
             JOINT_STATES_TOPIC: self._add_joint_states,
             JOINT_COMMANDS_TOPIC: self._add_joint_states,
             TWIST_TOPIC: self._add_twist,
@@ -110,14 +99,12 @@ class _Reader:
         run = self._run
         try:
             for item in scan(run.path):
-                if isinstance(item, Metadata):
-                    run.metadata |= item.metadata if item.name == METADATA_RECORD else {}
-                elif isinstance(item, ScannedMessage):
+                if isinstance(item, ScannedMessage):
                     self._add_message(item)
-                elif item.name == SCENARIO_ATTACHMENT:
-                    run.scenario_text = item.data.decode(errors="replace")
-                elif item.name == PLAN_ATTACHMENT:
+                elif isinstance(item, Attachment) and item.name == PLAN_ATTACHMENT:
                     run.plan = item.data
+                else:
+                    self._contents.add(item)
         except CutOffError as error:
             run.cut_off = error.problem.rstrip(".")
         except DemonstrationError as error:
@@ -126,7 +113,7 @@ class _Reader:
         return run
 
     def _finish(self) -> None:
-        """Puts the samples into the run, in order of time."""
+        """Puts what was collected into the run, in order of time."""
         run, samples, count = self._run, self._samples, len(self._run.joint_names)
         run.joints = Series.of(samples[JOINT_STATES_TOPIC], 3 * count)
         commands = Series.of(samples[JOINT_COMMANDS_TOPIC], 3 * count)
@@ -139,11 +126,16 @@ class _Reader:
         }
         run.phases.sort(key=lambda phase: phase.time)
         run.tracks.sort(key=lambda logged: logged.track.stamp)
-        for camera, images in run.images.items():
-            for image in images:
-                image.depth = self._images.get((camera, "depth", image.color.stamp))
-                image.label = self._images.get((camera, "label", image.color.stamp))
-            images.sort(key=lambda image: image.time)
+        contents = self._contents
+        run.metadata, run.scenario_text = contents.metadata, contents.scenario_text
+        for name, camera in contents.cameras.items():
+            if camera.image:
+                run.images[name] = _logged_images(camera)
+            if camera.calibration:
+                run.calibrations[name] = camera.calibration[0][1]
+            X_WC = contents.frames.pose(base=WORLD_FRAME, frame=optical_frame(name), stamp=0)
+            if X_WC is not None:
+                run.camera_poses[name] = X_WC
 
     def _add_message(self, scanned: ScannedMessage) -> None:
         """Adds a message; topics that no replay needs are ignored.
@@ -151,12 +143,11 @@ class _Reader:
         Raises:
             RunLogError: if it is damaged, or not of the type that its topic holds.
         """
-        time = to_seconds(scanned.log_time)
         try:
-            if match := CAMERA_TOPIC.fullmatch(scanned.topic):
-                self._add_of_camera(scanned, time, **match.groupdict())
-            elif add := self._add.get(scanned.topic):
-                add(scanned, time)
+            if add := self._add.get(scanned.topic):
+                add(scanned, to_seconds(scanned.log_time))
+            else:
+                self._contents.add(scanned)
         except _MESSAGE_ERRORS as error:
             problem = f"a message is damaged: {error!r}."
             if isinstance(error, PoilError):
@@ -166,17 +157,6 @@ class _Reader:
             raise RunLogError(
                 f"{self._run.path}, topic {scanned.topic}: {problem}", remedy=REMEDY
             ) from error
-
-    def _add_of_camera(self, scanned: ScannedMessage, time: float, camera: str, kind: str) -> None:
-        if kind == "calibration":
-            calibration = decode_calibration(scanned.decode(CameraCalibration))
-            self._run.calibrations.setdefault(camera, calibration)
-            return
-        image = StoredImage.of(scanned)
-        if kind == "image":
-            self._run.images.setdefault(camera, []).append(LoggedImages(time, image))
-        else:
-            self._images[camera, kind, image.stamp] = image
 
     def _add_joint_states(self, scanned: ScannedMessage, time: float) -> None:
         values = decode_joint_states(scanned.decode(JointStates), self._run.joint_names)
@@ -203,16 +183,19 @@ class _Reader:
                 camera = key.removesuffix(_IMAGE_TIME)
                 self._image_times[camera].append((time, [_number(value)]))
 
-    def _add_transform(self, scanned: ScannedMessage, time: float) -> None:
-        message = scanned.decode(FrameTransform)
-        child, ending = message.child_frame_id, optical_frame("")
-        if message.parent_frame_id == WORLD_FRAME and child.endswith(ending):
-            camera = child.removesuffix(ending)
-            self._run.camera_poses.setdefault(camera, decode_transform(message))
-
     def _add_phase(self, scanned: ScannedMessage, time: float) -> None:
         record = _record(scanned)
         self._run.phases.append(PhaseStart(time, str(record["phase"]), str(record["reason"])))
+
+
+def _logged_images(camera: CameraContents) -> list[LoggedImages]:
+    depth, label = (
+        {image.stamp: image for image in stream} for stream in (camera.depth, camera.label)
+    )
+    return [
+        LoggedImages(to_seconds(one.log_time), one, depth.get(one.stamp), label.get(one.stamp))
+        for one in sorted(camera.image, key=lambda image: image.log_time)
+    ]
 
 
 def _record(scanned: ScannedMessage) -> Mapping[str, Any]:

@@ -33,7 +33,7 @@ class LoggedTrack(NamedTuple):
     track: TrackedPoints
 
 
-@dataclass
+@dataclass(frozen=True)
 class LoggedImages:
     """The images of one camera that were logged at one time, still in the file.
 
