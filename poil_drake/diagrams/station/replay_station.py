@@ -26,7 +26,7 @@ from poil_drake.recording.run_log.layout import (
     STATION_KEY,
     TRACKER_TIMES_TOPIC,
 )
-from poil_drake.recording.run_log.logged_images import ImageReader
+from poil_drake.recording.run_log.logged_images import make_image_reader
 from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
@@ -160,7 +160,7 @@ class ReplayStation(Station):
             name=model.name,
             shown_from=shown_from,
             stamps=stamps,
-            read=ImageReader(self._run.path, model, images),
+            read=make_image_reader(self._run.path, model, images),
             labels=any(image.label is not None for image in images),
             times=None if simulated and delay == 0.0 else times,
         )

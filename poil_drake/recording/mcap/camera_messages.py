@@ -65,9 +65,10 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
     Raises:
         InvalidValueError: if the quaternion is zero or a value is not finite.
     """
-    quaternion = np.array([getattr(message.rotation, axis) for axis in "xyzw"])
+    p, q = message.translation, message.rotation
+    quaternion = np.array([q.x, q.y, q.z, q.w])
     X_PC = np.eye(4)
-    X_PC[:3, 3] = [getattr(message.translation, axis) for axis in "xyz"]
+    X_PC[:3, 3] = [p.x, p.y, p.z]
     if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
         raise InvalidValueError(
             f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "

@@ -62,7 +62,7 @@ def decode_color(message: ImageMessage) -> np.ndarray:
         )
     channels, conversion = _RAW_COLOR[message.encoding]
     pixels = _raw_pixels(message, np.dtype(np.uint8), channels)
-    return pixels.copy() if conversion is None else cv2.cvtColor(pixels, conversion)
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
 
 
 def decode_depth(message: ImageMessage) -> np.ndarray:
@@ -111,18 +111,18 @@ def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray
     """Returns the (H, W, channels) pixels of a RawImage, whose rows may be padded."""
     row = message.width * channels * dtype.itemsize
     step = message.step or row
-    wanted = message.height * step
-    if row == 0 or message.height == 0 or step < row or len(message.data) < wanted - (step - row):
+    try:
+        if row == 0 or message.height == 0 or step < row:
+            raise ValueError("the rows are too short")
+        shape = (message.height, message.width, channels)
+        strides = (step, channels * dtype.itemsize, dtype.itemsize)
+        return np.ndarray(shape, dtype, message.data, strides=strides).copy()
+    except (TypeError, ValueError) as error:
         raise InvalidValueError(
             f"a {message.width} x {message.height} image of encoding '{message.encoding}' has "
             f"rows of {message.step} bytes and {len(message.data)} bytes in all.",
             remedy="Record the image with a size and a step that fit its data.",
-        )
-    data = np.zeros(wanted, np.uint8)
-    given = np.frombuffer(message.data, np.uint8)[:wanted]
-    data[: given.size] = given
-    rows = data.reshape(message.height, step)[:, :row]
-    return np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)
+        ) from error
 
 
 def _decompress(message: CompressedImage, flags: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Encodes cameras, images, points and joint states as Foxglove messages."""
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -8,6 +9,7 @@ import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.JointState_pb2 import JointState
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
@@ -46,7 +48,10 @@ class MessageEncoder:
     """
 
     def __init__(self) -> None:
-        self._messages: dict[tuple, Any] = {}
+        # Returns the same message for the same arguments, which are its constant fields.
+        self._kept: Callable[..., Any] = lru_cache(maxsize=None)(
+            lambda make, *args, **fields: make(*args, **fields)
+        )
 
     def calibration(self, camera: CameraModel, *, stamp: int, frame_id: str) -> EncodedMessage:
         """Encodes a camera's intrinsics; its images are taken as rectified."""
@@ -64,12 +69,10 @@ class MessageEncoder:
 
     def transform(self, X_PC: np.ndarray, *, parent: str, child: str, stamp: int) -> EncodedMessage:
         """Encodes the (4, 4) pose of frame `child` in frame `parent` [m]."""
-        message = self._message(FrameTransform, parent_frame_id=parent, child_frame_id=child)
-        for axis, value in zip("xyz", X_PC[:3, 3], strict=True):
-            setattr(message.translation, axis, value)
-        quaternion = Rotation.from_matrix(X_PC[:3, :3]).as_quat()
-        for axis, value in zip("xyzw", quaternion, strict=True):
-            setattr(message.rotation, axis, value)
+        message = self._kept(FrameTransform, parent_frame_id=parent, child_frame_id=child)
+        p, q = message.translation, message.rotation
+        p.x, p.y, p.z = X_PC[:3, 3].tolist()
+        q.x, q.y, q.z, q.w = Rotation.from_matrix(X_PC[:3, :3]).as_quat().tolist()
         return _serialized(message, stamp)
 
     def color(
@@ -83,7 +86,7 @@ class MessageEncoder:
             _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, encoding.jpeg_quality])
         else:
             _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-        message = self._message(CompressedImage, frame_id=frame_id, format=encoding.format)
+        message = self._kept(CompressedImage, frame_id=frame_id, format=encoding.format)
         return _serialized(message, stamp, data.tobytes())
 
     def depth(
@@ -122,18 +125,8 @@ class MessageEncoder:
         names = ("x", "y", "z") if confidence is None else ("x", "y", "z", "confidence")
         columns = points if confidence is None else np.column_stack([points, confidence])
         size = 8 if exact else 4
-
-        def make() -> PointCloud:
-            fields = cloud_fields(names, size)
-            message = PointCloud(frame_id=frame_id, point_stride=size * len(names), fields=fields)
-            # Readers would take an unset pose for a rotation by the zero quaternion.
-            message.pose.orientation.w = 1.0
-            message.pose.position.SetInParent()
-            return message
-
-        message = self._again((PointCloud, frame_id, names, size), make)
         data = np.ascontiguousarray(columns, dtype=f"<f{size}").tobytes()
-        return _serialized(message, stamp, data)
+        return _serialized(self._kept(_empty_cloud, frame_id, names, size), stamp, data)
 
     def joint_states(
         self,
@@ -145,9 +138,7 @@ class MessageEncoder:
         effort: np.ndarray | None = None,
     ) -> EncodedMessage:
         """Encodes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
-        message = self._again(
-            (JointStates, *names), lambda: JointStates(joints=[{"name": name} for name in names])
-        )
+        message = self._kept(_empty_joint_states, tuple(names))
         for key, array in (("position", position), ("velocity", velocity), ("effort", effort)):
             if array is None:
                 for joint in message.joints:
@@ -161,25 +152,24 @@ class MessageEncoder:
         self, pixels: np.ndarray, encoding: str, stamp: int, frame_id: str
     ) -> EncodedMessage:
         height, width = pixels.shape[:2]
-        data = pixels.tobytes()
-        message = self._message(
-            RawImage,
-            frame_id=frame_id,
-            width=width,
-            height=height,
-            encoding=encoding,
-            step=len(data) // height,
+        step = pixels.nbytes // height
+        message = self._kept(
+            RawImage, frame_id=frame_id, width=width, height=height, encoding=encoding, step=step
         )
-        return _serialized(message, stamp, data)
+        return _serialized(message, stamp, pixels.tobytes())
 
-    def _message(self, message_type: Any, **fields: Any) -> Any:
-        """Returns the message of a class with these fields that never change."""
-        return self._again((message_type, *fields.values()), lambda: message_type(**fields))
 
-    def _again(self, key: tuple, make: Callable[[], Any]) -> Any:
-        if key not in self._messages:
-            self._messages[key] = make()
-        return self._messages[key]
+def _empty_cloud(frame_id: str, names: Sequence[str], size: int) -> PointCloud:
+    fields = cloud_fields(names, size)
+    message = PointCloud(frame_id=frame_id, point_stride=size * len(names), fields=fields)
+    # Readers would take an unset pose for a rotation by the zero quaternion.
+    message.pose.orientation.w = 1.0
+    message.pose.position.SetInParent()
+    return message
+
+
+def _empty_joint_states(names: Sequence[str]) -> JointStates:
+    return JointStates(joints=[JointState(name=name) for name in names])
 
 
 def _serialized(message: Any, stamp: int, data: bytes | None = None) -> EncodedMessage:

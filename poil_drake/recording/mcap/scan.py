@@ -31,16 +31,9 @@ LARGEST_CHUNK = 256 << 20
 recorders write at once."""
 
 
-class Location(NamedTuple):
-    """Where a message is in a file.
-
-    Attributes:
-        record: Offset in the file of the message's own record or of its chunk's [bytes].
-        entry: Which record of that chunk it is.
-    """
-
-    record: int
-    entry: int
+Location = tuple[int, int]
+"""Where a message is in a file: the offset of its own record, or of its chunk's [bytes], and which
+record of that chunk it is."""
 
 
 class ScannedMessage(NamedTuple):
@@ -129,7 +122,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
                         encoding=channel.message_encoding,
                         log_time=record.log_time,
                         data=record.data,
-                        location=Location(file.position, entry),
+                        location=(file.position, entry),
                     )
                 elif isinstance(record, Metadata | Attachment):
                     yield record
@@ -141,12 +134,12 @@ def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
     Raises:
         DemonstrationError: if the file has changed or vanished since it was scanned.
     """
-    contents: dict[int, Any] = {}
+    records: dict[int, Any] = {}
     with _open(path) as file:
-        for position in sorted({location.record for location in locations}):
+        for position in sorted({position for position, _ in locations}):
             file.seek(position)
-            contents[position] = _unpack(next(file.records(skip_magic=True)))
-        return [contents[at.record][at.entry].data for at in locations]
+            records[position] = _unpack(next(file.records(skip_magic=True)))
+        return [records[position][entry].data for position, entry in locations]
 
 
 class _CheckedFile(io.BufferedReader):

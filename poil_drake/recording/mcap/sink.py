@@ -10,6 +10,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.recording.mcap.log_messages import json_schema
 from poil_drake.recording.mcap.message_encoder import EncodedMessage
 
 
@@ -41,24 +42,22 @@ class McapSink:
             self._schemas[name] = register_schema(self._writer, message.message_type)
         self._add(topic, name, MessageEncoding.Protobuf, message.data, time)
 
-    def write_json(
-        self, topic: str, value: Mapping[str, Any], *, schema: Mapping[str, Any], time: int
-    ) -> None:
+    def write_json(self, topic: str, record: Mapping[str, Any], *, schema: str, time: int) -> None:
         """Writes a JSON message at `time` [ns].
 
         Args:
             topic: The topic.
-            value: The message. NaN and infinity are not JSON and not allowed.
-            schema: Its JSON schema, whose "title" is the schema's name.
+            record: The message. NaN and infinity are not JSON and not allowed.
+            schema: The name of its schema, which is made from the first message.
             time: When it was logged [ns].
         """
-        name = schema["title"]
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(
-                name, SchemaEncoding.JSONSchema, json.dumps(schema).encode()
+        if schema not in self._schemas:
+            text = json.dumps(json_schema(schema, record))
+            self._schemas[schema] = self._writer.register_schema(
+                schema, SchemaEncoding.JSONSchema, text.encode()
             )
-        data = json.dumps(value, allow_nan=False).encode()
-        self._add(topic, name, MessageEncoding.JSON, data, time)
+        data = json.dumps(record, allow_nan=False).encode()
+        self._add(topic, schema, MessageEncoding.JSON, data, time)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Adds a metadata record."""

@@ -1,5 +1,6 @@
 """The images of a run's log, decoded when they are needed."""
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,8 +14,13 @@ _CACHED = 2
 """Tracker and detector look at the same image, and then at the next."""
 
 
-class ImageReader:
-    """Decodes the logged images of one camera; the last few are cached.
+def make_image_reader(
+    path: Path, camera: CameraModel, images: Sequence[LoggedImages]
+) -> Callable[[int], RgbdImage]:
+    """Returns a function that decodes an image of a camera by its index; it caches the last few.
+
+    The function raises a RunLogError if the image cannot be decoded or has another size, or if the
+    file has changed.
 
     Args:
         path: The log.
@@ -22,23 +28,12 @@ class ImageReader:
         images: Its images; those without depth cannot be read.
     """
 
-    def __init__(self, path: Path, camera: CameraModel, images: list[LoggedImages]):
-        self._path, self._camera, self._images = path, camera, tuple(images)
-        self._cached = lru_cache(_CACHED)(self._decode)
-
-    def __call__(self, index: int) -> RgbdImage:
-        """Returns an image by its index.
-
-        Raises:
-            RunLogError: if it cannot be decoded, has another size, or the file has changed.
-        """
-        return self._cached(index)
-
-    def _decode(self, index: int) -> RgbdImage:
-        logged, camera = self._images[index], self._camera
+    @lru_cache(_CACHED)
+    def read(index: int) -> RgbdImage:
+        logged = images[index]
         try:
             pixels = read_images(
-                self._path,
+                path,
                 camera.name,
                 {"image": logged.color, "depth": logged.depth, "label": logged.label},
                 size=(camera.width, camera.height),
@@ -55,3 +50,5 @@ class ImageReader:
             stamp=to_seconds(logged.color.stamp),
             label=pixels.get("label"),
         )
+
+    return read

@@ -21,7 +21,7 @@ from poil_drake.recording.demonstration.layout import (
 )
 from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.log_messages import json_record, json_schema
+from poil_drake.recording.mcap.log_messages import json_record
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
@@ -92,7 +92,6 @@ class RunLogWriter:
         self._config = config or RunLogConfig()
         self._sink = McapSink(Path(path), chunk_size=self._config.chunk_size)
         self._encoder = MessageEncoder()
-        self._schemas: dict[str, dict[str, Any]] = {}
         self._closed = False
         # Metadata first, so that a log that was never closed has it.
         self._sink.add_metadata(METADATA_RECORD, {**version_metadata(), **(metadata or {})})
@@ -202,7 +201,7 @@ class RunLogWriter:
             for part in np.split(np.asarray(twist, dtype=float), 2)
         )
         values = {"angular": angular, "linear": linear}
-        self._write_json(topic, values, title="poil.Twist", time=time)
+        self._write_json(topic, values, schema="poil.Twist", time=time)
 
     def write_status(self, topic: str, values: Mapping[str, Any], *, time: float) -> None:
         """Writes named values to `topic`, e.g. /controller/status, /ik/status, /tracker/status.
@@ -210,12 +209,12 @@ class RunLogWriter:
         The values may be numbers, text, arrays and mappings of these. The first message on a topic
         sets its JSON schema, so give every message of a topic the same names.
         """
-        self._write_json(topic, values, title=f"poil{topic.replace('/', '.')}", time=time)
+        self._write_json(topic, values, schema=f"poil{topic.replace('/', '.')}", time=time)
 
     def write_phase(self, phase: str, *, time: float, reason: str = "") -> None:
         """Writes to /phase that a phase of the task has begun, and why."""
         values = {"phase": phase, "reason": reason}
-        self._write_json(PHASE_TOPIC, values, title="poil.phase", time=time)
+        self._write_json(PHASE_TOPIC, values, schema="poil.phase", time=time)
 
     def close(self) -> None:
         """Waits for the background thread and finishes the file. A second call does nothing.
@@ -265,13 +264,10 @@ class RunLogWriter:
         )
 
     def _write_json(
-        self, topic: str, values: Mapping[str, Any], *, title: str, time: float
+        self, topic: str, values: Mapping[str, Any], *, schema: str, time: float
     ) -> None:
         now = to_nanoseconds(time)
         record = json_record(values, stamp=now)
-        if title not in self._schemas:
-            self._schemas[title] = json_schema(title, record)
-        schema = self._schemas[title]
         self._submit(lambda: self._sink.write_json(topic, record, schema=schema, time=now))
 
     def _submit(self, job: Callable[[], None]) -> None:

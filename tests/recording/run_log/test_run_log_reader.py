@@ -7,7 +7,7 @@ import pytest
 from poil_drake.errors import RunLogError
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.sink import McapSink
-from poil_drake.recording.run_log.logged_images import ImageReader
+from poil_drake.recording.run_log.logged_images import make_image_reader
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
@@ -100,7 +100,7 @@ def test_images_are_found_and_decoded_when_asked_for(path):
         write_images(log, 0.5, label=7)
 
     images = load(path).images["left"]
-    read = ImageReader(path, CAMERA, images)
+    read = make_image_reader(path, CAMERA, images)
 
     assert [image.time for image in images] == [0.25, 0.5]
     assert [read(k).stamp for k in (0, 1)] == [0.125, 0.375]
@@ -118,7 +118,7 @@ def test_images_of_another_size_are_refused(path):
     other = CameraModel("left", 16, 12, CAMERA.K, np.eye(4))
 
     with pytest.raises(RunLogError, match="32 x 24 pixels, but the scenario's camera 'left'"):
-        ImageReader(path, other, load(path).images["left"])(0)
+        make_image_reader(path, other, load(path).images["left"])(0)
 
 
 def test_a_log_may_do_without_images(path):
@@ -191,7 +191,7 @@ def test_a_damaged_log_is_refused(path):
 )
 def test_other_messages_than_a_run_writes_are_refused(path, topic, value, said):
     sink = McapSink(path)
-    sink.write_json(topic, value, schema={"title": "any"}, time=0)
+    sink.write_json(topic, value, schema="any", time=0)
     sink.close()
 
     with pytest.raises(RunLogError, match=said) as caught:
@@ -202,7 +202,7 @@ def test_other_messages_than_a_run_writes_are_refused(path, topic, value, said):
 
 def test_a_message_that_is_nested_too_deeply_is_refused(path):
     sink = McapSink(path)
-    sink.write_json("/phase", {}, schema={"title": "any"}, time=0)
+    sink.write_json("/phase", {}, schema="any", time=0)
     writer, channel = sink._writer, sink._channels["/phase"][0]
     writer.add_message(channel, 0, b"[" * 100_000, 0)
     sink.close()
