@@ -16,6 +16,7 @@ from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraM
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels
 from poil_drake.perception.images import CameraModel
+from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.timestamps import to_seconds
 from poil_drake.recording.run_log.layout import (
     DETECTOR_TIMES_TOPIC,
@@ -27,7 +28,7 @@ from poil_drake.recording.run_log.layout import (
     TRACKER_TIMES_TOPIC,
 )
 from poil_drake.recording.run_log.logged_images import make_image_reader
-from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
+from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
 from poil_drake.systems.panda.recorded_robot import (
@@ -165,7 +166,7 @@ class ReplayStation(Station):
             times=None if simulated and delay == 0.0 else times,
         )
 
-    def _seen_at(self, image: LoggedImages) -> float:
+    def _seen_at(self, image: StoredImages) -> float:
         """Returns the control tick [s] at which an image was there before somebody looked at it."""
         looks = [
             self._run.numbers[topic].at(image.time)[0]

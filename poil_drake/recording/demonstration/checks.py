@@ -3,9 +3,8 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from poil_drake.errors import DemonstrationError
+from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.contents import CameraContents, Contents
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
@@ -14,6 +13,7 @@ from poil_drake.recording.demonstration.layout import (
     WORLD_FRAME,
     WORLD_FRAME_KEY,
     camera_topic,
+    parse_label_ids,
 )
 from poil_drake.recording.mcap.timestamps import to_seconds
 
@@ -21,15 +21,12 @@ MIN_FRAMES = 2
 # The goal is the end of the demonstration, so no camera may stop much before the others.
 MAX_MISSING_END = 0.5  # [s]
 
-_Json = TypeVar("_Json", list, dict)
-
 
 def camera_names(path: Path, contents: Contents, wanted: Sequence[str] | None) -> list[str]:
     """Returns the cameras to use, in the order wanted, of the metadata, or of their names."""
     found = sorted(contents.cameras)
     if wanted is None:
-        listed = _json_metadata(path, contents, CAMERAS_KEY, list)
-        wanted = list(dict.fromkeys([*map(str, listed), *found]))
+        wanted = list(dict.fromkeys([*_listed_cameras(path, contents), *found]))
     if not wanted:
         raise DemonstrationError(
             f"{path} holds no camera: it has no topic {camera_topic('<name>', 'image')}.",
@@ -118,28 +115,22 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
 
 def label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
     """Returns the render labels of each object and part."""
-    table = _json_metadata(path, contents, LABEL_IDS_KEY, dict)
-    for name, ids in table.items():
-        if not isinstance(ids, list) or not all(isinstance(id_, int) for id_ in ids):
-            raise DemonstrationError(
-                f"{path}: the metadata '{LABEL_IDS_KEY}' gives {ids} for '{name}'.",
-                remedy="Give a list of render labels, e.g. [3, 4].",
-            )
-    return {name: tuple(ids) for name, ids in table.items()}
-
-
-def _json_metadata(path: Path, contents: Contents, key: str, kind: type[_Json]) -> _Json:
-    """Returns a metadata value that is a JSON list or table; an empty one if there is none."""
-    text = contents.metadata.get(key)
-    if text is None:
-        return kind()
     try:
-        value = json.loads(text)
+        return parse_label_ids(contents.metadata.get(LABEL_IDS_KEY, "{}"))
+    except InvalidValueError as error:
+        raise DemonstrationError(f"{path}: {error.problem}", remedy=error.remedy) from error
+
+
+def _listed_cameras(path: Path, contents: Contents) -> list[str]:
+    """Returns the names of the cameras in the metadata."""
+    text = contents.metadata.get(CAMERAS_KEY, "[]")
+    try:
+        names = json.loads(text)
     except json.JSONDecodeError:
-        value = None
-    if not isinstance(value, kind):
+        names = None
+    if not isinstance(names, list):
         raise DemonstrationError(
-            f"{path}: the metadata '{key}' is not a JSON {kind.__name__}: {text[:80]}",
+            f"{path}: the metadata '{CAMERAS_KEY}' is not a JSON list: {text[:80]}",
             remedy="See docs/demonstration_format.md for what it may hold.",
         )
-    return value
+    return [str(name) for name in names]

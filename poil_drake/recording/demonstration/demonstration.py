@@ -19,7 +19,7 @@ from poil_drake.recording.demonstration.checks import (
 from poil_drake.recording.demonstration.contents import Contents, collect
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
 from poil_drake.recording.demonstration.recorded_frames import RecordedFrames, StoredView
-from poil_drake.recording.demonstration.stored_images import StoredImage
+from poil_drake.recording.demonstration.stored_images import StoredImage, StoredImages
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 __all__ = ["Demonstration", "DemonstrationWriter", "LoadDemonstration", "load_demonstration"]
@@ -114,7 +114,8 @@ def _view(contents: Contents, name: str, *, base: str, image: int, depth: int) -
     label = min(camera.label, key=lambda image: abs(image.stamp - color.stamp), default=None)
     if label and 2 * abs(label.stamp - color.stamp) >= median_period(_stamps(camera.image)):
         label = None
-    return StoredView(name, calibration, X_WC, color, camera.depth[depth], label)
+    images = StoredImages(color, camera.depth[depth], label)
+    return StoredView(name, calibration, X_WC, images)
 
 
 def _stamps(images: Sequence[StoredImage]) -> np.ndarray:

@@ -1,6 +1,9 @@
 """The topics, names and keys of a demonstration file, see docs/demonstration_format.md."""
 
+import json
 import re
+
+from poil_drake.errors import InvalidValueError
 
 WORLD_FRAME = "world"
 TRANSFORM_TOPIC = "/tf"
@@ -22,3 +25,18 @@ def camera_topic(camera: str, kind: str) -> str:
 def optical_frame(camera: str) -> str:
     """Returns the name of a camera's optical frame in our recordings."""
     return f"{camera}_optical_frame"
+
+
+def parse_label_ids(text: str) -> dict[str, tuple[int, ...]]:
+    """Returns the render labels of each object and part from the metadata `label_ids`.
+
+    Raises:
+        InvalidValueError: if it is not a table of labels.
+    """
+    try:
+        return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise InvalidValueError(
+            f"the metadata '{LABEL_IDS_KEY}' is not a JSON table of labels: {text[:80]}.",
+            remedy='Give lists of render labels, e.g. {"mug": [3, 4]}.',
+        ) from error

@@ -9,8 +9,7 @@ from typing import overload
 import numpy as np
 
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
-from poil_drake.recording.demonstration.rectification import rectify
-from poil_drake.recording.demonstration.stored_images import StoredImage, read_images
+from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.camera_messages import Calibration
 from poil_drake.recording.mcap.timestamps import to_seconds
 
@@ -26,17 +25,13 @@ class StoredView:
         name: The camera's name.
         calibration: Its intrinsics.
         X_WC: (4, 4) its pose in the world [m].
-        color: Its colour image.
-        depth: Its depth image.
-        label: Its label image, or None.
+        images: Its images.
     """
 
     name: str
     calibration: Calibration
     X_WC: np.ndarray
-    color: StoredImage
-    depth: StoredImage
-    label: StoredImage | None
+    images: StoredImages
 
 
 class RecordedFrames(Sequence[MultiViewFrame]):
@@ -66,13 +61,13 @@ class RecordedFrames(Sequence[MultiViewFrame]):
     def stamps(self) -> np.ndarray:
         """The (T,) stamps of the frames [s], known without decoding them."""
         return np.array(
-            [min(to_seconds(view.color.stamp) for view in views) for views in self._instants]
+            [min(to_seconds(view.images.color.stamp) for view in views) for views in self._instants]
         )
 
     @property
     def labelled(self) -> bool:
         """Whether any view has a label image, known without decoding them."""
-        return any(view.label is not None for views in self._instants for view in views)
+        return any(view.images.label is not None for views in self._instants for view in views)
 
     def __len__(self) -> int:
         return len(self._instants)
@@ -96,25 +91,15 @@ class RecordedFrames(Sequence[MultiViewFrame]):
             CameraModel(v.name, v.calibration.width, v.calibration.height, v.calibration.K, v.X_WC)
             for v in views
         )
-        labelled = any(view.label is not None for view in views)
+        labelled = any(view.images.label is not None for view in views)
         return MultiViewFrame(cameras, images, self._label_ids if labelled else {})
 
     def _image(self, view: StoredView) -> RgbdImage:
         lens = view.calibration
-        pixels = read_images(
+        return view.images.read(
             self._path,
             view.name,
-            {"image": view.color, "depth": view.depth, "label": view.label},
             size=(lens.width, lens.height),
             size_source="the camera is calibrated for",
-        )
-        rectified = {
-            kind: rectify(image, lens, interpolate=kind == "image")
-            for kind, image in pixels.items()
-        }
-        return RgbdImage(
-            rgb=rectified["image"],
-            depth=rectified["depth"],
-            stamp=to_seconds(view.color.stamp),
-            label=rectified.get("label"),
+            lens=lens,
         )

@@ -1,17 +1,18 @@
 """Images that are decoded from their MCAP file when they are needed."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
+from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.demonstration.layout import camera_topic
+from poil_drake.recording.demonstration.rectification import rectify
+from poil_drake.recording.mcap.camera_messages import Calibration
 from poil_drake.recording.mcap.image_messages import decode_color, decode_depth, decode_label
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -50,46 +51,76 @@ class StoredImage:
         return cls(stamp, log_time, message.frame_id, type(message), location)
 
 
-def read_images(
-    path: Path,
-    camera: str,
-    images: Mapping[str, StoredImage | None],
-    *,
-    size: tuple[int, int],
-    size_source: str,
-) -> dict[str, np.ndarray]:
-    """Returns the pixels of a camera's images, by kind.
+@dataclass(frozen=True)
+class StoredImages:
+    """The images of one camera at one instant, still in the file.
 
-    Args:
-        path: The file.
-        camera: The camera's name.
-        images: "image" (colour), "depth" and "label" -> the image; None leaves it out.
-        size: Width and height that each must have [px].
-        size_source: What has that size, for errors.
-
-    Raises:
-        DemonstrationError: if an image cannot be decoded or has another size, or the file has
-            changed. It names the file and the topic.
+    Attributes:
+        color: The colour image.
+        depth: The depth image; None if it is missing.
+        label: The label image, which may have been logged later; None if there is none.
     """
-    stored = {kind: image for kind, image in images.items() if image is not None}
-    data = read_messages(path, [image.location for image in stored.values()])
-    pixels = {}
-    for (kind, image), content in zip(stored.items(), data, strict=True):
-        try:
-            pixels[kind] = _DECODERS[kind](image.message_type.FromString(content))
-            height, width = pixels[kind].shape[:2]
-            if (width, height) != size:
-                raise InvalidValueError(
-                    f"an image has {width} x {height} pixels, but {size_source} {size[0]} x "
-                    f"{size[1]}.",
-                    remedy="Record colour and depth registered to each other, at the size of the "
-                    "calibration.",
-                )
-        except (DecodeError, InvalidValueError) as error:
-            problem = getattr(error, "problem", f"a message is damaged: {error}.")
-            raise DemonstrationError(
-                f"{path}, topic {camera_topic(camera, kind)}, at {to_seconds(image.stamp)} s: "
-                f"{problem}",
-                remedy=getattr(error, "remedy", "Record the demonstration again."),
-            ) from error
-    return pixels
+
+    color: StoredImage
+    depth: StoredImage | None = None
+    label: StoredImage | None = None
+
+    @property
+    def time(self) -> float:
+        """When the colour image was logged [s]."""
+        return to_seconds(self.color.log_time)
+
+    def read(
+        self,
+        path: Path,
+        camera: str,
+        *,
+        size: tuple[int, int],
+        size_source: str,
+        lens: Calibration | None = None,
+    ) -> RgbdImage:
+        """Returns the decoded images; there must be a depth image.
+
+        Args:
+            path: The file.
+            camera: The camera's name.
+            size: Width and height that each must have [px].
+            size_source: What has that size, for errors.
+            lens: The lens whose distortion is removed; None for rectified images.
+
+        Raises:
+            DemonstrationError: if an image cannot be decoded or has another size, or the file has
+                changed. It names the file and the topic.
+        """
+        stored = {
+            kind: image
+            for kind, image in (("image", self.color), ("depth", self.depth), ("label", self.label))
+            if image is not None
+        }
+        data = read_messages(path, [image.location for image in stored.values()])
+        pixels = {}
+        for (kind, image), content in zip(stored.items(), data, strict=True):
+            try:
+                decoded = _DECODERS[kind](image.message_type.FromString(content))
+                height, width = decoded.shape[:2]
+                if (width, height) != size:
+                    raise InvalidValueError(
+                        f"an image has {width} x {height} pixels, but {size_source} {size[0]} x "
+                        f"{size[1]}.",
+                        remedy="Record colour and depth registered to each other, at the size of "
+                        "the calibration.",
+                    )
+            except (DecodeError, InvalidValueError) as error:
+                problem = getattr(error, "problem", f"a message is damaged: {error}.")
+                raise DemonstrationError(
+                    f"{path}, topic {camera_topic(camera, kind)}, at {to_seconds(image.stamp)} s: "
+                    f"{problem}",
+                    remedy=getattr(error, "remedy", "Record the demonstration again."),
+                ) from error
+            pixels[kind] = rectify(decoded, lens, interpolate=kind == "image") if lens else decoded
+        return RgbdImage(
+            rgb=pixels["image"],
+            depth=pixels["depth"],
+            stamp=to_seconds(self.color.stamp),
+            label=pixels.get("label"),
+        )

@@ -6,16 +6,14 @@ from pathlib import Path
 
 from poil_drake.errors import DemonstrationError, RunLogError
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.recording.demonstration.stored_images import read_images
-from poil_drake.recording.mcap.timestamps import to_seconds
-from poil_drake.recording.run_log.recorded_run import LoggedImages
+from poil_drake.recording.demonstration.stored_images import StoredImages
 
 _CACHED = 2
 """Tracker and detector look at the same image, and then at the next."""
 
 
 def make_image_reader(
-    path: Path, camera: CameraModel, images: Sequence[LoggedImages]
+    path: Path, camera: CameraModel, images: Sequence[StoredImages]
 ) -> Callable[[int], RgbdImage]:
     """Returns a function that decodes an image of a camera by its index; it caches the last few.
 
@@ -30,12 +28,10 @@ def make_image_reader(
 
     @lru_cache(_CACHED)
     def read(index: int) -> RgbdImage:
-        logged = images[index]
         try:
-            pixels = read_images(
+            return images[index].read(
                 path,
                 camera.name,
-                {"image": logged.color, "depth": logged.depth, "label": logged.label},
                 size=(camera.width, camera.height),
                 size_source=f"the scenario's camera '{camera.name}' has",
             )
@@ -44,11 +40,5 @@ def make_image_reader(
                 error.problem,
                 remedy="Copy the log again, and replay it with the cameras of the run.",
             ) from error
-        return RgbdImage(
-            rgb=pixels["image"],
-            depth=pixels["depth"],
-            stamp=to_seconds(logged.color.stamp),
-            label=pixels.get("label"),
-        )
 
     return read

@@ -16,6 +16,7 @@ from poil_drake.errors import DemonstrationError, InvalidValueError, PoilError, 
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.demonstration.contents import CameraContents, Contents
 from poil_drake.recording.demonstration.layout import WORLD_FRAME, optical_frame
+from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.log_messages import decode_joint_states, decode_points
 from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -36,7 +37,6 @@ from poil_drake.recording.run_log.layout import (
 )
 from poil_drake.recording.run_log.recorded_run import (
     REMEDY,
-    LoggedImages,
     LoggedTrack,
     PhaseStart,
     RecordedRun,
@@ -188,12 +188,12 @@ class _Reader:
         self._run.phases.append(PhaseStart(time, str(record["phase"]), str(record["reason"])))
 
 
-def _logged_images(camera: CameraContents) -> list[LoggedImages]:
+def _logged_images(camera: CameraContents) -> list[StoredImages]:
     depth, label = (
         {image.stamp: image for image in stream} for stream in (camera.depth, camera.label)
     )
     return [
-        LoggedImages(to_seconds(one.log_time), one, depth.get(one.stamp), label.get(one.stamp))
+        StoredImages(one, depth.get(one.stamp), label.get(one.stamp))
         for one in sorted(camera.image, key=lambda image: image.log_time)
     ]
 

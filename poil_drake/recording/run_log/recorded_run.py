@@ -1,16 +1,15 @@
 """A recorded run; its images stay in the log until they are needed."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.errors import RunLogError
+from poil_drake.errors import InvalidValueError, RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY
-from poil_drake.recording.demonstration.stored_images import StoredImage
+from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY, parse_label_ids
+from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.camera_messages import Calibration
 from poil_drake.recording.run_log.series import Series
 
@@ -31,23 +30,6 @@ class LoggedTrack(NamedTuple):
 
     time: float
     track: TrackedPoints
-
-
-@dataclass(frozen=True)
-class LoggedImages:
-    """The images of one camera that were logged at one time, still in the file.
-
-    Attributes:
-        time: When they were logged [s].
-        color: The colour image.
-        depth: The depth image; None if it is missing.
-        label: The label image, which may have been logged later; None if there is none.
-    """
-
-    time: float
-    color: StoredImage
-    depth: StoredImage | None = None
-    label: StoredImage | None = None
 
 
 @dataclass
@@ -89,7 +71,7 @@ class RecordedRun:
     camera_poses: dict[str, np.ndarray] = field(default_factory=dict)
     phases: list[PhaseStart] = field(default_factory=list)
     tracks: list[LoggedTrack] = field(default_factory=list)
-    images: dict[str, list[LoggedImages]] = field(default_factory=dict)
+    images: dict[str, list[StoredImages]] = field(default_factory=dict)
     cut_off: str = ""
 
     @property
@@ -104,10 +86,7 @@ class RecordedRun:
         Raises:
             RunLogError: if the metadata is not a table of labels.
         """
-        text = self.metadata.get(LABEL_IDS_KEY, "{}")
         try:
-            return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
-        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise RunLogError(
-                f"The metadata '{LABEL_IDS_KEY}' of '{self.path}' is {text[:80]}.", remedy=REMEDY
-            ) from error
+            return parse_label_ids(self.metadata.get(LABEL_IDS_KEY, "{}"))
+        except InvalidValueError as error:
+            raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error

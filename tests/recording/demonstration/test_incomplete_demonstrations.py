@@ -136,7 +136,7 @@ def broken_label_table(foreign):
         (other_schema, ["/camera/left/image", "foxglove.Log", "foxglove.CompressedImage"]),
         (missing_camera, ["camera 'top'", "'left', 'right'"]),
         (broken_camera_list, ["'cameras'", "JSON"]),
-        (broken_label_table, ["'label_ids'", "'mug'"]),
+        (broken_label_table, ["'label_ids'", '{"mug": "red"}']),
     ],
     ids=lambda value: value.__name__ if callable(value) else "",
 )
