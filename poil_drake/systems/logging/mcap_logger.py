@@ -29,6 +29,14 @@ _CAMERAS = "cameras"
 _ROBOT_TOPICS = ("hand",)
 """The status topics that are logged with the robot's signals."""
 
+_JOINT_STATES = {
+    "position": "panda.position_measured",
+    "velocity": "panda.velocity_measured",
+    "effort": "panda.torque_external",
+}
+_JOINT_COMMANDS = {"position": "panda.position_commanded", "velocity": "panda.velocity"}
+"""Field of a joint state -> port."""
+
 
 class McapLogger(LeafSystem):
     """Logs points, twist, joints, phase, statuses and camera images through a `RunLogWriter`.
@@ -142,31 +150,24 @@ class McapLogger(LeafSystem):
         self.DeclareForcedPublishEvent(self._publish_rest)
 
     def _declare_ports(self, num_points: int) -> None:
-        joints = len(self._joint_names)
         abstract: dict[str, AbstractValue] = {
             "tracked_points": Value(TrackedPoints.lost(num_points, 0.0)),
             "frame": Value(ABSENT),
             "detector.frame": Value(ABSENT),
             "applied_spatial_force": AbstractValue.Make([ExternallyAppliedSpatialForce()]),
         }
+        joint_ports = (*_JOINT_STATES.values(), *_JOINT_COMMANDS.values())
         sizes = {
             "points": 3 * num_points,
             "confidence": num_points,
             "target_points": 3 * num_points,
             "gripper_pose": 16,
             "spatial_velocity": 6,
-            "panda.position_measured": joints,
-            "panda.velocity_measured": joints,
-            "panda.torque_external": joints,
-            "panda.velocity": joints,
-            "panda.position_commanded": joints,
-            "phase": 1,
-            "fault": 1,
-            "stop": 1,
             "tracker.times": 3,
             "detector.times": 3,
-            "clock": 1,
             "panda.status": 3,
+            **dict.fromkeys(joint_ports, len(self._joint_names)),
+            **dict.fromkeys(("phase", "fault", "stop", "clock"), 1),
         }
         for topic, fields in self._statuses.items():
             sizes |= {f"{topic}.{field}": 1 for field in fields}
@@ -242,6 +243,11 @@ class McapLogger(LeafSystem):
                 exact=True,
             )
 
+    def _write_changed(self, context: Context, topic: str, values: Mapping[str, float]) -> None:
+        # As bytes, because NaN does not equal itself.
+        if self._is_new(topic, np.array([*values.values()]).tobytes()):
+            self._log.write_status(topic, values, time=context.get_time())
+
     def _write_times(self, context: Context, name: str, topic: str) -> None:
         times = self._value(context, f"{name}.times")
         if times is None or not np.isfinite(times).any():
@@ -249,8 +255,7 @@ class McapLogger(LeafSystem):
         values = dict(zip(("begun", "released", "released_of"), times.tolist(), strict=True))
         if (status := self._value(context, f"{name}.status")) is not None:
             values["status"] = float(status[0])
-        if self._is_new(topic, np.array([*values.values()]).tobytes()):
-            self._log.write_status(topic, values, time=context.get_time())
+        self._write_changed(context, topic, values)
 
     def _write_image_times(self, context: Context) -> None:
         """Writes the cameras' statuses between the usual samples when an image has come."""
@@ -264,22 +269,13 @@ class McapLogger(LeafSystem):
 
     def _write_robot(self, context: Context) -> None:
         time, log = context.get_time(), self._log
-        states = {
-            "position": self._value(context, "panda.position_measured"),
-            "velocity": self._value(context, "panda.velocity_measured"),
-            "effort": self._value(context, "panda.torque_external"),
-        }
+        states = {key: self._value(context, port) for key, port in _JOINT_STATES.items()}
         if any(value is not None for value in states.values()):
             log.write_joint_states(self._joint_names, time=time, **states)
-        velocity = self._value(context, "panda.velocity")
-        if velocity is not None:
-            position = self._value(context, "panda.position_commanded")
+        commands = {key: self._value(context, port) for key, port in _JOINT_COMMANDS.items()}
+        if commands["velocity"] is not None:
             log.write_joint_states(
-                self._joint_names,
-                time=time,
-                position=position,
-                velocity=velocity,
-                topic=JOINT_COMMANDS_TOPIC,
+                self._joint_names, time=time, topic=JOINT_COMMANDS_TOPIC, **commands
             )
         status = self._value(context, "panda.status")
         if status is not None:
@@ -301,10 +297,8 @@ class McapLogger(LeafSystem):
         self._log.write_phase(name, time=context.get_time(), reason=reason)
 
     def _write_stops(self, context: Context) -> None:
-        stops = self._value(context, "stop")
-        if stops is not None and self._is_new("stop", float(stops[0])):
-            values = {"requests": float(stops[0])}
-            self._log.write_status(STOPS_TOPIC, values, time=context.get_time())
+        if (stops := self._value(context, "stop")) is not None:
+            self._write_changed(context, STOPS_TOPIC, {"requests": float(stops[0])})
 
     def _write_points(self, context: Context) -> None:
         time = context.get_time()

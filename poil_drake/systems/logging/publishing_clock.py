@@ -10,20 +10,6 @@ Schedule = tuple[float, float]
 """Period and offset [s] of a periodic publish event."""
 
 
-class _End(LeafSystem):
-    """Publishes nothing; runs before or after all other publish events of a diagram."""
-
-    def __init__(self, clock: "PublishingClock", starts: bool, schedules: Iterable[Schedule]):
-        super().__init__()
-
-        def turn(context: Context) -> None:
-            clock._turn(starts)
-
-        self.DeclareInitializationPublishEvent(turn)
-        for period, offset in schedules:
-            self.DeclarePeriodicPublishEvent(period, offset, turn)
-
-
 class PublishingClock:
     """Times the publish events of a diagram under "publishing" on a stopwatch.
 
@@ -46,16 +32,22 @@ class PublishingClock:
 
     def AddStart(self, builder: DiagramBuilder) -> None:
         """Adds the system that starts the clock: before all others."""
-        builder.AddNamedSystem("publishing_start", _End(self, True, self._schedules))
+        self._add(builder, "publishing_start", starts=True)
 
     def AddStop(self, builder: DiagramBuilder) -> None:
         """Adds the system that stops the clock: after all others."""
-        builder.AddNamedSystem("publishing_stop", _End(self, False, self._schedules))
+        self._add(builder, "publishing_stop", starts=False)
 
-    def _turn(self, starts: bool) -> None:
-        # Where two schedules meet, each end runs twice.
-        if starts and not self._is_running:
-            self._measurement.__enter__()
-        elif self._is_running and not starts:
-            self._measurement.__exit__(None, None, None)
-        self._is_running = starts
+    def _add(self, builder: DiagramBuilder, name: str, *, starts: bool) -> None:
+        def publish(context: Context) -> None:
+            # Where two schedules meet, this runs twice.
+            if starts and not self._is_running:
+                self._measurement.__enter__()
+            elif self._is_running and not starts:
+                self._measurement.__exit__(None, None, None)
+            self._is_running = starts
+
+        system = builder.AddNamedSystem(name, LeafSystem())
+        system.DeclareInitializationPublishEvent(publish)
+        for period, offset in self._schedules:
+            system.DeclarePeriodicPublishEvent(period, offset, publish)
