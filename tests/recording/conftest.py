@@ -1,4 +1,4 @@
-"""Small scenes, and recordings made by somebody else's tools."""
+"""Small scenes, and recordings of other tools."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,6 +15,7 @@ from mcap_protobuf.writer import Writer
 from small_frames import HEIGHT, WIDTH, K, image
 
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 
 
 @pytest.fixture
@@ -54,6 +55,7 @@ class ForeignRecording:
     """A recording of two cameras "left" and "right", to be changed before it is written.
 
     Attributes:
+        path: Where it is written.
         times: The stamps of each stream of images [s], by topic.
         color: Makes a colour message from index, time and frame.
         depth: Makes a depth message from index, time and frame.
@@ -64,6 +66,7 @@ class ForeignRecording:
         log_offset: How much later than captured everything was logged [s].
     """
 
+    path: Path
     times: dict[str, list[float]] = field(default_factory=dict)
     color: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
         "rgb8", image(i, stamp=t).rgb, t, frame
@@ -93,8 +96,11 @@ class ForeignRecording:
                 frame_id=frame, width=WIDTH, height=HEIGHT, K=K.ravel()
             )
 
-    def write(self, path: Path, extra: Callable[[Writer], None] | None = None) -> Path:
-        with path.open("wb") as stream, Writer(stream, **self.options) as writer:
+    def load(
+        self, extra: Callable[[Writer], None] | None = None, cameras: list[str] | None = None
+    ) -> Demonstration:
+        """Writes the recording, with `extra` messages, and loads it."""
+        with self.path.open("wb") as stream, Writer(stream, **self.options) as writer:
             for message in self.transforms:
                 self._log(writer, "/tf", message, 0.0)
             for name, calibration in self.calibrations.items():
@@ -109,7 +115,7 @@ class ForeignRecording:
                 writer.add_metadata("poil", self.metadata)
             if extra is not None:
                 extra(writer)
-        return path
+        return load_demonstration(self.path, cameras=cameras)
 
     def _log(self, writer: Writer, topic: str, message: Any, time: float) -> None:
         log_time = round((time + self.log_offset) * 1e9)
@@ -117,5 +123,5 @@ class ForeignRecording:
 
 
 @pytest.fixture
-def foreign() -> ForeignRecording:
-    return ForeignRecording()
+def foreign(tmp_path: Path) -> ForeignRecording:
+    return ForeignRecording(tmp_path / "demo.mcap")

@@ -1,4 +1,4 @@
-"""Every error names the file, the topic and what is missing."""
+"""Errors name the file, the topic and the problem."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.recording.demonstration.demonstration import load_demonstration
 
 
 def having(**attributes):
@@ -122,46 +121,41 @@ def encoded(encoding, pixels, *, frame_id="", size=None):
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_what_is_missing_is_named(tmp_path, foreign, edit, words):
+def test_errors_name_the_problem(foreign, edit, words):
     edit(foreign)
-    path = foreign.write(tmp_path / "demo.mcap")
 
     with pytest.raises(DemonstrationError) as caught:
-        load_demonstration(path)
+        foreign.load()
 
-    assert str(path) in str(caught.value)
+    assert str(foreign.path) in str(caught.value)
     for word in words:
         assert word in str(caught.value)
     assert caught.value.remedy
 
 
-def test_a_camera_that_was_asked_for_is_named(tmp_path, foreign):
-    path = foreign.write(tmp_path / "demo.mcap")
-
+def test_errors_name_a_camera_that_is_not_in_the_file(foreign):
     with pytest.raises(DemonstrationError, match="no topic of camera 'wrist'"):
-        load_demonstration(path, cameras=["wrist"])
+        foreign.load(cameras=["wrist"])
 
 
-def test_images_in_another_encoding_are_named(tmp_path, foreign):
+def test_errors_name_another_encoding(foreign):
     def extra(writer):
         inner = writer._writer
         schema = inner.register_schema("sensor_msgs/msg/Image", "ros2msg", b"uint8[] data")
         channel = inner.register_channel("/camera/top/image", "cdr", schema)
         inner.add_message(channel, log_time=0, data=b"\0", publish_time=0)
 
-    path = foreign.write(tmp_path / "demo.mcap", extra)
-
     with pytest.raises(DemonstrationError, match=r"/camera/top/image.*sensor_msgs/msg/Image.*cdr"):
-        load_demonstration(path)
+        foreign.load(extra)
 
 
-def test_a_frame_that_cannot_be_decoded_is_named_when_asked_for(tmp_path, foreign):
+def test_errors_name_a_frame_that_cannot_be_decoded(foreign):
     def color(i, t, frame):
         pixels = np.zeros((24, 32, 3), np.uint8) if i != 3 else np.zeros((6, 8, 3), np.uint8)
         return foreign.raw("rgb8", pixels, t)
 
     foreign.color = color
-    dut = load_demonstration(foreign.write(tmp_path / "demo.mcap"))
+    dut = foreign.load()
 
     with pytest.raises(DemonstrationError, match=r"/camera/left/image, at 0\.375 s.*8 x 6"):
         dut.frames[3]
