@@ -140,9 +140,8 @@ def test_tracks_are_paired_by_their_stamps():
     distances = dut.differences[TRACKED_POINTS]
     np.testing.assert_allclose(distances.values[:, 0], [0.0005, 0.0])
     np.testing.assert_allclose(distances.times, [0.225, 0.35])
-    assert (
-        dut.same
-    )  # Half a millimetre is within the tolerance; from 0.5 s on, points move nothing.
+    # Half a millimetre is within the tolerance; from 0.5 s on, points move nothing.
+    assert dut.same
     assert (dut.tracks.unmatched, dut.tracks.visibility, dut.tracks.points) == (2, 2, 6)
 
 
