@@ -22,47 +22,45 @@ MIN_FRAMES = 2
 MAX_MISSING_END = 0.5  # [s]
 
 
-def camera_names(path: Path, contents: Contents, wanted: Sequence[str] | None) -> list[str]:
-    """Returns the cameras to use, in the order wanted, of the metadata, or of their names."""
-    found = sorted(contents.cameras)
-    if wanted is None:
-        wanted = list(dict.fromkeys([*_listed_cameras(path, contents), *found]))
-    if not wanted:
+def camera_names(path: Path, contents: Contents) -> list[str]:
+    """Returns the cameras of the metadata, and then others by their names."""
+    text = contents.metadata.get(CAMERAS_KEY, "[]")
+    try:
+        listed = json.loads(text)
+    except json.JSONDecodeError:
+        listed = None
+    if not isinstance(listed, list):
+        raise DemonstrationError(
+            f"{path}: the metadata '{CAMERAS_KEY}' is not a JSON list: {text[:80]}",
+            remedy="See docs/demonstration_format.md for what it may hold.",
+        )
+    names = list(dict.fromkeys([*map(str, listed), *sorted(contents.cameras)]))
+    if not names:
         raise DemonstrationError(
             f"{path} holds no camera: it has no topic {camera_topic('<name>', 'image')}.",
             remedy="Record colour, depth and calibration of each camera, see "
             "docs/demonstration_format.md.",
         )
-    for name in wanted:
-        if name not in contents.cameras:
-            raise DemonstrationError(
-                f"{path} has no topic of camera '{name}'; it has "
-                f"{', '.join(repr(camera) for camera in found) or 'no camera at all'}.",
-                remedy="Record all cameras, or name the cameras to use.",
-            )
-    return list(wanted)
+    return names
 
 
-def check_camera(path: Path, name: str, camera: CameraContents) -> None:
+def check_camera(path: Path, contents: Contents, name: str) -> None:
     """Raises an error unless a camera has colour, depth and calibration."""
-    streams: dict[str, Sequence[object]] = {
-        "image": camera.image,
-        "depth": camera.depth,
-        "calibration": camera.calibration,
-    }
-    present = [kind for kind, messages in streams.items() if messages]
-    for kind, messages in streams.items():
+    camera = contents.cameras.get(name, CameraContents())
+    for kind in ("image", "depth", "calibration"):
+        messages, topic = getattr(camera, kind), camera_topic(name, kind)
         if not messages:
+            found = ", ".join(f"'{other}'" for other in sorted(contents.cameras)) or "none"
             raise DemonstrationError(
-                f"{path}: camera '{name}' has {' and '.join(present) or 'labels'} but no topic "
-                f"{camera_topic(name, kind)}.",
+                f"{path}: camera '{name}' has no topic {topic}; the cameras in the file are: "
+                f"{found}.",
                 remedy="Record colour, depth and calibration of each camera, or name the cameras "
                 "to use.",
             )
         if kind != "calibration" and len(messages) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{path}: topic {camera_topic(name, kind)} has {len(messages)} message, fewer than "
-                f"{MIN_FRAMES} frames.",
+                f"{path}: topic {topic} has {len(messages)} message, fewer than {MIN_FRAMES} "
+                "frames.",
                 remedy="Record the whole motion.",
             )
     color_frame, depth_frame = camera.image[0].frame_id, camera.depth[0].frame_id
@@ -119,18 +117,3 @@ def label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
         return parse_label_ids(contents.metadata.get(LABEL_IDS_KEY, "{}"))
     except InvalidValueError as error:
         raise DemonstrationError(f"{path}: {error.problem}", remedy=error.remedy) from error
-
-
-def _listed_cameras(path: Path, contents: Contents) -> list[str]:
-    """Returns the names of the cameras in the metadata."""
-    text = contents.metadata.get(CAMERAS_KEY, "[]")
-    try:
-        names = json.loads(text)
-    except json.JSONDecodeError:
-        names = None
-    if not isinstance(names, list):
-        raise DemonstrationError(
-            f"{path}: the metadata '{CAMERAS_KEY}' is not a JSON list: {text[:80]}",
-            remedy="See docs/demonstration_format.md for what it may hold.",
-        )
-    return [str(name) for name in names]

@@ -14,7 +14,6 @@ from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.layout import (
     CAMERA_TOPIC,
-    METADATA_RECORD,
     SCENARIO_ATTACHMENT,
 )
 from poil_drake.recording.demonstration.stored_images import StoredImage
@@ -24,6 +23,7 @@ from poil_drake.recording.mcap.camera_messages import (
     decode_transform,
 )
 from poil_drake.recording.mcap.scan import ScannedMessage, scan
+from poil_drake.recording.mcap.sink import METADATA_RECORD
 from poil_drake.recording.mcap.timestamps import get_timestamp
 
 

@@ -83,10 +83,10 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
     """
     path = Path(path)
     contents = collect(path)
-    names = camera_names(path, contents, cameras)
+    names = camera_names(path, contents) if cameras is None else list(cameras)
+    for name in names:
+        check_camera(path, contents, name)
     streams = {name: contents.cameras[name] for name in names}
-    for name, camera in streams.items():
-        check_camera(path, name, camera)
     check_end(path, streams)
     base = base_frame(path, contents, names)
     rows = group_by_stamp([_stamps(s) for c in streams.values() for s in (c.image, c.depth)])

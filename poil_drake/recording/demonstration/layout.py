@@ -8,7 +8,6 @@ from poil_drake.errors import InvalidValueError
 WORLD_FRAME = "world"
 TRANSFORM_TOPIC = "/tf"
 
-METADATA_RECORD = "poil"
 CAMERAS_KEY = "cameras"
 LABEL_IDS_KEY = "label_ids"
 WORLD_FRAME_KEY = "world_frame"

@@ -12,7 +12,6 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
     LABEL_IDS_KEY,
-    METADATA_RECORD,
     SCENARIO_ATTACHMENT,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
@@ -133,7 +132,6 @@ class DemonstrationWriter:
                 remedy="Record at least two frames.",
             )
         self._sink.add_metadata(
-            METADATA_RECORD,
             {
                 **version_metadata(),
                 "frames": str(self._frame_count),

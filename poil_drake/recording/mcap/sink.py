@@ -13,6 +13,9 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.recording.mcap.log_messages import json_schema
 from poil_drake.recording.mcap.message_encoder import EncodedMessage
 
+METADATA_RECORD = "poil"
+"""Name of the metadata records of our files."""
+
 
 class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
@@ -59,9 +62,9 @@ class McapSink:
         data = json.dumps(record, allow_nan=False).encode()
         self._add(topic, schema, MessageEncoding.JSON, data, time)
 
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Adds a metadata record."""
-        self._writer.add_metadata(name, dict(values))
+    def add_metadata(self, values: Mapping[str, str]) -> None:
+        """Adds to the file's metadata."""
+        self._writer.add_metadata(METADATA_RECORD, dict(values))
 
     def add_attachment(self, name: str, *, media_type: str, data: bytes) -> None:
         """Adds a file as an attachment."""

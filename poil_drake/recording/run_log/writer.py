@@ -12,7 +12,6 @@ import numpy as np
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.layout import (
     LABEL_IDS_KEY,
-    METADATA_RECORD,
     SCENARIO_ATTACHMENT,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
@@ -94,7 +93,7 @@ class RunLogWriter:
         self._encoder = MessageEncoder()
         self._closed = False
         # Metadata first, so that a log that was never closed has it.
-        self._sink.add_metadata(METADATA_RECORD, {**version_metadata(), **(metadata or {})})
+        self._sink.add_metadata({**version_metadata(), **(metadata or {})})
         if scenario_text is not None:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
@@ -138,7 +137,7 @@ class RunLogWriter:
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
         """Writes the labels of objects and parts as metadata; see `MultiViewFrame.label_ids`."""
         text = json.dumps({name: list(ids) for name, ids in label_ids.items()})
-        self._submit(lambda: self._sink.add_metadata(METADATA_RECORD, {LABEL_IDS_KEY: text}))
+        self._submit(lambda: self._sink.add_metadata({LABEL_IDS_KEY: text}))
 
     def write_points(
         self,
@@ -231,7 +230,7 @@ class RunLogWriter:
         finally:
             if self._worker.dropped:
                 dropped = {"dropped_messages": str(self._worker.dropped)}
-                self._sink.add_metadata(METADATA_RECORD, dropped)
+                self._sink.add_metadata(dropped)
             self._sink.close()
 
     def __enter__(self) -> Self:

@@ -134,7 +134,7 @@ def test_errors_name_the_problem(foreign, edit, words):
 
 
 def test_errors_name_a_camera_that_is_not_in_the_file(foreign):
-    with pytest.raises(DemonstrationError, match="no topic of camera 'wrist'"):
+    with pytest.raises(DemonstrationError, match="camera 'wrist' has no topic"):
         foreign.load(cameras=["wrist"])
 
 
