@@ -27,7 +27,6 @@ from poil_drake.recording.run_log.layout import (
     STATION_KEY,
     TRACKER_TIMES_TOPIC,
 )
-from poil_drake.recording.run_log.logged_images import make_image_reader
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
@@ -149,7 +148,7 @@ class ReplayStation(Station):
             builder.ExportOutput(port, port.get_name())
 
     def _camera(self, model: CameraModel, delay: float) -> RecordedCamera:
-        images = [i for i in self._run.images.get(model.name, []) if i.depth is not None]
+        images = self._run.images.get(model.name, [])
         stamps = [to_seconds(image.color.stamp) for image in images]
         simulated = self._kind == SIMULATED
         if simulated:
@@ -161,7 +160,7 @@ class ReplayStation(Station):
             name=model.name,
             shown_from=shown_from,
             stamps=stamps,
-            read=make_image_reader(self._run.path, model, images),
+            read=self._run.image_reader(model),
             labels=any(image.label is not None for image in images),
             times=None if simulated and delay == 0.0 else times,
         )

@@ -57,12 +57,12 @@ class StoredImages:
 
     Attributes:
         color: The colour image.
-        depth: The depth image; None if it is missing.
+        depth: The depth image.
         label: The label image, which may have been logged later; None if there is none.
     """
 
     color: StoredImage
-    depth: StoredImage | None = None
+    depth: StoredImage
     label: StoredImage | None = None
 
     @property
@@ -79,7 +79,7 @@ class StoredImages:
         size_source: str,
         lens: Calibration | None = None,
     ) -> RgbdImage:
-        """Returns the decoded images; there must be a depth image.
+        """Returns the decoded images.
 
         Args:
             path: The file.
@@ -92,11 +92,8 @@ class StoredImages:
             DemonstrationError: if an image cannot be decoded or has another size, or the file has
                 changed. It names the file and the topic.
         """
-        stored = {
-            kind: image
-            for kind, image in (("image", self.color), ("depth", self.depth), ("label", self.label))
-            if image is not None
-        }
+        stored = {"image": self.color, "depth": self.depth}
+        stored |= {} if self.label is None else {"label": self.label}
         data = read_messages(path, [image.location for image in stored.values()])
         pixels = {}
         for (kind, image), content in zip(stored.items(), data, strict=True):

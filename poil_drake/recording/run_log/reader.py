@@ -129,8 +129,7 @@ class _Reader:
         contents = self._contents
         run.metadata, run.scenario_text = contents.metadata, contents.scenario_text
         for name, camera in contents.cameras.items():
-            if camera.image:
-                run.images[name] = _logged_images(camera)
+            run.images[name] = _with_depth(camera)
             if camera.calibration:
                 run.calibrations[name] = camera.calibration[0][1]
             X_WC = contents.frames.pose(base=WORLD_FRAME, frame=optical_frame(name), stamp=0)
@@ -188,13 +187,15 @@ class _Reader:
         self._run.phases.append(PhaseStart(time, str(record["phase"]), str(record["reason"])))
 
 
-def _logged_images(camera: CameraContents) -> list[StoredImages]:
+def _with_depth(camera: CameraContents) -> list[StoredImages]:
+    """Returns the colour images that have a depth image, each with its label image if any."""
     depth, label = (
         {image.stamp: image for image in stream} for stream in (camera.depth, camera.label)
     )
     return [
-        StoredImages(one, depth.get(one.stamp), label.get(one.stamp))
-        for one in sorted(camera.image, key=lambda image: image.log_time)
+        StoredImages(image, depth[image.stamp], label.get(image.stamp))
+        for image in sorted(camera.image, key=lambda image: image.log_time)
+        if image.stamp in depth
     ]
 
 

@@ -1,12 +1,15 @@
 """A recorded run; its images stay in the log until they are needed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError, RunLogError
+from poil_drake.errors import DemonstrationError, InvalidValueError, RunLogError
+from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY, parse_label_ids
 from poil_drake.recording.demonstration.stored_images import StoredImages
@@ -15,6 +18,9 @@ from poil_drake.recording.run_log.series import Series
 
 REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
 """What to do about a log that cannot be used."""
+
+_CACHED_IMAGES = 2
+"""Tracker and detector look at the same image, and then at the next."""
 
 
 class PhaseStart(NamedTuple):
@@ -52,7 +58,7 @@ class RecordedRun:
         camera_poses: Camera -> (4, 4) its pose in the world [m].
         phases: The phases of the skill.
         tracks: The tracks that the tracker released.
-        images: Camera -> its images, in order.
+        images: Camera -> its images that have depth, in order.
         cut_off: How the file ends if it is cut off; empty for a whole file.
     """
 
@@ -90,3 +96,28 @@ class RecordedRun:
             return parse_label_ids(self.metadata.get(LABEL_IDS_KEY, "{}"))
         except InvalidValueError as error:
             raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error
+
+    def image_reader(self, camera: CameraModel) -> Callable[[int], RgbdImage]:
+        """Returns a function that decodes an image of a camera by its index in `images`.
+
+        The function caches the last few. It raises a RunLogError if the image cannot be decoded or
+        does not have the size of the camera's model, or if the file has changed.
+        """
+        images = self.images.get(camera.name, [])
+
+        @lru_cache(_CACHED_IMAGES)
+        def read(index: int) -> RgbdImage:
+            try:
+                return images[index].read(
+                    self.path,
+                    camera.name,
+                    size=(camera.width, camera.height),
+                    size_source=f"the scenario's camera '{camera.name}' has",
+                )
+            except DemonstrationError as error:
+                raise RunLogError(
+                    error.problem,
+                    remedy="Copy the log again, and replay it with the cameras of the run.",
+                ) from error
+
+        return read

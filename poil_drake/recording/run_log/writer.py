@@ -165,12 +165,10 @@ class RunLogWriter:
             exact=exact,
         )
 
-    def write_transform(
-        self, X_PC: np.ndarray, *, child: str, time: float, parent: str = WORLD_FRAME
-    ) -> None:
-        """Writes the (4, 4) pose of frame `child` in frame `parent` [m] to /tf."""
+    def write_transform(self, X_WC: np.ndarray, *, child: str, time: float) -> None:
+        """Writes the (4, 4) pose of frame `child` in the world [m] to /tf."""
         encode = self._encoder.transform
-        self._write(TRANSFORM_TOPIC, encode, X_PC, time=time, parent=parent, child=child)
+        self._write(TRANSFORM_TOPIC, encode, X_WC, time=time, parent=WORLD_FRAME, child=child)
 
     def write_joint_states(
         self,
@@ -229,8 +227,7 @@ class RunLogWriter:
             self._worker.close()
         finally:
             if self._worker.dropped:
-                dropped = {"dropped_messages": str(self._worker.dropped)}
-                self._sink.add_metadata(dropped)
+                self._sink.add_metadata({"dropped_messages": str(self._worker.dropped)})
             self._sink.close()
 
     def __enter__(self) -> Self:

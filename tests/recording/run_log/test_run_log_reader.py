@@ -7,7 +7,6 @@ import pytest
 from poil_drake.errors import RunLogError
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.sink import McapSink
-from poil_drake.recording.run_log.logged_images import make_image_reader
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
@@ -99,10 +98,10 @@ def test_images_are_decoded_when_they_are_read(path):
         write_images(log, 0.25)
         write_images(log, 0.5, label=7)
 
-    images = load(path).images["left"]
-    read = make_image_reader(path, CAMERA, images)
+    run = load(path)
+    read = run.image_reader(CAMERA)
 
-    assert [image.time for image in images] == [0.25, 0.5]
+    assert [image.time for image in run.images["left"]] == [0.25, 0.5]
     assert [read(k).stamp for k in (0, 1)] == [0.125, 0.375]
     assert read(0).label is None
     # Logged half a second later.
@@ -118,7 +117,7 @@ def test_images_of_another_size_are_refused(path):
     other = CameraModel("left", 16, 12, CAMERA.K, np.eye(4))
 
     with pytest.raises(RunLogError, match="32 x 24 pixels, but the scenario's camera 'left'"):
-        make_image_reader(path, other, load(path).images["left"])(0)
+        load(path).image_reader(other)(0)
 
 
 def test_a_log_that_is_cut_off_is_read_up_to_there(path):
