@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from poil_drake.recording.mcap.library_versions import version_metadata
 from poil_drake.recording.mcap.message_encoder import MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
+from poil_drake.runtime.whole_file import whole_file
 
 
 class DemonstrationWriter:
@@ -53,7 +55,6 @@ class DemonstrationWriter:
         color: ColorEncoding | None = None,
     ):
         self._path = Path(path)
-        self._partial = self._path.with_name(self._path.name + ".partial")
         self._cameras = tuple(cameras)
         self._metadata = dict(metadata)
         self._color = color or ColorEncoding()
@@ -62,7 +63,8 @@ class DemonstrationWriter:
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
         self._encoder = MessageEncoder()
-        self._sink = McapSink(self._partial)
+        self._file = ExitStack()
+        self._sink = McapSink(self._file.enter_context(whole_file(self._path)))
         if scenario_text is not None:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
@@ -117,13 +119,12 @@ class DemonstrationWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, exception_type: type[BaseException] | None, *_: object) -> None:
-        try:
-            if exception_type is None:
-                self._finish()
-        finally:
-            self._sink.abandon()
-            self._partial.unlink(missing_ok=True)
+    def __exit__(self, *exception: Any) -> None:
+        if exception[0] is not None:
+            self._file.__exit__(*exception)
+            return
+        with self._file:
+            self._finish()
 
     def _finish(self) -> None:
         if self._frame_count < 2:
@@ -142,7 +143,6 @@ class DemonstrationWriter:
             },
         )
         self._sink.close()
-        self._partial.replace(self._path)
 
 
 def _same(camera: CameraModel, other: CameraModel | None) -> bool:

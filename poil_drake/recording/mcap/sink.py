@@ -2,8 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
@@ -24,14 +23,13 @@ class McapSink:
     index and footer; all chunks but the last can still be read, and `mcap recover` adds the rest.
 
     Args:
-        path: The file. Its folder is made where needed; an older file is overwritten.
+        stream: The file, opened for writing.
         chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner and
             compress less well.
     """
 
-    def __init__(self, path: Path, *, chunk_size: int = 1 << 20):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._stream = path.open("wb")
+    def __init__(self, stream: BinaryIO, *, chunk_size: int = 1 << 20):
+        self._stream = stream
         # The checksum of the data section lets a reader notice any damaged byte.
         self._writer = Writer(self._stream, chunk_size=chunk_size, enable_data_crcs=True)
         self._writer.start(library="poil_drake")
@@ -78,10 +76,6 @@ class McapSink:
             self._writer.finish()
         finally:
             self._stream.close()
-
-    def abandon(self) -> None:
-        """Closes the file without index and footer, so that readers see that it is incomplete."""
-        self._stream.close()
 
     def _add(self, topic: str, schema: str, encoding: str, data: bytes, time: int) -> None:
         if topic not in self._channels:

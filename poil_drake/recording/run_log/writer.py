@@ -88,8 +88,9 @@ class RunLogWriter:
         plan: bytes | None = None,
         config: RunLogConfig | None = None,
     ):
-        self._config = config or RunLogConfig()
-        self._sink = McapSink(Path(path), chunk_size=self._config.chunk_size)
+        self._config, path = config or RunLogConfig(), Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._sink = McapSink(path.open("wb"), chunk_size=self._config.chunk_size)
         self._encoder = MessageEncoder()
         self._closed = False
         # Metadata first, so that a log that was never closed has it.

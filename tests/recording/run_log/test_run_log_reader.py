@@ -178,7 +178,7 @@ def test_a_damaged_log_is_refused(path):
     ],
 )
 def test_other_messages_than_a_run_writes_are_refused(path, topic, value, problem):
-    sink = McapSink(path)
+    sink = McapSink(path.open("wb"))
     sink.write_json(topic, value, schema="any", time=0)
     sink.close()
 
@@ -189,7 +189,7 @@ def test_other_messages_than_a_run_writes_are_refused(path, topic, value, proble
 
 
 def test_a_message_that_is_nested_too_deeply_is_refused(path):
-    sink = McapSink(path)
+    sink = McapSink(path.open("wb"))
     sink.write_json("/phase", {}, schema="any", time=0)
     writer, channel = sink._writer, sink._channels["/phase"][0]
     writer.add_message(channel, 0, b"[" * 100_000, 0)
