@@ -17,7 +17,7 @@ from poil_drake.recording.demonstration.layout import (
     SCENARIO_ATTACHMENT,
 )
 from poil_drake.recording.demonstration.stored_images import StoredImage
-from poil_drake.recording.mcap.camera_messages import (
+from poil_drake.recording.mcap.message_decoders import (
     Calibration,
     decode_calibration,
     decode_transform,

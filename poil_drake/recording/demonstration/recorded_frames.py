@@ -10,7 +10,7 @@ import numpy as np
 
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.stored_images import StoredImages
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.mcap.timestamps import to_seconds
 
 # A 640 x 480 frame of two cameras takes 4 MB; a tracker looks at a frame and its predecessor.

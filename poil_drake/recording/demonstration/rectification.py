@@ -5,7 +5,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.mcap.message_decoders import Calibration
 
 
 def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -> np.ndarray:

@@ -12,8 +12,8 @@ from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.demonstration.layout import camera_topic
 from poil_drake.recording.demonstration.rectification import rectify
-from poil_drake.recording.mcap.camera_messages import Calibration
 from poil_drake.recording.mcap.image_messages import decode_color, decode_depth, decode_label
+from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.image_messages import MILLIMETRES_PER_METRE, ColorEncoding
-from poil_drake.recording.mcap.log_messages import cloud_fields
+from poil_drake.recording.mcap.message_decoders import cloud_fields
 
 _LENGTH_DELIMITED = 2
 """Wire type of bytes, see https://protobuf.dev/programming-guides/encoding."""

@@ -9,8 +9,8 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.recording.mcap.log_messages import json_schema
 from poil_drake.recording.mcap.message_encoder import EncodedMessage
+from poil_drake.recording.mcap.plain_json import json_schema
 
 METADATA_RECORD = "poil"
 """Name of the metadata records of our files."""

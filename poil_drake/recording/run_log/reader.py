@@ -17,7 +17,7 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.demonstration.contents import CameraContents, Contents
 from poil_drake.recording.demonstration.layout import WORLD_FRAME, optical_frame
 from poil_drake.recording.demonstration.stored_images import StoredImages
-from poil_drake.recording.mcap.log_messages import decode_joint_states, decode_points
+from poil_drake.recording.mcap.message_decoders import decode_joint_states, decode_points
 from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
 from poil_drake.recording.run_log.layout import (

@@ -13,7 +13,7 @@ from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY, parse_label_ids
 from poil_drake.recording.demonstration.stored_images import StoredImages
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.run_log.series import Series
 
 REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."

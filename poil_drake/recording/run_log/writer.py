@@ -20,8 +20,8 @@ from poil_drake.recording.demonstration.layout import (
 )
 from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.log_messages import json_record
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
+from poil_drake.recording.mcap.plain_json import json_record
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 from poil_drake.recording.run_log.layout import JOINT_STATES_TOPIC, PHASE_TOPIC, PLAN_ATTACHMENT

@@ -11,9 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
-from poil_drake.recording.mcap.camera_messages import decode_calibration, decode_transform
 from poil_drake.recording.mcap.image_messages import ColorEncoding, decode_depth, decode_label
-from poil_drake.recording.mcap.log_messages import decode_joint_states, decode_points
+from poil_drake.recording.mcap.message_decoders import (
+    decode_calibration,
+    decode_joint_states,
+    decode_points,
+    decode_transform,
+)
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 
 NAMED = {"stamp": 5, "frame_id": "lens"}
