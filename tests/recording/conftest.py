@@ -24,32 +24,6 @@ def make_frame() -> Callable[..., MultiViewFrame]:
     return small_frames.make_frame
 
 
-def stamped(message: Any, time: float | None) -> Any:
-    if time is not None:
-        message.timestamp.FromNanoseconds(round(time * 1e9))
-    return message
-
-
-def raw(encoding: str, pixels: np.ndarray, time: float | None, frame_id: str = "") -> RawImage:
-    data = pixels.tobytes()
-    message = RawImage(
-        encoding=encoding,
-        data=data,
-        height=len(pixels),
-        width=pixels.shape[1],
-        step=len(data) // len(pixels),
-        frame_id=frame_id,
-    )
-    return stamped(message, time)
-
-
-def transform(parent: str, child: str, translation: tuple[float, ...]) -> FrameTransform:
-    message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
-    message.translation.x, message.translation.y, message.translation.z = translation
-    message.rotation.x = 1.0  # Half a turn about x: looks down.
-    return message
-
-
 @dataclass
 class ForeignRecording:
     """A recording of two cameras "left" and "right", to be changed before it is written.
@@ -63,15 +37,15 @@ class ForeignRecording:
         calibrations: The calibration of each camera; None leaves it out.
         options: Of the MCAP writer.
         metadata: Of the record "poil"; None leaves it out.
-        log_offset: How much later than captured everything was logged [s].
+        log_offset: Delay from capture to log of all messages [s].
     """
 
     path: Path
     times: dict[str, list[float]] = field(default_factory=dict)
-    color: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+    color: Callable[[int, float, str], Any] = lambda i, t, frame: ForeignRecording.raw(
         "rgb8", image(i, stamp=t).rgb, t, frame
     )
-    depth: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+    depth: Callable[[int, float, str], Any] = lambda i, t, frame: ForeignRecording.raw(
         "16UC1", np.rint(1000 * image(i, stamp=t).depth).astype("<u2"), t, frame
     )
     transforms: list[Any] = field(default_factory=list)
@@ -80,18 +54,35 @@ class ForeignRecording:
     metadata: dict[str, str] | None = None
     log_offset: float = 0.0
 
-    # What tests make messages with.
     image = staticmethod(image)
-    raw = staticmethod(raw)
-    stamped = staticmethod(stamped)
-    transform = staticmethod(transform)
+
+    @staticmethod
+    def raw(encoding: str, pixels: np.ndarray, time: float | None, frame_id: str = "") -> RawImage:
+        message = RawImage(
+            encoding=encoding,
+            data=pixels.tobytes(),
+            height=len(pixels),
+            width=pixels.shape[1],
+            step=pixels.nbytes // len(pixels),
+            frame_id=frame_id,
+        )
+        if time is not None:
+            message.timestamp.FromNanoseconds(round(time * 1e9))
+        return message
+
+    @staticmethod
+    def transform(parent: str, child: str, translation: tuple[float, ...]) -> FrameTransform:
+        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+        message.translation.x, message.translation.y, message.translation.z = translation
+        message.rotation.x = 1.0  # Half a turn about x: looks down.
+        return message
 
     def __post_init__(self) -> None:
         for name in ("left", "right"):
             for kind in ("image", "depth"):
                 self.times[f"/camera/{name}/{kind}"] = [i / 8 for i in range(5)]
             frame = f"{name}_lens"
-            self.transforms.append(transform("world", frame, (0.4, 0.1 * len(name), 0.6)))
+            self.transforms.append(self.transform("world", frame, (0.4, 0.1 * len(name), 0.6)))
             self.calibrations[name] = CameraCalibration(
                 frame_id=frame, width=WIDTH, height=HEIGHT, K=K.ravel()
             )

@@ -7,6 +7,8 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import DemonstrationError
 
+RGB, MM = np.zeros((24, 32, 3), np.uint8), np.ones((24, 32), "<u2")
+
 
 def having(**attributes):
     """Returns an edit that sets attributes of a recording."""
@@ -18,8 +20,8 @@ def having(**attributes):
     return edit
 
 
-def without(topic):
-    return lambda foreign: foreign.times.pop(topic)
+def without(attribute, key):
+    return lambda foreign: getattr(foreign, attribute).pop(key)
 
 
 def uncalibrated(foreign):
@@ -72,15 +74,15 @@ def encoded(encoding, pixels, *, frame_id="", size=None):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (without("/camera/right/depth"), ["camera 'right'", "no topic /camera/right/depth"]),
-        (without("/camera/left/image"), ["camera 'left'", "no topic /camera/left/image"]),
         (
-            lambda foreign: foreign.calibrations.pop("left"),
-            ["no topic /camera/left/calibration"],
+            without("times", "/camera/right/depth"),
+            ["camera 'right'", "no topic /camera/right/depth"],
         ),
+        (without("times", "/camera/left/image"), ["camera 'left'", "no topic /camera/left/image"]),
+        (without("calibrations", "left"), ["no topic /camera/left/calibration"]),
         (uncalibrated, ["/camera/left/calibration", "not calibrated"]),
         (fisheye, ["/camera/left/calibration", "equidistant", "rectified"]),
-        (lambda foreign: foreign.transforms.pop(), ["'right_lens'", "camera 'right'", "/tf"]),
+        (without("transforms", 1), ["'right_lens'", "camera 'right'", "/tf"]),
         (having(transforms=[]), ["'left_lens'", "/tf", "foxglove.FrameTransform"]),
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "fewer than 2 frames"]),
@@ -88,24 +90,12 @@ def encoded(encoding, pixels, *, frame_id="", size=None):
         (out_of_step, ["0 frames in which all cameras have colour and depth"]),
         (stops_early, ["/camera/left/depth", "stops 1.25 s before"]),
         (having(times={}, calibrations={}), ["no camera", "/camera/<name>/image"]),
+        (having(color=encoded("yuv422", RGB[..., :2])), ["/camera/left/image", "yuv422", "rgb8"]),
+        (having(depth=encoded("rgb8", RGB)), ["/camera/left/depth", "rgb8", "16UC1"]),
+        (having(depth=encoded("16UC1", MM[:12, :16])), ["/left/depth", "16 x 12", "32 x 24"]),
+        (having(color=encoded("rgb8", RGB, size=100)), ["/camera/left/image", "100 bytes"]),
         (
-            having(color=encoded("yuv422", np.zeros((24, 32, 2), np.uint8))),
-            ["/camera/left/image", "yuv422", "rgb8"],
-        ),
-        (
-            having(depth=encoded("rgb8", np.zeros((24, 32, 3), np.uint8))),
-            ["/camera/left/depth", "rgb8", "16UC1"],
-        ),
-        (
-            having(depth=encoded("16UC1", np.ones((12, 16), "<u2"))),
-            ["/camera/left/depth", "16 x 12", "32 x 24"],
-        ),
-        (
-            having(color=encoded("rgb8", np.zeros((24, 32, 3), np.uint8), size=100)),
-            ["/camera/left/image", "100 bytes"],
-        ),
-        (
-            having(depth=encoded("16UC1", np.ones((24, 32), "<u2"), frame_id="infrared")),
+            having(depth=encoded("16UC1", MM, frame_id="infrared")),
             ["camera 'left'", "infrared", "registered"],
         ),
         (

@@ -128,22 +128,15 @@ def test_unknown_colour_formats_are_refused():
         ColorEncoding(format="gif")
 
 
+# Half of the last of 24 bits of a number below 1: 3e-8.
 @pytest.mark.parametrize(("exact", "loss"), [(True, 0.0), (False, 1e-7)])
-def test_points_keep_their_positions_and_confidence(dut, exact, loss):
-    confidence = np.array([0.7, 0.0])
-
+@pytest.mark.parametrize("confidence", [None, np.array([0.7, 0.0])])
+def test_points_keep_their_positions_and_confidence(dut, confidence, exact, loss):
     got = decode_points(message(dut.points(POINTS, confidence=confidence, exact=exact, **NAMED)))
 
-    # Half of the last of 24 bits of a number below 1: 3e-8.
+    expected = np.ones(2) if confidence is None else confidence
     np.testing.assert_allclose(got[0], POINTS, rtol=0.0, atol=loss)
-    np.testing.assert_allclose(got[1], confidence, rtol=0.0, atol=loss)
-
-
-def test_points_without_confidence_are_certain(dut):
-    points, confidence = decode_points(message(dut.points(POINTS[:1], **NAMED)))
-
-    assert points.shape == (1, 3)
-    np.testing.assert_array_equal(confidence, [1.0])
+    np.testing.assert_allclose(got[1], expected, rtol=0.0, atol=loss)
 
 
 @pytest.mark.parametrize(
