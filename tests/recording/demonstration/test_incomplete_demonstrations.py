@@ -74,11 +74,8 @@ def encoded(encoding, pixels, *, frame_id="", size=None):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (
-            without("times", "/camera/right/depth"),
-            ["camera 'right'", "no topic /camera/right/depth"],
-        ),
-        (without("times", "/camera/left/image"), ["camera 'left'", "no topic /camera/left/image"]),
+        (without("times", "/camera/right/depth"), ["'right' has no topic /camera/right/depth"]),
+        (without("times", "/camera/left/image"), ["camera 'left' has no topic /camera/left/image"]),
         (without("calibrations", "left"), ["no topic /camera/left/calibration"]),
         (uncalibrated, ["/camera/left/calibration", "not calibrated"]),
         (fisheye, ["/camera/left/calibration", "equidistant", "rectified"]),
