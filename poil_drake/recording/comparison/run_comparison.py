@@ -123,7 +123,7 @@ class RunComparison:
     @cached_property
     def first(self) -> FirstDifference | None:
         """The first difference above its tolerance; None if there is none."""
-        found = [*self._signals(), *self._phases(), *self._tracks()]
+        found = [*self._signals_above(), *self._phases_apart(), *self._tracks_missing()]
         if not found:
             return None
         time, what, size, tolerance, began = min(found, key=lambda one: one[0])
@@ -199,19 +199,19 @@ class RunComparison:
             return False  # The other run may have ended just before it.
         return not abs(starts[0] - starts[1]) <= late
 
-    def _signals(self) -> Iterator[_Difference]:
+    def _signals_above(self) -> Iterator[_Difference]:
         for signal, series in self.judged.items():
             limits = self.limits(signal)
             for k in np.flatnonzero(series.values[:, 0] > limits)[:1]:
                 yield series.times[k], signal, series.values[k, 0], limits[k], None
 
-    def _phases(self) -> Iterator[_Difference]:
+    def _phases_apart(self) -> Iterator[_Difference]:
         for phase in filter(self._differs, self.phases):
             size = math.inf if phase.alone else abs(phase.recorded - phase.replayed)
             time = np.nanmin((phase.recorded, phase.replayed))
             yield time, PHASE, size, self.tolerances.phase_start, phase
 
-    def _tracks(self) -> Iterator[_Difference]:
+    def _tracks_missing(self) -> Iterator[_Difference]:
         wanted, tolerance = self.tolerances.point_phases, self.tolerances.unmatched_tracks
         judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
         times = [pair.time for pair in judged if not pair.comparable]
@@ -303,6 +303,5 @@ def _spans(run: RecordedRun) -> tuple[tuple[str, float, float], ...]:
     """Returns the phases; the last one ends after the last sample."""
     starts = [phase.time for phase in run.phases]
     last = math.nextafter(max([run.end, *starts]), math.inf)
-    ends = [*starts[1:], last][: len(starts)]
-    names = [phase.name for phase in run.phases]
-    return tuple(zip(names, starts, ends, strict=True))
+    ends = [*starts[1:], last]
+    return tuple((p.name, p.time, end) for p, end in zip(run.phases, ends, strict=False))

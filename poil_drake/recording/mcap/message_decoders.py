@@ -42,16 +42,11 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
     Raises:
         InvalidValueError: if the camera is not calibrated or its lens model is unknown.
     """
-    K = np.array(message.K, dtype=float)
-    if K.size != 9 or not np.all(np.isfinite(K)) or K[0] <= 0.0 or K[4] <= 0.0:
+    K, distortion = np.array(message.K, dtype=float), np.array(message.D, dtype=float)
+    if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
         raise InvalidValueError(
-            f"the camera is not calibrated (K = {list(message.K)}).",
+            f"the camera is not calibrated (K = {list(message.K)}, distortion {list(message.D)}).",
             remedy="Calibrate the camera, and write K as 9 numbers in row order.",
-        )
-    distortion = np.array(message.D, dtype=float)
-    if not np.all(np.isfinite(distortion)):
-        raise InvalidValueError(
-            f"the distortion {list(message.D)} is not finite.", remedy="Calibrate the camera."
         )
     if not np.any(distortion):
         distortion = np.zeros(0)
