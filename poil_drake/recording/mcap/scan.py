@@ -24,12 +24,14 @@ _PARSE_ERRORS = (
     *(McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, AttributeError),
     *(EOFError, RuntimeError, MemoryError, OverflowError),
 )
-_DECOMPRESSORS = {"zstd": zstandard.ZstdDecompressor().stream_reader, "lz4": lz4.frame.open}
+_DECOMPRESSORS = {
+    "zstd": zstandard.ZstdDecompressor().stream_reader,
+    "lz4": lambda data: lz4.frame.open(io.BytesIO(data)),
+}
 
 LARGEST_CHUNK = 256 << 20
 """Largest size of a decompressed chunk [bytes]: an image of 8192 x 8192 pixels, and far more than
 recorders write at once."""
-
 
 Location = tuple[int, int]
 """Where a message is in a file: the offset of its own record, or of its chunk's [bytes], and which
@@ -220,7 +222,7 @@ def _unpack(record: McapRecord) -> list[McapRecord]:
     if record.compression:
         if record.compression not in _DECOMPRESSORS:
             raise UnsupportedCompressionError(record.compression)
-        with _DECOMPRESSORS[record.compression](io.BytesIO(record.data)) as stream:
+        with _DECOMPRESSORS[record.compression](record.data) as stream:
             data = stream.read(size + 1)
         if len(data) != size:
             raise ValueError("a chunk does not decompress to the size that it states")

@@ -68,32 +68,31 @@ class McapLogger(LeafSystem):
         - applied_spatial_force
         - <topic>.<field>
 
-    With N points and J joints, the robot's signals are written every `robot_period`:
+    Inputs, with N points and J joints. Every `robot_period`:
 
     - `tracked_points` (`TrackedPoints`), once for each stamp;
     - `frame` and `detector.frame` (`MultiViewFrame`, or any other value before the first), once for
       each stamp of an image;
-    - `tracker.times` and `detector.times` (3,) [s], whenever they change, or the field `status` of
-      the topic `tracker` or `detector`, which is written with them;
-    - the measured joint positions [rad], velocities [rad/s] and external torques [Nm] (J,);
-      `panda.velocity`, the commanded joint velocities [rad/s], and the positions with them;
+    - `tracker.times` and `detector.times` (3,) [s], when they change, or the field `status` of the
+      topic `tracker` or `detector`, which is written with them;
+    - the measured joint positions [rad], velocities [rad/s] and external torques [Nm] (J,), and
+      `panda.velocity`, the commanded joint velocities [rad/s], with the commanded positions;
     - `panda.status` (3,): robot mode, age [s] and share of commands in time; with it `clock` (1,),
-      the time by the clock [s] when the supervisor was last updated;
+      the time by the clock [s] of the supervisor's last update;
     - `phase` (1,), when it changes, with the reason, which depends on `fault` (1,);
     - `stop` (1,), the number of requests to stop, when it changes;
     - the status topic `hand`; the topic `cameras`, when one of its times changes.
 
-    The rest is written every `period`:
+    Every `period`:
 
     - `points` and `target_points` (3N,) row-major [m, world], with `confidence` (N,);
     - `gripper_pose` (16,), X_WG row-major; `spatial_velocity` (6,), (ω [rad/s], v [m/s]);
     - the other status topics, each with one (1,) port per field;
-    - `applied_spatial_force`, the forces on bodies as the plant takes them, while there are any and
-      once when they end.
+    - `applied_spatial_force`, the plant's forces on bodies, while there are any and when they end.
 
-    Any port may stay unconnected; its signal is then not logged. Tracked points and frames before
-    the first are not logged either; NaN in other signals is logged as such. Periodic and forced
-    publish events write everything, so a sample shows the state at the end of its step.
+    Any port may stay unconnected; its signal is then not logged. The same holds for tracked points
+    and frames before the first; NaN in other signals is logged as such. Periodic and forced publish
+    events write everything, so a sample shows the state at the end of its step.
 
     The log must be closed after the run where it was opened.
     """
