@@ -113,20 +113,21 @@ def decode_joint_states(message: JointStates, names: Sequence[str]) -> np.ndarra
 
     Args:
         message: The message.
-        names: The joints wanted, in order.
+        names: The joints, in the order of the result.
 
     Raises:
         InvalidValueError: if a joint is missing.
     """
-    known = {joint.name: joint for joint in message.joints}
-    missing = [name for name in names if name not in known]
-    if missing:
+    joints = {joint.name: joint for joint in message.joints}
+    try:
+        wanted = [joints[name] for name in names]
+    except KeyError as error:
         raise InvalidValueError(
-            f"a joint state lacks the joint '{missing[0]}'.", remedy="Write the log with poil run."
-        )
-    values = np.full((3, len(names)), np.nan)
-    for row, key in enumerate(("position", "velocity", "effort")):
-        for column, name in enumerate(names):
-            if known[name].HasField(key):
-                values[row, column] = getattr(known[name], key)
-    return values
+            f"a joint state lacks the joint {error}.", remedy="Write the log with poil run."
+        ) from error
+    return np.array(
+        [
+            [getattr(joint, key) if joint.HasField(key) else np.nan for joint in wanted]
+            for key in ("position", "velocity", "effort")
+        ]
+    )

@@ -97,6 +97,7 @@ def test_images_are_decoded_when_they_are_read(path):
     with RunLogWriter(path) as log:
         write_images(log, 0.25)
         write_images(log, 0.5, label=7)
+        log.write_image("left", np.zeros((*SIZE, 3), np.uint8), time=0.75)  # Without depth.
 
     run = load(path)
     read = run.image_reader(CAMERA)
