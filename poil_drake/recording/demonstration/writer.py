@@ -57,12 +57,11 @@ class DemonstrationWriter:
         self._path = Path(path)
         self._cameras = tuple(cameras)
         self._metadata = dict(metadata)
-        self._color = color or ColorEncoding()
         self._label_ids: dict[str, tuple[int, ...]] = {}
         self._written: dict[str, CameraModel] = {}
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
-        self._encoder = MessageEncoder()
+        self._encoder = MessageEncoder(color=color)
         self._file = ExitStack()
         self._sink = McapSink(self._file.enter_context(whole_file(self._path)))
         if scenario_text is not None:
@@ -106,13 +105,11 @@ class DemonstrationWriter:
             messages[TRANSFORM_TOPIC] = encode.transform(
                 camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
             )
-        images = {
-            "image": encode.color(image.rgb, stamp=stamp, frame_id=frame_id, encoding=self._color),
-            "depth": encode.depth(image.depth, stamp=stamp, frame_id=frame_id),
-        }
-        if image.label is not None:
-            images["label"] = encode.label(image.label, stamp=stamp, frame_id=frame_id)
-        messages |= {camera_topic(camera.name, kind): one for kind, one in images.items()}
+        images = {"image": image.rgb, "depth": image.depth, "label": image.label}
+        for kind, pixels in images.items():
+            if pixels is not None:
+                topic = camera_topic(camera.name, kind)
+                messages[topic] = encode.image(kind, pixels, stamp=stamp, frame_id=frame_id)
         for topic, message in messages.items():
             self._sink.write(topic, message, time=stamp)
 

@@ -45,9 +45,14 @@ class MessageEncoder:
     serialized apart from them.
 
     An encoder may be used by one thread at a time. All stamps are in [ns].
+
+    Args:
+        color: How colour images are encoded.
+        exact_depth: Whether depth images are 32FC1 metres, which take twice as much as 16UC1.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, color: ColorEncoding | None = None, exact_depth: bool = False):
+        self._color, self._exact_depth = color or ColorEncoding(), exact_depth
         # Returns the same message for the same arguments, which are its constant fields.
         self._kept: Callable[..., Any] = lru_cache(maxsize=None)(
             lambda make, *args, **fields: make(*args, **fields)
@@ -75,10 +80,14 @@ class MessageEncoder:
         q.x, q.y, q.z, q.w = Rotation.from_matrix(X_PC[:3, :3]).as_quat().tolist()
         return _serialized(message, stamp)
 
-    def color(
-        self, rgb: np.ndarray, *, stamp: int, frame_id: str, encoding: ColorEncoding
-    ) -> EncodedMessage:
+    def image(self, kind: str, pixels: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:
+        """Encodes an image of a kind: "image" (colour), "depth" or "label"."""
+        encode = {"image": self.color, "depth": self.depth, "label": self.label}[kind]
+        return encode(pixels, stamp=stamp, frame_id=frame_id)
+
+    def color(self, rgb: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:
         """Encodes an (H, W, 3) uint8 colour image."""
+        encoding = self._color
         if encoding.format == "raw":
             return self._raw_image(rgb, "rgb8", stamp, frame_id)
         bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
@@ -89,16 +98,13 @@ class MessageEncoder:
         message = self._kept(CompressedImage, frame_id=frame_id, format=encoding.format)
         return _serialized(message, stamp, data.tobytes())
 
-    def depth(
-        self, depth: np.ndarray, *, stamp: int, frame_id: str, exact: bool = False
-    ) -> EncodedMessage:
-        """Encodes an (H, W) depth image [m] as 16UC1 millimetres; 0 stands for invalid.
+    def depth(self, depth: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:
+        """Encodes an (H, W) depth image [m] as 16UC1 millimetres, or as it is; 0 means invalid.
 
         The rounding adds 0.29 mm rms, below the noise of a depth camera. Depth that is not finite,
-        negative or beyond 65.535 m becomes invalid. An `exact` image is 32FC1 metres instead, which
-        take twice as much.
+        negative or beyond 65.535 m becomes invalid.
         """
-        if exact:
+        if self._exact_depth:
             return self._raw_image(depth.astype("<f4"), "32FC1", stamp, frame_id)
         millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
         millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0

@@ -4,6 +4,7 @@ import atexit
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -91,7 +92,9 @@ class RunLogWriter:
         self._config, path = config or RunLogConfig(), Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._sink = McapSink(path.open("wb"), chunk_size=self._config.chunk_size)
-        self._encoder = MessageEncoder()
+        self._encoder = MessageEncoder(
+            color=self._config.color, exact_depth=self._config.exact_depth
+        )
         self._closed = False
         # Metadata first, so that a log that was never closed has it.
         self._sink.add_metadata({**version_metadata(), **(metadata or {})})
@@ -115,25 +118,19 @@ class RunLogWriter:
         self, camera: str, rgb: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W, 3) uint8 colour image."""
-        encoding = self._config.color
-        self._write_pixels(
-            camera, "image", self._encoder.color, rgb, time=time, stamp=stamp, encoding=encoding
-        )
+        self._write_pixels("image", camera, rgb, time, stamp)
 
     def write_depth(
         self, camera: str, depth: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) depth image [m]."""
-        exact = self._config.exact_depth
-        self._write_pixels(
-            camera, "depth", self._encoder.depth, depth, time=time, stamp=stamp, exact=exact
-        )
+        self._write_pixels("depth", camera, depth, time, stamp)
 
     def write_label(
         self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) label image."""
-        self._write_pixels(camera, "label", self._encoder.label, label, time=time, stamp=stamp)
+        self._write_pixels("label", camera, label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
         """Writes the labels of objects and parts as metadata; see `MultiViewFrame.label_ids`."""
@@ -237,10 +234,13 @@ class RunLogWriter:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _write_pixels(self, camera: str, kind: str, *args: Any, **options: Any) -> None:
+    def _write_pixels(
+        self, kind: str, camera: str, pixels: np.ndarray, time: float, stamp: float | None
+    ) -> None:
         if self._config.images:
-            topic, frame_id = camera_topic(camera, kind), optical_frame(camera)
-            self._write(topic, *args, frame_id=frame_id, **options)
+            topic, encode = camera_topic(camera, kind), partial(self._encoder.image, kind)
+            frame_id = optical_frame(camera)
+            self._write(topic, encode, pixels, time=time, stamp=stamp, frame_id=frame_id)
 
     def _write(
         self,

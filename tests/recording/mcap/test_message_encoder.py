@@ -112,15 +112,13 @@ def test_labels_are_exact(label):
     np.testing.assert_array_equal(got, label)
 
 
-def test_jpeg_quality_is_used(dut):
+def test_jpeg_quality_is_used():
     rgb = np.random.default_rng(0).integers(0, 255, (60, 80, 3), dtype=np.uint8)
 
-    sizes = [
-        len(dut.color(rgb, encoding=ColorEncoding(jpeg_quality=quality), **NAMED).data)
-        for quality in (50, 95)
-    ]
+    encoders = [MessageEncoder(color=ColorEncoding(jpeg_quality=quality)) for quality in (50, 95)]
+    small, large = (len(dut.color(rgb, **NAMED).data) for dut in encoders)
 
-    assert sizes[0] < sizes[1]
+    assert small < large
 
 
 def test_unknown_colour_formats_are_refused():
