@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -72,13 +72,8 @@ class RecordedFrames(Sequence[MultiViewFrame]):
     def __len__(self) -> int:
         return len(self._instants)
 
-    @overload
-    def __getitem__(self, index: int) -> MultiViewFrame: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[MultiViewFrame]: ...
-
-    def __getitem__(self, index: int | slice) -> MultiViewFrame | Sequence[MultiViewFrame]:
+    def __getitem__(self, index: int | slice) -> Any:
+        """Returns a frame, or the sequence of a slice."""
         if isinstance(index, slice):
             return RecordedFrames(self._path, self._instants[index], self._label_ids)
         return self._frame(range(len(self))[index])

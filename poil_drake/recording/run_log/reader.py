@@ -57,10 +57,7 @@ _IMAGE_TIME = ".image_time"
 """Ending of the cameras' fields in the records of CAMERAS_STATUS_TOPIC."""
 
 # What a message raises that is not what its topic holds; InvalidValueError is a ValueError.
-_MESSAGE_ERRORS = (
-    *(ValueError, KeyError, TypeError, AttributeError, OverflowError),
-    RecursionError,
-)
+_MESSAGE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 def load_recorded_run(path: str | Path, *, joint_names: Sequence[str]) -> RecordedRun:
@@ -148,11 +145,8 @@ class _Reader:
             else:
                 self._contents.add(scanned)
         except _MESSAGE_ERRORS as error:
-            problem = f"a message is damaged: {error!r}."
-            if isinstance(error, PoilError):
-                problem = error.problem
-            elif isinstance(error, RecursionError):
-                problem = "a message is nested too deeply."
+            damage = f"a message is damaged: {error!r}."
+            problem = error.problem if isinstance(error, PoilError) else damage
             raise RunLogError(
                 f"{self._run.path}, topic {scanned.topic}: {problem}", remedy=REMEDY
             ) from error
