@@ -46,14 +46,14 @@ def camera_names(path: Path, contents: Contents) -> list[str]:
 
 def check_camera(path: Path, contents: Contents, name: str) -> None:
     """Raises an error unless a camera has colour, depth and calibration."""
-    camera = contents.cameras.get(name, CameraContents())
-    for kind in ("image", "depth", "calibration"):
+    camera, kinds = contents.cameras.get(name, CameraContents()), ("image", "depth", "calibration")
+    present = " and ".join(kind for kind in kinds if getattr(camera, kind)) or "none of the three"
+    for kind in kinds:
         messages, topic = getattr(camera, kind), camera_topic(name, kind)
         if not messages:
-            found = ", ".join(f"'{other}'" for other in sorted(contents.cameras)) or "none"
             raise DemonstrationError(
-                f"{path}: camera '{name}' has no topic {topic}; the cameras in the file are: "
-                f"{found}.",
+                f"{path}: camera '{name}' has no topic {topic}, but {present}; the cameras in the "
+                f"file are: {', '.join(repr(c) for c in sorted(contents.cameras)) or 'none'}.",
                 remedy="Record colour, depth and calibration of each camera, or name the cameras "
                 "to use.",
             )

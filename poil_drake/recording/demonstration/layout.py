@@ -2,6 +2,7 @@
 
 import json
 import re
+from operator import index
 
 from poil_drake.errors import InvalidValueError
 
@@ -33,8 +34,8 @@ def parse_label_ids(text: str) -> dict[str, tuple[int, ...]]:
         InvalidValueError: if it is not a table of labels.
     """
     try:
-        return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
-    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        return {name: tuple(index(i) for i in ids) for name, ids in json.loads(text).items()}
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidValueError(
             f"the metadata '{LABEL_IDS_KEY}' is not a JSON table of labels: {text[:80]}.",
             remedy='Give lists of render labels, e.g. {"mug": [3, 4]}.',
