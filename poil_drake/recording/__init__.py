@@ -1,4 +1,4 @@
-"""Demonstrations and run logs as MCAP. No pydrake."""
+"""Demonstrations and run logs, recorded as MCAP; nothing here imports pydrake."""
 
 import lazy_loader
 

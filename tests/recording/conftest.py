@@ -1,4 +1,4 @@
-"""Small scenes, and recordings made by somebody else's tools."""
+"""Small scenes, and recordings of other tools."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,6 +15,7 @@ from mcap_protobuf.writer import Writer
 from small_frames import HEIGHT, WIDTH, K, image
 
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 
 
 @pytest.fixture
@@ -23,37 +24,12 @@ def make_frame() -> Callable[..., MultiViewFrame]:
     return small_frames.make_frame
 
 
-def stamped(message: Any, time: float | None) -> Any:
-    if time is not None:
-        message.timestamp.FromNanoseconds(round(time * 1e9))
-    return message
-
-
-def raw(encoding: str, pixels: np.ndarray, time: float | None, frame_id: str = "") -> RawImage:
-    data = pixels.tobytes()
-    message = RawImage(
-        encoding=encoding,
-        data=data,
-        height=len(pixels),
-        width=pixels.shape[1],
-        step=len(data) // len(pixels),
-        frame_id=frame_id,
-    )
-    return stamped(message, time)
-
-
-def transform(parent: str, child: str, translation: tuple[float, ...]) -> FrameTransform:
-    message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
-    message.translation.x, message.translation.y, message.translation.z = translation
-    message.rotation.x = 1.0  # Half a turn about x: looks down.
-    return message
-
-
 @dataclass
 class ForeignRecording:
     """A recording of two cameras "left" and "right", to be changed before it is written.
 
     Attributes:
+        path: Where it is written.
         times: The stamps of each stream of images [s], by topic.
         color: Makes a colour message from index, time and frame.
         depth: Makes a depth message from index, time and frame.
@@ -61,14 +37,15 @@ class ForeignRecording:
         calibrations: The calibration of each camera; None leaves it out.
         options: Of the MCAP writer.
         metadata: Of the record "poil"; None leaves it out.
-        log_offset: How much later than captured everything was logged [s].
+        log_offset: Delay from capture to log of all messages [s].
     """
 
+    path: Path
     times: dict[str, list[float]] = field(default_factory=dict)
-    color: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+    color: Callable[[int, float, str], Any] = lambda i, t, frame: ForeignRecording.raw(
         "rgb8", image(i, stamp=t).rgb, t, frame
     )
-    depth: Callable[[int, float, str], Any] = lambda i, t, frame: raw(
+    depth: Callable[[int, float, str], Any] = lambda i, t, frame: ForeignRecording.raw(
         "16UC1", np.rint(1000 * image(i, stamp=t).depth).astype("<u2"), t, frame
     )
     transforms: list[Any] = field(default_factory=list)
@@ -77,24 +54,44 @@ class ForeignRecording:
     metadata: dict[str, str] | None = None
     log_offset: float = 0.0
 
-    # What tests make messages with.
     image = staticmethod(image)
-    raw = staticmethod(raw)
-    stamped = staticmethod(stamped)
-    transform = staticmethod(transform)
+
+    @staticmethod
+    def raw(encoding: str, pixels: np.ndarray, time: float | None, frame_id: str = "") -> RawImage:
+        message = RawImage(
+            encoding=encoding,
+            data=pixels.tobytes(),
+            height=len(pixels),
+            width=pixels.shape[1],
+            step=pixels.nbytes // len(pixels),
+            frame_id=frame_id,
+        )
+        if time is not None:
+            message.timestamp.FromNanoseconds(round(time * 1e9))
+        return message
+
+    @staticmethod
+    def transform(parent: str, child: str, translation: tuple[float, ...]) -> FrameTransform:
+        message = FrameTransform(parent_frame_id=parent, child_frame_id=child)
+        message.translation.x, message.translation.y, message.translation.z = translation
+        message.rotation.x = 1.0  # Half a turn about x: looks down.
+        return message
 
     def __post_init__(self) -> None:
         for name in ("left", "right"):
             for kind in ("image", "depth"):
                 self.times[f"/camera/{name}/{kind}"] = [i / 8 for i in range(5)]
             frame = f"{name}_lens"
-            self.transforms.append(transform("world", frame, (0.4, 0.1 * len(name), 0.6)))
+            self.transforms.append(self.transform("world", frame, (0.4, 0.1 * len(name), 0.6)))
             self.calibrations[name] = CameraCalibration(
                 frame_id=frame, width=WIDTH, height=HEIGHT, K=K.ravel()
             )
 
-    def write(self, path: Path, extra: Callable[[Writer], None] | None = None) -> Path:
-        with path.open("wb") as stream, Writer(stream, **self.options) as writer:
+    def load(
+        self, extra: Callable[[Writer], None] | None = None, cameras: list[str] | None = None
+    ) -> Demonstration:
+        """Writes the recording, with `extra` messages, and loads it."""
+        with self.path.open("wb") as stream, Writer(stream, **self.options) as writer:
             for message in self.transforms:
                 self._log(writer, "/tf", message, 0.0)
             for name, calibration in self.calibrations.items():
@@ -109,7 +106,7 @@ class ForeignRecording:
                 writer.add_metadata("poil", self.metadata)
             if extra is not None:
                 extra(writer)
-        return path
+        return load_demonstration(self.path, cameras=cameras)
 
     def _log(self, writer: Writer, topic: str, message: Any, time: float) -> None:
         log_time = round((time + self.log_offset) * 1e9)
@@ -117,5 +114,5 @@ class ForeignRecording:
 
 
 @pytest.fixture
-def foreign() -> ForeignRecording:
-    return ForeignRecording()
+def foreign(tmp_path: Path) -> ForeignRecording:
+    return ForeignRecording(tmp_path / "demo.mcap")

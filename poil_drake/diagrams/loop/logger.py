@@ -11,7 +11,6 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.systems.logging.mcap_logger import McapLogger
-from poil_drake.systems.logging.mcap_logger_config import McapLoggerConfig
 from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT
 from poil_drake.systems.skill.phase_texts import PHASE_NAMES, phase_reason
 from poil_drake.systems.skill.phases import FAULT_TEXT
@@ -59,9 +58,9 @@ def MakeLoopLogger(
             "skill.fault": {int(fault): text for fault, text in FAULT_TEXT.items()},
         },
         reference=plan.reference,
-        config=McapLoggerConfig(
-            period=scenario.poil.rates.logger, robot_period=period, robot_offset=offset
-        ),
+        period=scenario.poil.rates.logger,
+        robot_period=period,
+        robot_offset=offset,
     )
 
 

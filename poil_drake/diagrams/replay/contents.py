@@ -171,7 +171,7 @@ def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
         RunLogError: if it has no images of a camera, or no label images that are needed.
     """
     for camera in scenario.cameras:
-        images = [image for image in run.images.get(camera, []) if image.depth is not None]
+        images = run.images.get(camera, [])
         labelled = any(image.label is not None for image in images)
         kind = "" if not images else "label "
         if not images or (scenario.poil.detector == LABEL_IMAGE and not labelled):

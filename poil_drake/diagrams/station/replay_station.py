@@ -17,6 +17,7 @@ from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel
+from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.timestamps import to_seconds
 from poil_drake.recording.run_log.layout import (
     DETECTOR_TIMES_TOPIC,
@@ -27,8 +28,7 @@ from poil_drake.recording.run_log.layout import (
     STATION_KEY,
     TRACKER_TIMES_TOPIC,
 )
-from poil_drake.recording.run_log.logged_images import ImageReader
-from poil_drake.recording.run_log.recorded_run import LoggedImages, RecordedRun
+from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
 from poil_drake.systems.capture_timing import RecordedTiming
@@ -153,7 +153,7 @@ class ReplayStation(Station):
             builder.ExportOutput(port, port.get_name())
 
     def _camera(self, model: CameraModel, delay: float) -> RecordedCamera:
-        images = [i for i in self._run.images.get(model.name, []) if i.depth is not None]
+        images = self._run.images.get(model.name, [])
         stamps = [to_seconds(image.color.stamp) for image in images]
         simulated = self._kind == SIMULATED
         if simulated:
@@ -165,12 +165,12 @@ class ReplayStation(Station):
             name=model.name,
             shown_from=shown_from,
             stamps=stamps,
-            read=ImageReader(self._run.path, model, images),
+            read=self._run.image_reader(model),
             labels=any(image.label is not None for image in images),
             times=None if simulated and delay == 0.0 else times,
         )
 
-    def _shown_at(self, image: LoggedImages) -> float:
+    def _shown_at(self, image: StoredImages) -> float:
         """Returns the control tick [s] at which an image appeared, before its first use."""
         uses = [
             self._run.numbers[topic].at(image.time)[0]

@@ -1,1 +1,1 @@
-"""Compares two runs that had the same inputs."""
+"""Comparison of a run and its replay, which had the same inputs."""

@@ -1,8 +1,10 @@
-"""How two runs differ that had the same inputs: a run, and its replay."""
+"""Compares a run and its replay, which had the same inputs."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
 
 import numpy as np
 
@@ -29,7 +31,7 @@ class DifferenceStatistics:
     Attributes:
         count: Number of samples.
         median: Median.
-        percentile_95: What 95 percent of the samples do not exceed.
+        percentile_95: 95th percentile.
         maximum: Largest.
     """
 
@@ -40,11 +42,11 @@ class DifferenceStatistics:
 
     @classmethod
     def of(cls, values: np.ndarray) -> "DifferenceStatistics":
-        """Returns the statistics of some differences; NaN among them are left out."""
+        """Returns the statistics of some differences, NaN left out."""
         known = values[~np.isnan(values)]
         if not known.size:
             return cls(count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan)
-        # Of the samples themselves, as there may be infinite ones, between which nothing is.
+        # One of the samples each, because infinite ones cannot be interpolated.
         median, percentile_95 = np.percentile(known, [50.0, 95.0], method="higher")
         return cls(
             count=known.size,
@@ -56,7 +58,7 @@ class DifferenceStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseComparison:
-    """A phase, and when it began in the run and in its replay [s]; NaN where it did not."""
+    """A phase and its start in the run and in its replay [s]; NaN where it does not occur."""
 
     name: str
     recorded: float
@@ -70,16 +72,16 @@ class PhaseComparison:
 
 @dataclass(frozen=True, kw_only=True)
 class FirstDifference:
-    """Where two runs part.
+    """Where two runs begin to differ.
 
     Attributes:
         time: When [s].
         what: A signal, `PHASE` or `TRACKS`.
         phase: The phase of the recorded run.
-        size: How large the difference is, in the signal's unit, or [s]; infinite where only one
-            of the two has it. Of `TRACKS`, the share that cannot be compared.
-        tolerance: How large it might have been.
-        began: The phase that differs, where one does.
+        size: How large the difference is, in the signal's unit, or [s]; infinite if only one of
+            the two has it. Of `TRACKS`, the share that cannot be compared.
+        tolerance: The tolerance that it exceeds.
+        began: The phase that differs, if `what` is `PHASE`.
     """
 
     time: float
@@ -90,21 +92,24 @@ class FirstDifference:
     began: PhaseComparison | None = None
 
 
+_Difference = tuple[float, str, float, float, PhaseComparison | None]
+"""Time [s], what differs, size, tolerance, and the phase that differs."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunComparison:
     """How a replay differs from the run.
 
     Attributes:
         differences: Signal -> its differences, infinite where only one of the two is finite.
-        judged: The same, as far as they count: of velocities, while points move the arm and for
-            `ReplayTolerances.phase_start` after, what is left of them if either run may be
-            `ReplayTolerances.shift` earlier or later.
+        judged: The differences that are held against the tolerances. Those of velocities allow
+            either run to be `ReplayTolerances.shift` earlier or later while points move the arm,
+            and for `ReplayTolerances.phase_start` after.
         phases: The phases of both, in order.
         spans: Each phase of the recorded run: name, start and end [s].
-        tolerances: What was tolerated.
+        tolerances: The tolerances.
         tracks: How the tracks differ.
         commands: How many samples of commands the recorded run has.
-        first: Where they part; None if nowhere.
     """
 
     differences: Mapping[str, Series]
@@ -114,20 +119,32 @@ class RunComparison:
     tolerances: ReplayTolerances
     tracks: TrackComparison
     commands: int
-    first: FirstDifference | None = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "first", self._first())
+    @cached_property
+    def first(self) -> FirstDifference | None:
+        """The first difference above its tolerance; None if there is none."""
+        found = [*self._signals_above(), *self._phases_apart(), *self._tracks_missing()]
+        if not found:
+            return None
+        time, what, size, tolerance, began = min(found, key=lambda one: one[0])
+        return FirstDifference(
+            time=float(time),
+            what=what,
+            phase=self._phase_at(time),
+            size=float(size),
+            tolerance=float(tolerance),
+            began=began,
+        )
 
     @property
     def same(self) -> bool:
-        """Whether anything was compared, and no difference is above its tolerance."""
+        """Whether anything was compared and no difference is above its tolerance."""
         return self.first is None and self.statistics(JOINT_VELOCITY).count > 0
 
     @property
     def phases_agree(self) -> bool:
         """Whether the same phases began at the same times."""
-        return not any(self._parts(phase) for phase in self.phases)
+        return not any(self._differs(phase) for phase in self.phases)
 
     def statistics(self, signal: str) -> DifferenceStatistics:
         """Returns the statistics of a signal's differences over the run."""
@@ -143,11 +160,12 @@ class RunComparison:
         return found
 
     def limits(self, signal: str) -> np.ndarray:
-        """Returns the tolerance (T,) of each judged difference; infinite where none counts.
+        """Returns the tolerance (T,) of each judged difference; infinite where none applies.
 
         Points count in the phases in which they move the arm. While both runs are in the same other
-        phase, which began at the same time, velocities are held to `ReplayTolerances.elsewhere`;
-        but not so soon after the points moved the arm, as what they did fades away.
+        phase, which began at the same time in both, the tolerance of velocities is
+        `ReplayTolerances.elsewhere`; but not directly after points moved the arm, while their
+        effect fades.
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
@@ -155,7 +173,7 @@ class RunComparison:
             return np.where(_moved(times, self.spans, tolerances), usual, math.inf)
         limits = np.full(len(times), usual)
         if strict is not None:
-            for start, end in self._together(strict.phase_start):
+            for start, end in self._common_spans(strict.phase_start):
                 limits[(times >= start) & (times < end)] = strict.of(signal)
         limits[_moved(times, self.spans, tolerances, fading=tolerances.phase_start)] = usual
         return limits
@@ -165,77 +183,41 @@ class RunComparison:
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
-    def _together(self, tolerance: float) -> Iterator[tuple[float, float]]:
-        """Yields from when until when [s] both are in a phase that they began together."""
+    def _common_spans(self, tolerance: float) -> Iterator[tuple[float, float]]:
+        """Yields start and end [s] of the phases that began at the same time in both runs."""
         begun = [phase for phase in self.phases if not math.isnan(phase.recorded)]
         for k, (phase, (_, start, end)) in enumerate(zip(begun, self.spans, strict=True)):
             if abs(phase.recorded - phase.replayed) <= tolerance:
                 left = begun[k + 1].replayed if k + 1 < len(begun) else math.nan
                 yield start, float(np.fmin(end, left))
 
-    def _parts(self, phase: PhaseComparison) -> bool:
+    def _differs(self, phase: PhaseComparison) -> bool:
         end = self.spans[-1][2] if self.spans else math.inf
-        starts = (phase.recorded, phase.replayed)
-        alone = [math.isnan(other.recorded) for other in self.phases if other.alone]
-        if phase.alone and len(set(alone)) == 1 and np.nanmin(starts) > end - self._late:
-            return False  # It may yet have come.
-        return not abs(starts[0] - starts[1]) <= self._late
+        starts, late = (phase.recorded, phase.replayed), self.tolerances.phase_start
+        alone = {math.isnan(other.recorded) for other in self.phases if other.alone}
+        if phase.alone and len(alone) == 1 and np.nanmin(starts) > end - late:
+            return False  # The other run may have ended just before it.
+        return not abs(starts[0] - starts[1]) <= late
 
-    @property
-    def _late(self) -> float:
-        return self.tolerances.phase_start
-
-    def _first(self) -> FirstDifference | None:
-        found = [*self._signals_apart(), *self._phases_apart(), *self._tracks_apart()]
-        return min(found, key=lambda one: one.time, default=None)
-
-    def _signals_apart(self) -> Iterator[FirstDifference]:
+    def _signals_above(self) -> Iterator[_Difference]:
         for signal, series in self.judged.items():
             limits = self.limits(signal)
-            above = np.flatnonzero(series.values[:, 0] > limits)
-            if above.size:
-                k = above[0]
-                yield self._difference(
-                    series.times[k], signal, size=series.values[k, 0], tolerance=limits[k]
-                )
+            for k in np.flatnonzero(series.values[:, 0] > limits)[:1]:
+                yield series.times[k], signal, series.values[k, 0], limits[k], None
 
-    def _phases_apart(self) -> Iterator[FirstDifference]:
-        for phase in self.phases:
-            if self._parts(phase):
-                gap = abs(phase.recorded - phase.replayed)
-                yield self._difference(
-                    np.nanmin((phase.recorded, phase.replayed)),
-                    PHASE,
-                    size=math.inf if phase.alone else gap,
-                    tolerance=self._late,
-                    began=phase,
-                )
+    def _phases_apart(self) -> Iterator[_Difference]:
+        for phase in filter(self._differs, self.phases):
+            size = math.inf if phase.alone else abs(phase.recorded - phase.replayed)
+            time = np.nanmin((phase.recorded, phase.replayed))
+            yield time, PHASE, size, self.tolerances.phase_start, phase
 
-    def _tracks_apart(self) -> Iterator[FirstDifference]:
-        wanted = self.tolerances.point_phases
+    def _tracks_missing(self) -> Iterator[_Difference]:
+        wanted, tolerance = self.tolerances.point_phases, self.tolerances.unmatched_tracks
         judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
-        apart = [pair.time for pair in judged if not pair.comparable]
-        share, tolerance = len(apart) / max(len(judged), 1), self.tolerances.unmatched_tracks
+        times = [pair.time for pair in judged if not pair.comparable]
+        share = len(times) / max(len(judged), 1)
         if share > tolerance:
-            yield self._difference(min(apart), TRACKS, size=share, tolerance=tolerance)
-
-    def _difference(
-        self,
-        time: float,
-        what: str,
-        *,
-        size: float,
-        tolerance: float,
-        began: PhaseComparison | None = None,
-    ) -> FirstDifference:
-        return FirstDifference(
-            time=float(time),
-            what=what,
-            phase=self._phase_at(float(time)),
-            size=float(size),
-            tolerance=float(tolerance),
-            began=began,
-        )
+            yield min(times), TRACKS, share, tolerance, None
 
     def _phase_at(self, time: float) -> str:
         names = [name for name, start, _ in self.spans if start <= time]
@@ -250,7 +232,7 @@ def compare_runs(
     Args:
         recorded: The run.
         replayed: Its replay.
-        tolerances: What is tolerated.
+        tolerances: The tolerances.
     """
     commands = SignalPair.of(recorded.commands, replayed.commands)
     twists = SignalPair.of(recorded.twist, replayed.twist)
@@ -281,7 +263,7 @@ def _moved(
     *,
     fading: float = 0.0,
 ) -> np.ndarray:
-    """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] ago."""
+    """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] before."""
     moved = np.zeros(len(times), dtype=bool)
     for name, start, end in spans:
         if name in tolerances.point_phases:
@@ -292,7 +274,7 @@ def _moved(
 def _velocity_differences(
     commands: SignalPair, twists: SignalPair, *, shift: float
 ) -> dict[str, Series]:
-    """Returns each velocity's differences (T, 1), if it may be so much earlier or later [s]."""
+    """Returns each velocity's differences (T, 1) up to a `shift` in time [s]."""
     joints, twist = commands.differences(shift), twists.differences(shift)
     largest = np.max(joints, axis=1, initial=0.0)
     angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
@@ -306,27 +288,20 @@ def _velocity_differences(
 def _compare_phases(
     recorded: Sequence[PhaseStart], replayed: Sequence[PhaseStart]
 ) -> tuple[PhaseComparison, ...]:
-    """Returns the phases of both side by side as long as they are the same, and then all others."""
-    same = 0
-    while same < min(len(recorded), len(replayed)) and (recorded[same].name == replayed[same].name):
-        same += 1
-    pairs = [
-        PhaseComparison(name=a.name, recorded=a.time, replayed=b.time)
-        for a, b in zip(recorded[:same], replayed[:same], strict=True)
+    """Returns the phases of both, paired while they are the same, and then all others."""
+    pairs = zip(recorded, replayed, strict=False)
+    same = sum(1 for _ in takewhile(lambda pair: pair[0].name == pair[1].name, pairs))
+    rows = [
+        *((a.name, a.time, b.time) for a, b in zip(recorded[:same], replayed, strict=False)),
+        *((a.name, a.time, math.nan) for a in recorded[same:]),
+        *((b.name, math.nan, b.time) for b in replayed[same:]),
     ]
-    pairs += [
-        PhaseComparison(name=a.name, recorded=a.time, replayed=math.nan) for a in recorded[same:]
-    ]
-    pairs += [
-        PhaseComparison(name=b.name, recorded=math.nan, replayed=b.time) for b in replayed[same:]
-    ]
-    return tuple(pairs)
+    return tuple(PhaseComparison(name=name, recorded=a, replayed=b) for name, a, b in rows)
 
 
 def _spans(run: RecordedRun) -> tuple[tuple[str, float, float], ...]:
     """Returns the phases; the last one ends after the last sample."""
     starts = [phase.time for phase in run.phases]
     last = math.nextafter(max([run.end, *starts]), math.inf)
-    ends = [*starts[1:], last][: len(starts)]
-    names = [phase.name for phase in run.phases]
-    return tuple(zip(names, starts, ends, strict=True))
+    ends = [*starts[1:], last]
+    return tuple((p.name, p.time, end) for p, end in zip(run.phases, ends, strict=False))

@@ -1,4 +1,4 @@
-"""How two runs' samples of one signal differ."""
+"""Differences of two runs' samples of one signal."""
 
 from typing import NamedTuple, Self
 
@@ -6,14 +6,17 @@ import numpy as np
 
 from poil_drake.recording.run_log.series import Series
 
+_ROUNDING = 1e-9
+"""Rounding of times that were written as nanoseconds [s]."""
+
 
 class SignalPair(NamedTuple):
-    """What two runs say of a signal, at the times that both have.
+    """A signal in two runs, at the times that both have.
 
     Attributes:
         times: (T,) [s], in order.
-        a: (T, n) what the one says.
-        b: (T, n) what the other one says.
+        a: (T, n) its values in one run.
+        b: (T, n) its values in the other.
     """
 
     times: np.ndarray
@@ -28,43 +31,39 @@ class SignalPair(NamedTuple):
         return cls(a.times[in_a], a.values[in_a], b.values[in_b])
 
     def differences(self, shift: float = 0.0) -> np.ndarray:
-        """Returns how far the two are apart (T, n).
+        """Returns the absolute differences (T, n).
 
-        Zero where neither is finite, and infinite where only one of them is.
+        They are zero where neither value is finite, and infinite where only one is.
 
         Args:
-            shift: Either may do so much earlier or later what the other one does [s]: what counts
-                is how far, element by element, each is outside the range of values that the other
-                one has within that time, whichever of the two is farther out.
+            shift: How much earlier or later either may be [s]. Each value is then compared with the
+                range of the other run's values within that time: what counts is how far the value
+                is outside, element by element, and in the run in which that is more.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]
         found = np.zeros(self.a.shape)
         for one, other, finite in ((self.a, self.b, known[1]), (self.b, self.a, known[0])):
             lowest, highest = self._bounds(other, finite, shift)
-            beyond = np.maximum(
-                np.subtract(one, highest, out=np.zeros_like(found), where=both),
-                np.subtract(lowest, one, out=np.zeros_like(found), where=both),
-            )
-            np.maximum(found, beyond, out=found)
-        return np.where(known[0] != known[1], np.inf, found)
+            value = np.where(both, one, 0.0)
+            found = np.maximum(found, np.maximum(value - highest, lowest - value))
+        return np.where(both, found, np.where(known[0] != known[1], np.inf, 0.0))
 
     def _bounds(
         self, values: np.ndarray, finite: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the extremes (T, n) of the finite values around each sample."""
-        lowest, highest = np.where(finite, values, np.inf), np.where(finite, values, -np.inf)
-        bounds = lowest.copy(), highest.copy()
-        for step in range(1, len(values)):
-            near = (self.times[step:] - self.times[:-step] <= shift + _ROUNDING)[:, None]
-            if not near.any():
-                break
-            early, late = slice(None, -step), slice(step, None)
-            for here, there in ((early, late), (late, early)):
-                np.minimum(bounds[0][here], lowest[there], out=bounds[0][here], where=near)
-                np.maximum(bounds[1][here], highest[there], out=bounds[1][here], where=near)
-        return bounds
-
-
-_ROUNDING = 1e-9
-"""Times written as nanoseconds come back rounded [s]."""
+        """Returns the extremes (T, n) of the finite values within `shift` [s] of each sample."""
+        reach = shift + _ROUNDING
+        first = np.searchsorted(self.times, self.times - reach)
+        last = np.searchsorted(self.times, self.times + reach, side="right")
+        # `reduceat` reduces from each index to the next; every other result is a window's. A row
+        # that changes nothing makes the end of the last window a valid index.
+        windows = np.column_stack([first, last]).ravel()
+        padded = [
+            np.vstack([np.where(finite, values, unknown), np.full((1, values.shape[1]), unknown)])
+            for unknown in (np.inf, -np.inf)
+        ]
+        return (
+            np.minimum.reduceat(padded[0], windows)[::2],
+            np.maximum.reduceat(padded[1], windows)[::2],
+        )

@@ -1,4 +1,4 @@
-"""Up to which differences a run and its replay count as the same."""
+"""The differences up to which a run and its replay count as the same."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,23 +14,23 @@ TRACKED_POINTS = "tracked_points_m"
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayTolerances:
-    """Up to which differences two runs count as the same.
+    """The differences up to which two runs count as the same.
 
     Attributes:
         joint_velocity: Of each joint's commanded velocity [rad/s].
-        angular_velocity: Of the gripper's angular velocity asked for [rad/s].
-        linear_velocity: Of its linear velocity asked for [m/s].
-        tracked_points: Of each tracked point [m], in the phases in which they move the arm.
+        angular_velocity: Of the gripper's desired angular velocity [rad/s].
+        linear_velocity: Of its desired linear velocity [m/s].
+        tracked_points: Of each tracked point [m], in the phases in which points move the arm.
         phase_start: Of the time at which a phase begins [s].
-        shift: So much earlier or later the velocities may do the same [s], where points move the
-            arm, and for `phase_start` after: a point that is elsewhere by a little lets the field's
-            reference jump when the arm is elsewhere by as much. What swings to and fro faster than
-            that is not told apart.
-        unmatched_tracks: Share of the tracks, in the phases in which they move the arm, that only
+        shift: How much earlier or later the velocities may be [s] while points move the arm, and
+            for `phase_start` after: where a point is slightly off, the field's reference jumps when
+            the arm is at a slightly different place. Oscillations faster than that are not told
+            apart.
+        unmatched_tracks: Share of the tracks, in the phases in which points move the arm, that only
             one of the two has, or that show no point that both saw.
         point_phases: The phases in which the points move the arm. In others nothing depends on
             them, and a hand that lets go hides them.
-        elsewhere: What holds for the velocities in all other phases, if they began at the same
+        elsewhere: The tolerances of the velocities in all other phases, if they began at the same
             time in both; None: the same.
     """
 
@@ -52,7 +52,7 @@ class ReplayTolerances:
             )
 
     def of(self, signal: str) -> float:
-        """Returns the tolerance of a signal, where points move the arm."""
+        """Returns the tolerance of a signal while points move the arm."""
         return {
             JOINT_VELOCITY: self.joint_velocity,
             ANGULAR_VELOCITY: self.angular_velocity,
@@ -63,8 +63,8 @@ class ReplayTolerances:
     def at_speed(self, speed: float) -> Self:
         """Returns the tolerances of a run at a share of the usual speed, in (0, 1].
 
-        The motion is slower by that share, and takes longer by as much to come to a place; `shift`
-        is `phase_start` at most.
+        Velocities are smaller by that factor, and the arm takes longer by it to reach a place;
+        `shift` is `phase_start` at most.
         """
         return replace(
             self,
@@ -83,8 +83,8 @@ CONTROL_TOLERANCES = ReplayTolerances(
     phase_start=1e-3,
     unmatched_tracks=0.0,
 )
-"""Where the tracks are repeated, all inputs are the same to the last bit; what is tolerated is
-that another processor rounds otherwise, and not another decision."""
+"""For repeated tracks: all inputs are the same to the last bit. Another processor may round
+differently, but no decision may differ."""
 
 PERCEPTION_TOLERANCES = ReplayTolerances(
     joint_velocity=0.25,
@@ -95,6 +95,6 @@ PERCEPTION_TOLERANCES = ReplayTolerances(
     shift=0.01,
     elsewhere=CONTROL_TOLERANCES,
 )
-"""Where images are tracked again, they are not quite those that were tracked: colours are
-compressed, depth is rounded to millimetres. Several times what that makes in the usual run, at the
-usual speed; where points move nothing, all inputs are the same."""
+"""For images that are tracked again: they differ slightly from those of the run, as colours are
+compressed and depth is rounded to millimetres. The values are several times the effect of that in
+the usual run at the usual speed. While points move nothing, all inputs are the same."""

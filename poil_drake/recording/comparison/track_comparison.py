@@ -1,4 +1,4 @@
-"""How the tracks of two runs differ that had the same inputs."""
+"""Compares the tracks of a run and its replay."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from poil_drake.recording.run_log.series import Series
 
 
 class TrackPair(NamedTuple):
-    """A track of either run, or what both say of the same images.
+    """The tracks of one set of images: of both runs, or of only one.
 
     Attributes:
-        time: When it was logged [s], in the run if that has it.
+        time: When it was logged [s], in the recorded run if it has it.
         both: Whether both runs have it.
-        comparable: Whether both have it, and saw a point in common or agree that there is none.
+        comparable: Whether both have it and saw a point in common, or both saw none.
     """
 
     time: float
@@ -32,16 +32,16 @@ class TrackComparison:
 
     Attributes:
         pairs: The tracks of both, in order of the images that they were taken from.
-        distances: (T, 1) for each pair of tracks the largest distance of the points that both saw
-            [m]; NaN where there is none, infinite where they are not as many.
+        distances: (T, 1) for each pair of tracks, the largest distance of the points that both saw
+            [m]; NaN if there is none, infinite if their numbers of points differ.
         points: How many points both have, over all pairs of tracks.
         visibility: How many of them only one of the two saw.
     """
 
     pairs: Sequence[TrackPair]
     distances: Series
-    points: int = 0
-    visibility: int = 0
+    points: int
+    visibility: int
 
     @property
     def unmatched(self) -> int:
@@ -58,15 +58,17 @@ def compare_tracks(
         recorded: The tracks of the run.
         replayed: Those of its replay.
     """
-    ours = {round(1e9 * logged.track.stamp): logged for logged in recorded}
-    others = {round(1e9 * logged.track.stamp): logged for logged in replayed}
+    run, replay = (
+        {round(1e9 * logged.track.stamp): logged for logged in tracks}
+        for tracks in (recorded, replayed)
+    )
     pairs, distances, points, visibility = [], [], 0, 0
-    for stamp in sorted(ours.keys() | others.keys()):
-        if stamp not in ours or stamp not in others:
-            only = ours.get(stamp) or others[stamp]
+    for stamp in sorted(run.keys() | replay.keys()):
+        if stamp not in run or stamp not in replay:
+            only = run.get(stamp) or replay[stamp]
             pairs.append(TrackPair(only.time, both=False, comparable=False))
             continue
-        time, a, b = ours[stamp].time, ours[stamp].track, others[stamp].track
+        time, a, b = run[stamp].time, run[stamp].track, replay[stamp].track
         distance, comparable = _distance(a, b)
         pairs.append(TrackPair(time, both=True, comparable=comparable))
         distances.append((time, [distance]))
@@ -82,7 +84,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the largest distance of the common points [m], and if they can be compared."""
+    """Returns the largest distance of common points [m], and whether the tracks can be compared."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

@@ -1,1 +1,1 @@
-"""Demonstration files."""
+"""Demonstration files: their writer, their reader and their playback as a camera."""

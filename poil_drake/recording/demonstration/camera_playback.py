@@ -18,12 +18,12 @@ from poil_drake.runtime.interpreter_turns import TURNS
 class CameraPlayback:
     """One camera of a demonstration or of a run's log; a `CaptureDevice`.
 
-    Images are decoded when they are due, and those that were missed meanwhile are left out. See
-    `McapPlayback` for what the stamps mean.
+    Images are decoded when they are due; images that are overdue by then are skipped. See
+    `McapPlayback` for the meaning of the stamps.
     """
 
     def __init__(self, config: McapPlayback, *, camera: CameraModel, clock: Clock):
-        """Remembers what to play; the file is not opened.
+        """Stores what to play; does not open the file.
 
         Args:
             config: The file, and how to play it.
@@ -93,7 +93,7 @@ class CameraPlayback:
         self._recording = None
 
     def _check(self, recording: Demonstration) -> None:
-        """Raises a CaptureError where a recording is not what the scenario says."""
+        """Raises a CaptureError if the recording does not match the scenario."""
         file, wanted, model = self._config.file, self._camera, recording.cameras[0]
         if (model.height, model.width) != (wanted.height, wanted.width):
             raise CaptureError(
@@ -111,15 +111,15 @@ class CameraPlayback:
             )
 
     def _due(self, elapsed: float) -> int:
-        """Returns the number of the latest image at this time [s], counted through all rounds."""
+        """Returns the number of the latest image at this time [s], counted through all loops."""
         count = len(self._offsets)
-        rounds = max(int(elapsed // self._cycle), 0) if self._config.loop else 0
-        within = elapsed - rounds * self._cycle
-        return rounds * count + int(np.searchsorted(self._offsets, within, side="right")) - 1
+        loops = max(int(elapsed // self._cycle), 0) if self._config.loop else 0
+        within = elapsed - loops * self._cycle
+        return loops * count + int(np.searchsorted(self._offsets, within, side="right")) - 1
 
     def _time_of(self, number: int) -> float:
-        """Returns when an image is due [s from the start]; never, after the end."""
-        rounds, index = divmod(number, len(self._offsets))
-        if rounds > 0 and not self._config.loop:
+        """Returns when an image is due [s from the start]; infinity after the end."""
+        loops, index = divmod(number, len(self._offsets))
+        if loops > 0 and not self._config.loop:
             return np.inf
-        return rounds * self._cycle + float(self._offsets[index])
+        return loops * self._cycle + float(self._offsets[index])

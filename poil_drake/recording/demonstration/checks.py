@@ -1,11 +1,10 @@
-"""Finds what a demonstration file lacks, and says so."""
+"""Checks that a demonstration file is complete."""
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from poil_drake.errors import DemonstrationError
+from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.contents import CameraContents, Contents
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
@@ -14,6 +13,7 @@ from poil_drake.recording.demonstration.layout import (
     WORLD_FRAME,
     WORLD_FRAME_KEY,
     camera_topic,
+    parse_label_ids,
 )
 from poil_drake.recording.mcap.timestamps import to_seconds
 
@@ -21,48 +21,46 @@ MIN_FRAMES = 2
 # The goal is the end of the demonstration, so no camera may stop much before the others.
 MAX_MISSING_END = 0.5  # [s]
 
-_Json = TypeVar("_Json", list, dict)
 
-
-def camera_names(path: Path, contents: Contents, wanted: Sequence[str] | None) -> list[str]:
-    """Returns the cameras to use, in the order wanted, of the metadata, or of their names."""
-    found = sorted(contents.cameras)
-    listed = _json_metadata(path, contents, CAMERAS_KEY, list) or []
-    names = list(wanted) if wanted is not None else [str(name) for name in listed]
-    names += [name for name in found if wanted is None and name not in names]
+def camera_names(path: Path, contents: Contents) -> list[str]:
+    """Returns the cameras of the metadata, and then others by their names."""
+    text = contents.metadata.get(CAMERAS_KEY, "[]")
+    try:
+        listed = json.loads(text)
+    except json.JSONDecodeError:
+        listed = None
+    if not isinstance(listed, list):
+        raise DemonstrationError(
+            f"{path}: the metadata '{CAMERAS_KEY}' is not a JSON list: {text[:80]}",
+            remedy="See docs/demonstration_format.md for what it may hold.",
+        )
+    names = list(dict.fromkeys([*map(str, listed), *sorted(contents.cameras)]))
     if not names:
         raise DemonstrationError(
             f"{path} holds no camera: it has no topic {camera_topic('<name>', 'image')}.",
             remedy="Record colour, depth and calibration of each camera, see "
             "docs/demonstration_format.md.",
         )
-    for name in names:
-        if name not in contents.cameras:
-            raise DemonstrationError(
-                f"{path} has no topic of camera '{name}'; it has "
-                f"{', '.join(repr(camera) for camera in found) or 'no camera at all'}.",
-                remedy="Record all cameras, or name the cameras to use.",
-            )
     return names
 
 
-def check_camera(path: Path, name: str, camera: CameraContents) -> None:
+def check_camera(path: Path, contents: Contents, name: str) -> None:
     """Raises an error unless a camera has colour, depth and calibration."""
-    has = {"image": camera.image, "depth": camera.depth, "calibration": camera.calibration}
-    present = [kind for kind, messages in has.items() if messages]
-    for kind, messages in has.items():
+    camera, kinds = contents.cameras.get(name, CameraContents()), ("image", "depth", "calibration")
+    present = " and ".join(kind for kind in kinds if getattr(camera, kind)) or "none of the three"
+    for kind in kinds:
+        messages, topic = getattr(camera, kind), camera_topic(name, kind)
         if not messages:
             raise DemonstrationError(
-                f"{path}: camera '{name}' has {' and '.join(present) or 'labels'} but no topic "
-                f"{camera_topic(name, kind)}.",
+                f"{path}: camera '{name}' has no topic {topic}, but {present}; the cameras in the "
+                f"file are: {', '.join(repr(c) for c in sorted(contents.cameras)) or 'none'}.",
                 remedy="Record colour, depth and calibration of each camera, or name the cameras "
                 "to use.",
             )
-    for kind, stream in (("image", camera.image), ("depth", camera.depth)):
-        if len(stream) < MIN_FRAMES:
+        if kind != "calibration" and len(messages) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{path}: topic {camera_topic(name, kind)} has {len(stream)} message, fewer than "
-                f"{MIN_FRAMES} frames.",
+                f"{path}: topic {topic} has {len(messages)} message, fewer than {MIN_FRAMES} "
+                "frames.",
                 remedy="Record the whole motion.",
             )
     color_frame, depth_frame = camera.image[0].frame_id, camera.depth[0].frame_id
@@ -92,20 +90,16 @@ def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
 
 
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
-    """Returns the frame that stands for the world, after checking that all cameras hang on it.
+    """Returns the frame that is the world, after checking that it is joined to all cameras.
 
     It is the frame that the metadata names, or "world", or else the root above the first camera.
     """
     frames = contents.frames
     optical = {name: contents.cameras[name].frame_id for name in names}
     base = contents.metadata.get(WORLD_FRAME_KEY, WORLD_FRAME)
-    root = frames.root(optical[names[0]])
-    if (
-        base not in frames
-        and WORLD_FRAME_KEY not in contents.metadata
-        and root != optical[names[0]]
-    ):
-        base = root
+    if base not in frames and WORLD_FRAME_KEY not in contents.metadata:
+        root = frames.root(optical[names[0]])
+        base = root if root != optical[names[0]] else base
     for name, frame in optical.items():
         if frames.pose(base=base, frame=frame, stamp=0) is None:
             raise DemonstrationError(
@@ -118,29 +112,8 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
 
 
 def label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
-    """Returns which render labels stand for what."""
-    table = _json_metadata(path, contents, LABEL_IDS_KEY, dict) or {}
-    for name, ids in dict(table).items():
-        if not isinstance(ids, list) or not all(isinstance(id_, int) for id_ in ids):
-            raise DemonstrationError(
-                f"{path}: the metadata '{LABEL_IDS_KEY}' gives {ids} for '{name}'.",
-                remedy="Give a list of render labels, e.g. [3, 4].",
-            )
-    return {name: tuple(ids) for name, ids in dict(table).items()}
-
-
-def _json_metadata(path: Path, contents: Contents, key: str, kind: type[_Json]) -> _Json | None:
-    """Returns a metadata value that is JSON, or None where there is none."""
-    text = contents.metadata.get(key)
-    if text is None:
-        return None
+    """Returns the render labels of each object and part."""
     try:
-        value = json.loads(text)
-    except json.JSONDecodeError:
-        value = None
-    if not isinstance(value, kind):
-        raise DemonstrationError(
-            f"{path}: the metadata '{key}' is not a JSON {kind.__name__}: {text[:80]}",
-            remedy="See docs/demonstration_format.md for what it may hold.",
-        )
-    return value
+        return parse_label_ids(contents.metadata.get(LABEL_IDS_KEY, "{}"))
+    except InvalidValueError as error:
+        raise DemonstrationError(f"{path}: {error.problem}", remedy=error.remedy) from error

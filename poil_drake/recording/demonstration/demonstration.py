@@ -1,4 +1,4 @@
-"""A demonstration: what cameras saw while someone did the task once."""
+"""A demonstration: what the cameras saw while the task was done once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,9 +16,10 @@ from poil_drake.recording.demonstration.checks import (
     check_end,
     label_ids,
 )
-from poil_drake.recording.demonstration.contents import Contents, collect, stamps
+from poil_drake.recording.demonstration.contents import Contents, collect
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
 from poil_drake.recording.demonstration.recorded_frames import RecordedFrames, StoredView
+from poil_drake.recording.demonstration.stored_images import StoredImage, StoredImages
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 __all__ = ["Demonstration", "DemonstrationWriter", "LoadDemonstration", "load_demonstration"]
@@ -29,10 +30,10 @@ class Demonstration:
     """One demonstration.
 
     Attributes:
-        frames: At least two frames, in order of time. From a file they are decoded when asked for.
+        frames: At least two frames, in order of time. Those of a file are decoded when accessed.
         metadata: What the recorder wrote about it; may be empty.
         scenario_text: The scenario it was recorded in, as YAML; None for other recordings.
-        name: Its file, or another name for messages.
+        name: Its name in error messages: its file, if it has one.
     """
 
     frames: Sequence[MultiViewFrame]
@@ -68,9 +69,9 @@ class Demonstration:
 
 
 def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:
-    """Loads a demonstration in the layout of docs/demonstration_format.md, whoever recorded it.
+    """Loads a demonstration in the layout of docs/demonstration_format.md.
 
-    The file is read through once and checked; images are decoded when they are asked for.
+    The file is read through once and checked; images are decoded when they are accessed.
 
     Args:
         path: The MCAP file.
@@ -82,13 +83,13 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
     """
     path = Path(path)
     contents = collect(path)
-    names = camera_names(path, contents, cameras)
+    names = camera_names(path, contents) if cameras is None else list(cameras)
+    for name in names:
+        check_camera(path, contents, name)
     streams = {name: contents.cameras[name] for name in names}
-    for name, camera in streams.items():
-        check_camera(path, name, camera)
     check_end(path, streams)
     base = base_frame(path, contents, names)
-    rows = group_by_stamp([stamps(s) for c in streams.values() for s in (c.image, c.depth)])
+    rows = group_by_stamp([_stamps(s) for c in streams.values() for s in (c.image, c.depth)])
     instants = [
         tuple(
             _view(contents, name, base=base, image=int(image), depth=int(depth))
@@ -111,10 +112,15 @@ def _view(contents: Contents, name: str, *, base: str, image: int, depth: int) -
     X_WC = contents.frames.pose(base=base, frame=camera.frame_id, stamp=color.stamp)
     assert X_WC is not None
     label = min(camera.label, key=lambda image: abs(image.stamp - color.stamp), default=None)
-    if label and 2 * abs(label.stamp - color.stamp) >= median_period(stamps(camera.image)):
+    if label and 2 * abs(label.stamp - color.stamp) >= median_period(_stamps(camera.image)):
         label = None
-    return StoredView(name, calibration, X_WC, color, camera.depth[depth], label)
+    images = StoredImages(color, camera.depth[depth], label)
+    return StoredView(name, calibration, X_WC, images)
+
+
+def _stamps(images: Sequence[StoredImage]) -> np.ndarray:
+    return np.array([image.stamp for image in images], dtype=np.int64)
 
 
 LoadDemonstration = load_demonstration
-"""The name that stands beside `RecordDemonstration`."""
+"""The name beside `RecordDemonstration` among the package's public names."""

@@ -1,4 +1,4 @@
-"""Which images of several streams belong to one instant."""
+"""Groups the images of several streams by instant."""
 
 from collections.abc import Sequence
 
@@ -8,10 +8,10 @@ import numpy as np
 def group_by_stamp(streams: Sequence[np.ndarray]) -> np.ndarray:
     """Returns which messages of several streams belong together.
 
-    The slowest stream sets the pace: for each of its messages the nearest of every other stream
-    is taken. Where that is farther away than half that stream's period, it has a gap there, and
-    the instant is left out: a dropped image costs one frame, and images of different instants
-    are never paired. No message is used twice.
+    The slowest stream sets the pace: each of its messages is paired with the nearest of every other
+    stream. If that is farther away than half the other stream's period, the other stream has a gap
+    there and the instant is left out. So a dropped image costs one frame, and images of different
+    instants are never paired. No message is used twice.
 
     Args:
         streams: S arrays of stamps [ns], each sorted and of length >= 2.
@@ -42,8 +42,8 @@ def median_period(stamps: np.ndarray) -> float:
 def nearest(stamps: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Returns the index of the nearest of the (T,) sorted stamps to each of `at`.
 
-    Of two that are as near the later is taken, always, so that streams that run half a period
-    apart are paired alike all the way.
+    Of two that are equally near, the later is taken, so that streams half a period apart are paired
+    consistently.
     """
     after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
     return np.where(at - stamps[after - 1] < stamps[after] - at, after - 1, after)

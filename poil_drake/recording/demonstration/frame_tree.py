@@ -1,31 +1,29 @@
 """Poses of frames from a recording's transforms, which may be chained and may change."""
 
 import bisect
+from operator import itemgetter
 
 import numpy as np
+
+_STAMP = itemgetter(0)
 
 
 class FrameTree:
     """Frames and the recorded transforms between them.
 
-    A transform holds from its stamp until the next one between the same frames; before the first,
-    the first holds, so that a static transform may carry any stamp.
+    A transform holds from its stamp until the next one between the same frames. The first also
+    holds before its stamp, so that a static transform may carry any stamp.
     """
 
     def __init__(self) -> None:
         self._parent: dict[str, str] = {}
-        self._stamps: dict[str, list[int]] = {}
-        self._poses: dict[str, list[np.ndarray]] = {}
+        self._poses: dict[str, list[tuple[int, np.ndarray]]] = {}
 
     def add(self, *, parent: str, child: str, stamp: int, X_PC: np.ndarray) -> None:
         """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns]."""
         if self._parent.get(child) != parent:
-            self._parent[child] = parent
-            self._stamps[child] = []
-            self._poses[child] = []
-        at = bisect.bisect_right(self._stamps[child], stamp)
-        self._stamps[child].insert(at, stamp)
-        self._poses[child].insert(at, X_PC)
+            self._parent[child], self._poses[child] = parent, []
+        bisect.insort(self._poses[child], (stamp, X_PC), key=_STAMP)
 
     def __contains__(self, frame: str) -> bool:
         return frame in self._parent or frame in self._parent.values()
@@ -37,7 +35,7 @@ class FrameTree:
     def pose(self, *, base: str, frame: str, stamp: int) -> np.ndarray | None:
         """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns].
 
-        None where no chain of transforms joins the two.
+        Returns None if no chain of transforms joins the two.
         """
         if self.root(base) != self.root(frame):
             return None
@@ -45,7 +43,7 @@ class FrameTree:
         return np.linalg.solve(X_RB, self._pose_in_root(frame, stamp))
 
     def _chain(self, frame: str) -> list[str]:
-        """Returns `frame` and the frames above it; it ends where a cycle would close."""
+        """Returns `frame` and the frames above it; it stops before a cycle closes."""
         chain = [frame]
         while (parent := self._parent.get(chain[-1])) is not None and parent not in chain:
             chain.append(parent)
@@ -54,6 +52,7 @@ class FrameTree:
     def _pose_in_root(self, frame: str, stamp: int) -> np.ndarray:
         X_RF = np.eye(4)
         for child in self._chain(frame)[:-1]:
-            at = bisect.bisect_right(self._stamps[child], stamp) - 1
-            X_RF = self._poses[child][max(at, 0)] @ X_RF
+            poses = self._poses[child]
+            at = bisect.bisect_right(poses, stamp, key=_STAMP) - 1
+            X_RF = poses[max(at, 0)][1] @ X_RF
         return X_RF

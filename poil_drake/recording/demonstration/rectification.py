@@ -5,20 +5,20 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.mcap.message_decoders import Calibration
 
 
 def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -> np.ndarray:
-    """Returns an image as a pinhole camera with the same K would have taken it.
+    """Returns the image of a pinhole camera with the same K.
 
     Args:
         image: (H, W) or (H, W, 3).
-        calibration: The lens. Without distortion the image is returned as it is.
-        interpolate: True for colour. Depth and labels must not be mixed across edges, so the
-            nearest pixel is taken for them.
+        calibration: The lens. Without distortion the image is returned unchanged.
+        interpolate: True for colour. Depth and labels must not be mixed across edges, so they take
+            the nearest pixel.
 
     Returns:
-        An image of the same shape; 0 where the lens did not look.
+        An image of the same shape; 0 outside the field of view of the lens.
     """
     if calibration.distortion.size == 0:
         return image
@@ -41,7 +41,7 @@ def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -
 def _maps(
     K: tuple[float, ...], distortion: tuple[float, ...], size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns for each pixel of the rectified image where the lens put it."""
+    """Returns the position in the distorted image of each pixel of the rectified image."""
     matrix = np.reshape(K, (3, 3))
     return cv2.initUndistortRectifyMap(
         matrix, np.array(distortion), None, matrix, size, cv2.CV_32FC1

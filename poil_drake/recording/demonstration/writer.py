@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
     LABEL_IDS_KEY,
-    METADATA_RECORD,
     SCENARIO_ATTACHMENT,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
@@ -21,28 +20,24 @@ from poil_drake.recording.demonstration.layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.camera_messages import encode_calibration, encode_transform
-from poil_drake.recording.mcap.image_messages import (
-    ColorEncoding,
-    encode_color,
-    encode_depth,
-    encode_label,
-)
+from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
+from poil_drake.recording.mcap.message_encoder import MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
+from poil_drake.runtime.whole_file import whole_file
 
 
 class DemonstrationWriter:
     """Writes the frames of a demonstration, as a context manager.
 
     The file appears under its name only when the `with` block ends without an exception and at
-    least two frames were written: a recording that failed never looks complete.
+    least two frames were written, so that a failed recording never looks complete.
 
     Args:
         path: The MCAP file; its folder is made where needed.
         cameras: The names of the cameras that every frame must have, in its order.
-        metadata: What to say about the demonstration, e.g. {"scenario": ..., "seed": ...}.
+        metadata: Metadata of the file, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.
         color: How colour images are encoded; by default JPEG.
 
@@ -60,15 +55,15 @@ class DemonstrationWriter:
         color: ColorEncoding | None = None,
     ):
         self._path = Path(path)
-        self._partial = self._path.with_name(self._path.name + ".partial")
         self._cameras = tuple(cameras)
         self._metadata = dict(metadata)
-        self._color = color or ColorEncoding()
         self._label_ids: dict[str, tuple[int, ...]] = {}
         self._written: dict[str, CameraModel] = {}
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
-        self._sink = McapSink(self._partial)
+        self._encoder = MessageEncoder(color=color)
+        self._file = ExitStack()
+        self._sink = McapSink(self._file.enter_context(whole_file(self._path)))
         if scenario_text is not None:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
@@ -100,44 +95,33 @@ class DemonstrationWriter:
         self._frame_count += 1
 
     def _write_camera(self, camera: CameraModel, image: RgbdImage) -> None:
+        encode, frame_id = self._encoder, optical_frame(camera.name)
         stamp = to_nanoseconds(image.stamp)
-        frame_id = optical_frame(camera.name)
+        messages = {}
         if not _same(camera, self._written.get(camera.name)):
-            self._sink.write(
-                camera_topic(camera.name, "calibration"),
-                encode_calibration(camera, stamp=stamp, frame_id=frame_id),
-                time=stamp,
-            )
-            self._sink.write(
-                TRANSFORM_TOPIC,
-                encode_transform(camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp),
-                time=stamp,
-            )
             self._written[camera.name] = camera
-        messages = {
-            "image": encode_color(image.rgb, stamp=stamp, frame_id=frame_id, encoding=self._color),
-            "depth": encode_depth(image.depth, stamp=stamp, frame_id=frame_id),
-        }
-        if image.label is not None:
-            messages["label"] = encode_label(image.label, stamp=stamp, frame_id=frame_id)
-        for kind, message in messages.items():
-            self._sink.write(camera_topic(camera.name, kind), message, time=stamp)
+            topic = camera_topic(camera.name, "calibration")
+            messages[topic] = encode.calibration(camera, stamp=stamp, frame_id=frame_id)
+            messages[TRANSFORM_TOPIC] = encode.transform(
+                camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
+            )
+        images = {"image": image.rgb, "depth": image.depth, "label": image.label}
+        for kind, pixels in images.items():
+            if pixels is not None:
+                topic = camera_topic(camera.name, kind)
+                messages[topic] = encode.image(kind, pixels, stamp=stamp, frame_id=frame_id)
+        for topic, message in messages.items():
+            self._sink.write(topic, message, time=stamp)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exception_type: type[BaseException] | None,
-        exception: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            if exception_type is None:
-                self._finish()
-        finally:
-            self._sink.abandon()
-            self._partial.unlink(missing_ok=True)
+    def __exit__(self, *exception: Any) -> None:
+        if exception[0] is not None:
+            self._file.__exit__(*exception)
+            return
+        with self._file:
+            self._finish()
 
     def _finish(self) -> None:
         if self._frame_count < 2:
@@ -146,7 +130,6 @@ class DemonstrationWriter:
                 remedy="Record at least two frames.",
             )
         self._sink.add_metadata(
-            METADATA_RECORD,
             {
                 **version_metadata(),
                 "frames": str(self._frame_count),
@@ -157,7 +140,6 @@ class DemonstrationWriter:
             },
         )
         self._sink.close()
-        self._partial.replace(self._path)
 
 
 def _same(camera: CameraModel, other: CameraModel | None) -> bool:

@@ -1,1 +1,1 @@
-"""MCAP files and the messages in them."""
+"""Reading and writing of MCAP files, and the messages in them."""

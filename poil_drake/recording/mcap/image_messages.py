@@ -1,4 +1,4 @@
-"""Images as Foxglove messages: `RawImage` and `CompressedImage`."""
+"""Decodes the Foxglove messages of images: `RawImage` and `CompressedImage`."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -9,14 +9,12 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.recording.mcap.message_parts import MessageParts
-from poil_drake.recording.mcap.timestamps import set_timestamp
 
 ImageMessage: TypeAlias = RawImage | CompressedImage
 
 MILLIMETRES_PER_METRE = 1000.0
 
-# How colour may be encoded in a RawImage: its channels, and how OpenCV turns them into RGB.
+# Colour encodings of a RawImage: number of channels, and OpenCV's conversion to RGB.
 _RAW_COLOR = {
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
@@ -34,9 +32,9 @@ class ColorEncoding:
     """How colour images are written.
 
     Attributes:
-        format: "jpeg" takes 2 ms and 90 kB for 640 x 480; "raw" loses nothing and takes 3 ms and
-            0.8 MB after compression of the chunk; "png" loses nothing and takes 40 ms and 0.6 MB.
-        jpeg_quality: In [0, 100]. From 95 on the loss is below the noise of a camera.
+        format: "jpeg" takes 2 ms and 90 kB for 640 x 480; "raw" is lossless and takes 3 ms and
+            0.8 MB after compression of the chunk; "png" is lossless and takes 40 ms and 0.6 MB.
+        jpeg_quality: In [0, 100]. From 95 on, the loss is below a camera's noise.
     """
 
     format: Literal["jpeg", "raw", "png"] = "jpeg"
@@ -49,85 +47,11 @@ class ColorEncoding:
             )
 
 
-def encode_color(
-    rgb: np.ndarray,
-    *,
-    stamp: int,
-    frame_id: str,
-    encoding: ColorEncoding,
-    message: ImageMessage | None = None,
-) -> MessageParts[ImageMessage]:
-    """Returns an (H, W, 3) uint8 colour image, captured at `stamp` [ns], as a message.
-
-    Args:
-        rgb: The image.
-        stamp: When it was captured [ns].
-        frame_id: The frame of its camera.
-        encoding: How it is encoded.
-        message: One of an earlier call for such an image, which is filled again; None: a new one.
-    """
-    if encoding.format == "raw":
-        return _raw_image(rgb, "rgb8", stamp=stamp, frame_id=frame_id, message=message)
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    if encoding.format == "jpeg":
-        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, encoding.jpeg_quality])
-    else:
-        _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    if message is None:
-        message = CompressedImage(frame_id=frame_id, format=encoding.format)
-    set_timestamp(message, stamp)
-    return MessageParts(message, data.tobytes())
-
-
-def encode_depth(
-    depth: np.ndarray,
-    *,
-    stamp: int,
-    frame_id: str,
-    exact: bool = False,
-    message: ImageMessage | None = None,
-) -> MessageParts[ImageMessage]:
-    """Returns an (H, W) depth image [m] as 16UC1 millimetres; 0 stands for invalid.
-
-    The rounding adds 0.29 mm rms, below the noise of a depth camera. What is not finite, negative
-    or beyond 65.535 m becomes invalid.
-
-    Args:
-        depth: The image.
-        stamp: When it was captured [ns].
-        frame_id: The frame of its camera.
-        exact: Whether to write 32FC1 metres instead, which takes twice as much.
-        message: One of an earlier call for such an image, which is filled again; None: a new one.
-    """
-    if exact:
-        pixels, kind = depth.astype("<f4"), "32FC1"
-    else:
-        millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
-        millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0
-        pixels, kind = millimetres.astype("<u2"), "16UC1"
-    return _raw_image(pixels, kind, stamp=stamp, frame_id=frame_id, message=message)
-
-
-def encode_label(
-    label: np.ndarray, *, stamp: int, frame_id: str, message: ImageMessage | None = None
-) -> MessageParts[ImageMessage]:
-    """Returns an (H, W) int16 label image as 16UC1.
-
-    Args:
-        label: The image.
-        stamp: When it was captured [ns].
-        frame_id: The frame of its camera.
-        message: One of an earlier call for such an image, which is filled again; None: a new one.
-    """
-    pixels = label.astype("<i2").view("<u2")
-    return _raw_image(pixels, "16UC1", stamp=stamp, frame_id=frame_id, message=message)
-
-
 def decode_color(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W, 3) uint8 RGB image of a message.
 
     Raises:
-        InvalidValueError: if the encoding is not known or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or the data do not fit it.
     """
     if isinstance(message, CompressedImage):
         return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
@@ -138,16 +62,16 @@ def decode_color(message: ImageMessage) -> np.ndarray:
         )
     channels, conversion = _RAW_COLOR[message.encoding]
     pixels = _raw_pixels(message, np.dtype(np.uint8), channels)
-    return pixels.copy() if conversion is None else cv2.cvtColor(pixels, conversion)
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
 
 
 def decode_depth(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) float32 depth [m] of a message; 0 where invalid.
 
-    Integers are millimetres, floats are metres, as everywhere in robotics.
+    Integers are millimetres and floats are metres, the usual convention.
 
     Raises:
-        InvalidValueError: if the encoding is not known or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or the data do not fit it.
     """
     if isinstance(message, RawImage) and message.encoding == "32FC1":
         depth = _raw_pixels(message, np.dtype("<f4"), 1)[..., 0].astype(np.float32)
@@ -159,7 +83,7 @@ def decode_label(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) int16 label image of a message.
 
     Raises:
-        InvalidValueError: if the encoding is not known or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or the data do not fit it.
     """
     return _pixels_16_bit(message, "label").view(np.int16)
 
@@ -183,39 +107,22 @@ def _pixels_16_bit(message: ImageMessage, kind: str) -> np.ndarray:
     return _raw_pixels(message, np.dtype("<u2"), 1)[..., 0].astype(np.uint16)
 
 
-def _raw_image(
-    pixels: np.ndarray, encoding: str, *, stamp: int, frame_id: str, message: ImageMessage | None
-) -> MessageParts[ImageMessage]:
-    height, width = pixels.shape[:2]
-    data = np.ascontiguousarray(pixels).tobytes()
-    if message is None:
-        message = RawImage(
-            frame_id=frame_id,
-            width=width,
-            height=height,
-            encoding=encoding,
-            step=len(data) // height,
-        )
-    set_timestamp(message, stamp)
-    return MessageParts(message, data)
-
-
 def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray:
     """Returns the (H, W, channels) pixels of a RawImage, whose rows may be padded."""
     row = message.width * channels * dtype.itemsize
     step = message.step or row
-    wanted = message.height * step
-    if row == 0 or message.height == 0 or step < row or len(message.data) < wanted - (step - row):
+    try:
+        if row == 0 or message.height == 0 or step < row:
+            raise ValueError("the rows are too short")
+        shape = (message.height, message.width, channels)
+        strides = (step, channels * dtype.itemsize, dtype.itemsize)
+        return np.ndarray(shape, dtype, message.data, strides=strides).copy()
+    except (TypeError, ValueError) as error:
         raise InvalidValueError(
             f"a {message.width} x {message.height} image of encoding '{message.encoding}' has "
             f"rows of {message.step} bytes and {len(message.data)} bytes in all.",
             remedy="Record the image with a size and a step that fit its data.",
-        )
-    data = np.zeros(wanted, np.uint8)
-    given = np.frombuffer(message.data, np.uint8)[:wanted]
-    data[: given.size] = given
-    rows = data.reshape(message.height, step)[:, :row]
-    return np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)
+        ) from error
 
 
 def _decompress(message: CompressedImage, flags: int) -> np.ndarray:

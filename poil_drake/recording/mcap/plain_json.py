@@ -1,4 +1,4 @@
-"""Values as JSON can hold them."""
+"""Values as JSON: files, and the records of run logs."""
 
 import json
 import math
@@ -8,14 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from poil_drake.recording.mcap.timestamps import NANOSECONDS_PER_SECOND
 from poil_drake.runtime.whole_file import whole_file
+
+_TIMESTAMP_SCHEMA = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
+}
 
 
 def plain_json(value: Any) -> Any:
-    """Returns a value made of what JSON has: mappings, lists, numbers, text, booleans and null.
+    """Returns a value made of JSON's types: mappings, lists, numbers, text, booleans and null.
 
-    Arrays and tuples become lists, NumPy scalars Python's, what is not finite null (JSON has no
-    NaN), and everything else its text.
+    Arrays and tuples become lists, NumPy scalars become Python's, numbers that are not finite
+    become null (JSON has no NaN), and any other object becomes its text.
     """
     if isinstance(value, Mapping):
         return {str(key): plain_json(item) for key, item in value.items()}
@@ -31,11 +38,11 @@ def plain_json(value: Any) -> Any:
 
 
 def write_json(value: Any, path: Path, *, indent: int | None = 2) -> None:
-    """Writes a value as `plain_json` makes it; the file appears whole, see `whole_file`.
+    """Writes a value, converted by `plain_json`, as a file that appears whole, see `whole_file`.
 
     Args:
-        value: What to write.
-        path: Where to.
+        value: The value.
+        path: The file.
         indent: Spaces by level; None puts all on one line.
 
     Raises:
@@ -44,3 +51,33 @@ def write_json(value: Any, path: Path, *, indent: int | None = 2) -> None:
     text = json.dumps(plain_json(value), indent=indent, allow_nan=False)
     with whole_file(path) as file:
         file.write(f"{text}\n".encode())
+
+
+def json_record(values: Mapping[str, Any], *, stamp: int) -> dict[str, Any]:
+    """Returns values as a JSON object with a `timestamp`, see `plain_json`."""
+    sec, nsec = divmod(stamp, NANOSECONDS_PER_SECOND)
+    return {"timestamp": {"sec": sec, "nsec": nsec}} | plain_json(values)
+
+
+def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns a JSON schema that describes a record of `json_record`, for viewers' menus."""
+    properties = {key: _schema_of(value) for key, value in record.items() if key != "timestamp"}
+    return {
+        "title": title,
+        "type": "object",
+        "properties": {"timestamp": _TIMESTAMP_SCHEMA} | properties,
+    }
+
+
+def _schema_of(value: Any) -> dict[str, Any]:
+    if isinstance(value, dict):
+        return {
+            "type": "object",
+            "properties": {key: _schema_of(item) for key, item in value.items()},
+        }
+    if isinstance(value, list):
+        return {"type": "array", "items": _schema_of(value[0]) if value else {}}
+    if isinstance(value, bool):
+        return {"type": "boolean"}
+    # A number may be null in one message and an integer or a float in the next.
+    return {"type": "string"} if isinstance(value, str) else {"type": "number"}

@@ -1,73 +1,68 @@
-"""A sink for messages: open, write, close."""
+"""Writes messages to an MCAP file."""
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.recording.mcap.message_parts import MessageParts
+from poil_drake.recording.mcap.message_encoder import EncodedMessage
+from poil_drake.recording.mcap.plain_json import json_schema
+
+METADATA_RECORD = "poil"
+"""Name of the metadata records of our files."""
 
 
 class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
 
-    Messages are written in chunks, each as soon as it is full. Until `close` the file lacks its
-    index and footer; all chunks but the one begun can still be read, and `mcap recover` adds the
-    rest.
+    Messages are written in chunks, each as soon as it is full. Until `close`, the file lacks its
+    index and footer; all chunks but the last can still be read, and `mcap recover` adds the rest.
 
     Args:
-        path: The file. Its folder is made where needed; an older file is overwritten.
-        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner, and
+        stream: The file, opened for writing.
+        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner and
             compress less well.
     """
 
-    def __init__(self, path: Path, *, chunk_size: int = 1 << 20):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._stream = path.open("wb")
+    def __init__(self, stream: BinaryIO, *, chunk_size: int = 1 << 20):
+        self._stream = stream
         # The checksum of the data section lets a reader notice any damaged byte.
         self._writer = Writer(self._stream, chunk_size=chunk_size, enable_data_crcs=True)
         self._writer.start(library="poil_drake")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}
 
-    def write(self, topic: str, message: Any, *, time: int) -> None:
-        """Writes a protobuf message, or the `MessageParts` of one, at `time` [ns]."""
-        if isinstance(message, MessageParts):
-            kind, data = type(message.message), message.serialized()
-        else:
-            kind, data = type(message), message.SerializeToString()
-        name = kind.DESCRIPTOR.full_name
+    def write(self, topic: str, message: EncodedMessage, *, time: int) -> None:
+        """Writes a Foxglove message at `time` [ns]."""
+        name = message.message_type.DESCRIPTOR.full_name
         if name not in self._schemas:
-            self._schemas[name] = register_schema(self._writer, kind)
-        self._add(topic, name, MessageEncoding.Protobuf, data, time)
+            self._schemas[name] = register_schema(self._writer, message.message_type)
+        self._add(topic, name, MessageEncoding.Protobuf, message.data, time)
 
-    def write_json(
-        self, topic: str, value: Mapping[str, Any], *, schema: Mapping[str, Any], time: int
-    ) -> None:
+    def write_json(self, topic: str, record: Mapping[str, Any], *, schema: str, time: int) -> None:
         """Writes a JSON message at `time` [ns].
 
         Args:
             topic: The topic.
-            value: The message. NaN and infinity are not JSON and not allowed.
-            schema: Its JSON schema, whose "title" is the schema's name.
+            record: The message. NaN and infinity are not JSON and not allowed.
+            schema: The name of its schema, which is made from the first message.
             time: When it was logged [ns].
         """
-        name = schema["title"]
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(
-                name, SchemaEncoding.JSONSchema, json.dumps(schema).encode()
+        if schema not in self._schemas:
+            text = json.dumps(json_schema(schema, record))
+            self._schemas[schema] = self._writer.register_schema(
+                schema, SchemaEncoding.JSONSchema, text.encode()
             )
-        data = json.dumps(value, allow_nan=False).encode()
-        self._add(topic, name, MessageEncoding.JSON, data, time)
+        data = json.dumps(record, allow_nan=False).encode()
+        self._add(topic, schema, MessageEncoding.JSON, data, time)
 
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Adds a metadata record."""
-        self._writer.add_metadata(name, dict(values))
+    def add_metadata(self, values: Mapping[str, str]) -> None:
+        """Adds to the file's metadata."""
+        self._writer.add_metadata(METADATA_RECORD, dict(values))
 
     def add_attachment(self, name: str, *, media_type: str, data: bytes) -> None:
         """Adds a file as an attachment."""
@@ -81,10 +76,6 @@ class McapSink:
             self._writer.finish()
         finally:
             self._stream.close()
-
-    def abandon(self) -> None:
-        """Closes the file without index and footer: what it holds is not complete."""
-        self._stream.close()
 
     def _add(self, topic: str, schema: str, encoding: str, data: bytes, time: int) -> None:
         if topic not in self._channels:

@@ -28,12 +28,6 @@ def to_seconds(nanoseconds: int) -> float:
     return nanoseconds / NANOSECONDS_PER_SECOND
 
 
-def set_timestamp(message: Any, nanoseconds: int) -> None:
-    """Sets the `timestamp` field of a Foxglove message."""
-    message.timestamp.FromNanoseconds(nanoseconds)
-    message.timestamp.SetInParent()
-
-
 def get_timestamp(message: Any, default: int) -> int:
     """Returns the `timestamp` of a Foxglove message [ns], or `default` where it was not set."""
     return message.timestamp.ToNanoseconds() if message.HasField("timestamp") else default

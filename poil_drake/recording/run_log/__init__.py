@@ -1,1 +1,1 @@
-"""Logs of runs."""
+"""Logs of runs: their writer, their reader and what a replay needs of them."""

@@ -1,35 +1,23 @@
 """Reads the log of a run in one pass, without decoding its images."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
-from google.protobuf.message import DecodeError
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment
 from mcap.well_known import MessageEncoding
 
 from poil_drake.errors import DemonstrationError, InvalidValueError, PoilError, RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.contents import StoredImage
-from poil_drake.recording.demonstration.layout import (
-    CAMERA_TOPIC,
-    METADATA_RECORD,
-    SCENARIO_ATTACHMENT,
-    TRANSFORM_TOPIC,
-    WORLD_FRAME,
-    optical_frame,
-)
-from poil_drake.recording.mcap.camera_messages import decode_calibration, decode_transform
-from poil_drake.recording.mcap.log_messages import decode_joint_states, decode_points
+from poil_drake.recording.demonstration.contents import CameraContents, Contents
+from poil_drake.recording.demonstration.layout import WORLD_FRAME, optical_frame
+from poil_drake.recording.demonstration.stored_images import StoredImages
+from poil_drake.recording.mcap.message_decoders import decode_joint_states, decode_points
 from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
 from poil_drake.recording.run_log.layout import (
@@ -49,7 +37,6 @@ from poil_drake.recording.run_log.layout import (
 )
 from poil_drake.recording.run_log.recorded_run import (
     REMEDY,
-    LoggedImages,
     LoggedTrack,
     PhaseStart,
     RecordedRun,
@@ -66,215 +53,157 @@ NUMBERS = {
     STOPS_TOPIC: ("requests",),
 }
 
-_IMAGES = ("image", "depth", "label")
+_IMAGE_TIME = ".image_time"
+"""Ending of the cameras' fields in the records of CAMERAS_STATUS_TOPIC."""
 
-# What reading messages raises that are not what their topic holds; InvalidValueError is among them.
-_DAMAGE = (DecodeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
+# What a message raises that is not what its topic holds; InvalidValueError is a ValueError.
+_MESSAGE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 def load_recorded_run(path: str | Path, *, joint_names: Sequence[str]) -> RecordedRun:
-    """Reads the log of a run. Of one that is cut off it returns what there is, and says so.
+    """Reads the log of a run. One that is cut off is read up to there, see `RecordedRun.cut_off`.
 
     Args:
         path: The MCAP file.
         joint_names: The arm's joints.
 
     Raises:
-        RunLogError: if the file is missing or damaged, or holds what no run log does.
+        RunLogError: if the file is missing or damaged, or a topic holds other messages than those
+            of a run log.
     """
-    path = Path(path)
-    run = RecordedRun(path, tuple(joint_names))
-    samples = _Samples()
-    try:
-        for item in scan(path):
-            if isinstance(item, Metadata):
-                run.metadata |= item.metadata if item.name == METADATA_RECORD else {}
-            elif isinstance(item, Attachment):
-                _take_attachment(run, item)
-            else:
-                _take(run, samples, item)
-    except CutOffError as error:
-        run.cut_off = error.problem.rstrip(".")
-    except DemonstrationError as error:
-        raise RunLogError(error.problem, remedy=REMEDY) from error
-    samples.fill(run)
-    return run
+    return _Reader(Path(path), tuple(joint_names)).read()
 
 
-@dataclass
-class _Samples:
-    """What is collected on the way through a file."""
+class _Reader:
+    """Collects the contents of a log."""
 
-    by_topic: dict[str, list[tuple[float, Any]]] = field(default_factory=dict)
-    depth: dict[tuple[str, int], StoredImage] = field(default_factory=dict)
-    label: dict[tuple[str, int], StoredImage] = field(default_factory=dict)
+    def __init__(self, path: Path, joint_names: tuple[str, ...]):
+        self._run = RecordedRun(path, joint_names)
+        self._contents = Contents()
+        self._samples: dict[str, list[tuple[float, Any]]] = defaultdict(list)
+        self._image_times: dict[str, list[tuple[float, Any]]] = defaultdict(list)
+        self._add: dict[str, Callable[[ScannedMessage, float], None]] = {
+            TRACKED_TOPIC: self._add_track,
+            CAMERAS_STATUS_TOPIC: self._add_image_times,
+            PHASE_TOPIC: self._add_phase,
+            JOINT_STATES_TOPIC: self._add_joint_states,
+            JOINT_COMMANDS_TOPIC: self._add_joint_states,
+            TWIST_TOPIC: self._add_twist,
+            **dict.fromkeys(NUMBERS, self._add_numbers),
+        }
 
-    def add(self, topic: str, time: float, value: Any) -> None:
-        self.by_topic.setdefault(topic, []).append((time, value))
+    def read(self) -> RecordedRun:
+        run = self._run
+        try:
+            for item in scan(run.path):
+                if isinstance(item, ScannedMessage):
+                    self._add_message(item)
+                elif isinstance(item, Attachment) and item.name == PLAN_ATTACHMENT:
+                    run.plan = item.data
+                else:
+                    self._contents.add(item)
+        except CutOffError as error:
+            run.cut_off = error.problem.rstrip(".")
+        except DemonstrationError as error:
+            raise RunLogError(error.problem, remedy=REMEDY) from error
+        self._finish()
+        return run
 
-    def series(self, topic: str, size: int) -> Series:
-        return Series.of(self.by_topic.get(topic, []), size)
-
-    def fill(self, run: RecordedRun) -> None:
-        count = len(run.joint_names)
-        run.joints = self.series(JOINT_STATES_TOPIC, 3 * count)
-        commands = self.series(JOINT_COMMANDS_TOPIC, 2 * count)
+    def _finish(self) -> None:
+        """Puts what was collected into the run, in order of time."""
+        run, samples, count = self._run, self._samples, len(self._run.joint_names)
+        run.joints = Series.of(samples[JOINT_STATES_TOPIC], 3 * count)
+        commands = Series.of(samples[JOINT_COMMANDS_TOPIC], 3 * count)
         run.postures = Series(commands.times, commands.values[:, :count])
-        run.commands = Series(commands.times, commands.values[:, count:])
-        run.twist = self.series(TWIST_TOPIC, 6)
-        run.numbers = {topic: self.series(topic, len(keys)) for topic, keys in NUMBERS.items()}
-        for time, seen in self.by_topic.get(CAMERAS_STATUS_TOPIC, []):
-            for camera, stamp in seen.items():
-                self.add(f"time of {camera}", time, [stamp])
-        cameras = {c for _, seen in self.by_topic.get(CAMERAS_STATUS_TOPIC, []) for c in seen}
-        run.camera_times = {c: self.series(f"time of {c}", 1) for c in sorted(cameras)}
+        run.commands = Series(commands.times, commands.values[:, count : 2 * count])
+        run.twist = Series.of(samples[TWIST_TOPIC], 6)
+        run.numbers = {topic: Series.of(samples[topic], len(NUMBERS[topic])) for topic in NUMBERS}
+        run.camera_times = {
+            camera: Series.of(times, 1) for camera, times in sorted(self._image_times.items())
+        }
         run.phases.sort(key=lambda phase: phase.time)
         run.tracks.sort(key=lambda logged: logged.track.stamp)
-        for camera, images in run.images.items():
-            for image in images:
-                image.depth = self.depth.get((camera, image.color.stamp))
-                image.label = self.label.get((camera, image.color.stamp))
-            images.sort(key=lambda image: image.time)
+        contents = self._contents
+        run.metadata, run.scenario_text = contents.metadata, contents.scenario_text
+        for name, camera in contents.cameras.items():
+            run.images[name] = _with_depth(camera)
+            if camera.calibration:
+                run.calibrations[name] = camera.calibration[0][1]
+            X_WC = contents.frames.pose(base=WORLD_FRAME, frame=optical_frame(name), stamp=0)
+            if X_WC is not None:
+                run.camera_poses[name] = X_WC
 
+    def _add_message(self, scanned: ScannedMessage) -> None:
+        """Adds a message; topics that no replay needs are ignored.
 
-def _take_attachment(run: RecordedRun, attachment: Attachment) -> None:
-    if attachment.name == SCENARIO_ATTACHMENT:
-        run.scenario_text = attachment.data.decode(errors="replace")
-    elif attachment.name == PLAN_ATTACHMENT:
-        run.plan = attachment.data
-
-
-def _take(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    """Adds a message; topics that no replay needs are passed over.
-
-    Raises:
-        RunLogError: if it is damaged, or not of the kind that its topic holds.
-    """
-    try:
-        match = CAMERA_TOPIC.fullmatch(scanned.topic)
-        if match is not None:
-            if match["kind"] in _IMAGES:
-                _take_image(run, samples, scanned, match["camera"], match["kind"])
+        Raises:
+            RunLogError: if it is damaged, or not of the type that its topic holds.
+        """
+        try:
+            if add := self._add.get(scanned.topic):
+                add(scanned, to_seconds(scanned.log_time))
             else:
-                message, _ = _message(scanned, CameraCalibration)
-                run.calibrations.setdefault(match["camera"], decode_calibration(message))
-        elif scanned.topic in _TAKERS:
-            _TAKERS[scanned.topic](run, samples, scanned)
-    except _DAMAGE as e:
-        problem = e.problem if isinstance(e, PoilError) else f"a message is damaged: {e!r}."
-        raise RunLogError(f"{run.path}, topic {scanned.topic}: {problem}", remedy=REMEDY) from e
-    except RecursionError as e:
-        raise RunLogError(
-            f"{run.path}, topic {scanned.topic}: a message is nested too deeply.", remedy=REMEDY
-        ) from e
+                self._contents.add(scanned)
+        except _MESSAGE_ERRORS as error:
+            damage = f"a message is damaged: {error!r}."
+            problem = error.problem if isinstance(error, PoilError) else damage
+            raise RunLogError(
+                f"{self._run.path}, topic {scanned.topic}: {problem}", remedy=REMEDY
+            ) from error
+
+    def _add_joint_states(self, scanned: ScannedMessage, time: float) -> None:
+        values = decode_joint_states(scanned.decode(JointStates), self._run.joint_names)
+        self._samples[scanned.topic].append((time, values.ravel()))
+
+    def _add_track(self, scanned: ScannedMessage, time: float) -> None:
+        message = scanned.decode(PointCloud)
+        stamp = to_seconds(get_timestamp(message, default=scanned.log_time))
+        self._run.tracks.append(LoggedTrack(time, TrackedPoints(*decode_points(message), stamp)))
+
+    def _add_twist(self, scanned: ScannedMessage, time: float) -> None:
+        record = _record(scanned)
+        values = [_number(record[part][axis]) for part in ("angular", "linear") for axis in "xyz"]
+        self._samples[scanned.topic].append((time, values))
+
+    def _add_numbers(self, scanned: ScannedMessage, time: float) -> None:
+        record = _record(scanned)
+        values = [_number(record.get(key)) for key in NUMBERS[scanned.topic]]
+        self._samples[scanned.topic].append((time, values))
+
+    def _add_image_times(self, scanned: ScannedMessage, time: float) -> None:
+        for key, value in _record(scanned).items():
+            if key.endswith(_IMAGE_TIME):
+                camera = key.removesuffix(_IMAGE_TIME)
+                self._image_times[camera].append((time, [_number(value)]))
+
+    def _add_phase(self, scanned: ScannedMessage, time: float) -> None:
+        record = _record(scanned)
+        self._run.phases.append(PhaseStart(time, str(record["phase"]), str(record["reason"])))
 
 
-def _take_image(
-    run: RecordedRun, samples: _Samples, scanned: ScannedMessage, camera: str, kind: str
-) -> None:
-    message, message_type = _message(scanned, CompressedImage, RawImage)
-    stamp = get_timestamp(message, default=scanned.log_time)
-    stored = StoredImage(stamp, message.frame_id, message_type, scanned.location)
-    if kind == "image":
-        logged = LoggedImages(to_seconds(scanned.log_time), stored)
-        run.images.setdefault(camera, []).append(logged)
-    else:
-        (samples.depth if kind == "depth" else samples.label)[camera, stamp] = stored
-
-
-def _message(scanned: ScannedMessage, *kinds: Any) -> tuple[Any, Any]:
-    """Returns a message, and of which of some kinds it is."""
-    for kind in kinds:
-        if (scanned.schema, scanned.encoding) == (
-            kind.DESCRIPTOR.full_name,
-            MessageEncoding.Protobuf,
-        ):
-            return kind.FromString(scanned.data), kind
-    raise InvalidValueError(
-        f"it holds '{scanned.schema}' messages encoded as '{scanned.encoding}'.", remedy=REMEDY
+def _with_depth(camera: CameraContents) -> list[StoredImages]:
+    """Returns the colour images that have a depth image, each with its label image if any."""
+    depth, label = (
+        {image.stamp: image for image in stream} for stream in (camera.depth, camera.label)
     )
+    return [
+        StoredImages(image, depth[image.stamp], label.get(image.stamp))
+        for image in sorted(camera.image, key=lambda image: image.log_time)
+        if image.stamp in depth
+    ]
 
 
 def _record(scanned: ScannedMessage) -> Mapping[str, Any]:
     record = json.loads(scanned.data)
     if scanned.encoding != MessageEncoding.JSON or not isinstance(record, dict):
-        raise InvalidValueError("it holds something else than JSON records.", remedy=REMEDY)
+        raise InvalidValueError("it holds messages that are not JSON objects.", remedy=REMEDY)
     return record
 
 
 def _number(value: Any) -> float:
-    """Returns a number of a record; null stands for what is not finite."""
+    """Returns a number of a record; null stands for one that is not finite."""
     if value is None:
         return np.nan
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InvalidValueError(f"a record holds {value!r} for a number.", remedy=REMEDY)
     return float(value)
-
-
-def _take_joint_states(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    message, _ = _message(scanned, JointStates)
-    values = decode_joint_states(message, run.joint_names).ravel()
-    samples.add(scanned.topic, to_seconds(scanned.log_time), values)
-
-
-def _take_commands(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    message, _ = _message(scanned, JointStates)
-    values = decode_joint_states(message, run.joint_names)[:2].ravel()
-    samples.add(scanned.topic, to_seconds(scanned.log_time), values)
-
-
-def _take_track(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    message, _ = _message(scanned, PointCloud)
-    positions, confidence = decode_points(message)
-    stamp = to_seconds(get_timestamp(message, default=scanned.log_time))
-    track = TrackedPoints(positions, confidence, stamp)
-    run.tracks.append(LoggedTrack(to_seconds(scanned.log_time), track))
-
-
-def _take_twist(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    record = _record(scanned)
-    values = [_number(record[part][axis]) for part in ("angular", "linear") for axis in "xyz"]
-    samples.add(scanned.topic, to_seconds(scanned.log_time), values)
-
-
-def _take_numbers(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    record = _record(scanned)
-    values = [_number(record.get(key)) for key in NUMBERS[scanned.topic]]
-    samples.add(scanned.topic, to_seconds(scanned.log_time), values)
-
-
-def _take_camera_times(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    ending = ".image_time"
-    seen = {
-        key.removesuffix(ending): _number(value)
-        for key, value in _record(scanned).items()
-        if key.endswith(ending)
-    }
-    samples.add(scanned.topic, to_seconds(scanned.log_time), seen)
-
-
-def _take_transform(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    message, _ = _message(scanned, FrameTransform)
-    child = message.child_frame_id
-    if message.parent_frame_id == WORLD_FRAME and child.endswith(optical_frame("")):
-        run.camera_poses.setdefault(
-            child.removesuffix(optical_frame("")), decode_transform(message)
-        )
-
-
-def _take_phase(run: RecordedRun, samples: _Samples, scanned: ScannedMessage) -> None:
-    record = _record(scanned)
-    time = to_seconds(scanned.log_time)
-    run.phases.append(PhaseStart(time, str(record["phase"]), str(record["reason"])))
-
-
-_TAKERS = {
-    JOINT_STATES_TOPIC: _take_joint_states,
-    JOINT_COMMANDS_TOPIC: _take_commands,
-    TRACKED_TOPIC: _take_track,
-    TWIST_TOPIC: _take_twist,
-    CAMERAS_STATUS_TOPIC: _take_camera_times,
-    PHASE_TOPIC: _take_phase,
-    TRANSFORM_TOPIC: _take_transform,
-    **dict.fromkeys(NUMBERS, _take_numbers),
-}

@@ -1,25 +1,30 @@
-"""A run as its log has it; images are left in the file until they are asked for."""
+"""A recorded run; its images stay in the log until they are needed."""
 
-import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.errors import RunLogError
+from poil_drake.errors import DemonstrationError, InvalidValueError, RunLogError
+from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.contents import StoredImage
-from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY, parse_label_ids
+from poil_drake.recording.demonstration.stored_images import StoredImages
+from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.run_log.series import Series
 
 REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
 """What to do about a log that cannot be used."""
 
+_CACHED_IMAGES = 2
+"""Tracker and detector look at the same image, and then at the next."""
+
 
 class PhaseStart(NamedTuple):
-    """When a phase of the skill was seen to begin [s], which, and why."""
+    """When a phase of the skill began [s], which one, and why."""
 
     time: float
     name: str
@@ -34,44 +39,27 @@ class LoggedTrack(NamedTuple):
 
 
 @dataclass
-class LoggedImages:
-    """The images of one camera that were logged at one time, still in the file.
-
-    Attributes:
-        time: When they were logged [s].
-        color: The colour image.
-        depth: The depth image; None where it is missing.
-        label: The label image, which may have been logged later; None where there is none.
-    """
-
-    time: float
-    color: StoredImage
-    depth: StoredImage | None = None
-    label: StoredImage | None = None
-
-
-@dataclass
 class RecordedRun:
-    """What the log of a run holds of what a replay needs, and of what it is compared with.
+    """What a replay needs of a run's log, and what it is compared with.
 
     Attributes:
         path: The file.
         joint_names: The arm's joints, J of them.
-        metadata: What the log says about the run.
-        scenario_text: The scenario as YAML; None where the log lacks it.
-        plan: The plan's file; None where the log lacks it.
+        metadata: The metadata of the run.
+        scenario_text: The scenario as YAML; None if the log lacks it.
+        plan: The plan's file; None if the log lacks it.
         joints: (T, 3 J) measured positions [rad], velocities [rad/s] and external torques [Nm].
-        commands: (T, J) joint velocities commanded [rad/s].
-        postures: (T, J) the joint positions that they lead to [rad].
-        twist: (T, 6) spatial velocity asked of the gripper, (ω [rad/s], v [m/s]) in the world.
-        numbers: Topic -> (T, fields) of the statuses in `run_log_reader.NUMBERS`.
+        commands: (T, J) commanded joint velocities [rad/s].
+        postures: (T, J) the joint positions to which they lead [rad].
+        twist: (T, 6) desired spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
+        numbers: Topic -> (T, fields) of the statuses in `reader.NUMBERS`.
         camera_times: Camera -> (T, 1) when its newest image was captured [s].
         calibrations: Camera -> its intrinsics.
         camera_poses: Camera -> (4, 4) its pose in the world [m].
         phases: The phases of the skill.
-        tracks: The tracks that were released.
-        images: Camera -> its images, in order.
-        cut_off: What is wrong with the file's end; empty for a whole file.
+        tracks: The tracks that the tracker released.
+        images: Camera -> its images that have depth, in order.
+        cut_off: How the file ends if it is cut off; empty for a whole file.
     """
 
     path: Path
@@ -89,25 +77,47 @@ class RecordedRun:
     camera_poses: dict[str, np.ndarray] = field(default_factory=dict)
     phases: list[PhaseStart] = field(default_factory=list)
     tracks: list[LoggedTrack] = field(default_factory=list)
-    images: dict[str, list[LoggedImages]] = field(default_factory=dict)
+    images: dict[str, list[StoredImages]] = field(default_factory=dict)
     cut_off: str = ""
 
     @property
     def end(self) -> float:
-        """The time of the last sample of the joints [s]; 0 where there is none."""
+        """The time of the last sample of the joints [s]; 0 if there is none."""
         return float(self.joints.times[-1]) if len(self.joints) else 0.0
 
     @property
     def label_ids(self) -> dict[str, tuple[int, ...]]:
-        """Which labels stand for what; empty where the log does not say.
+        """The labels of objects and parts; empty if the log does not say.
 
         Raises:
-            RunLogError: if the log says it wrongly.
+            RunLogError: if the metadata is not a table of labels.
         """
-        text = self.metadata.get(LABEL_IDS_KEY, "{}")
         try:
-            return {str(k): tuple(int(i) for i in ids) for k, ids in json.loads(text).items()}
-        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-            raise RunLogError(
-                f"The metadata '{LABEL_IDS_KEY}' of '{self.path}' is {text[:80]}.", remedy=REMEDY
-            ) from error
+            return parse_label_ids(self.metadata.get(LABEL_IDS_KEY, "{}"))
+        except InvalidValueError as error:
+            raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error
+
+    def image_reader(self, camera: CameraModel) -> Callable[[int], RgbdImage]:
+        """Returns a function that decodes an image of a camera by its index in `images`.
+
+        The function caches the last few. It raises a RunLogError if the image cannot be decoded or
+        does not have the size of the camera's model, or if the file has changed.
+        """
+        images = self.images.get(camera.name, [])
+
+        @lru_cache(_CACHED_IMAGES)
+        def read(index: int) -> RgbdImage:
+            try:
+                return images[index].read(
+                    self.path,
+                    camera.name,
+                    size=(camera.width, camera.height),
+                    size_source=f"the scenario's camera '{camera.name}' has",
+                )
+            except DemonstrationError as error:
+                raise RunLogError(
+                    error.problem,
+                    remedy="Copy the log again, and replay it with the cameras of the run.",
+                ) from error
+
+        return read

@@ -1,4 +1,4 @@
-"""Samples of a signal over time."""
+"""A signal sampled over time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,14 +6,17 @@ from typing import Self
 
 import numpy as np
 
+_ROUNDING = 1e-9
+"""Rounding of times that were written as nanoseconds [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Series:
     """Samples in order of time.
 
     Attributes:
-        times: (T,) when they were taken [s].
-        values: (T, ...) what they are.
+        times: (T,) [s].
+        values: (T, ...) the samples.
     """
 
     times: np.ndarray
@@ -21,7 +24,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[tuple[float, Sequence[float] | np.ndarray]], size: int) -> Self:
-        """Returns the series of (time, values) pairs, of which each has `size` values."""
+        """Returns the series of (time [s], values) pairs in any order, each of `size` values."""
         ordered = sorted(samples, key=lambda sample: sample[0])
         times = np.array([time for time, _ in ordered], dtype=float)
         return cls(times, np.array([value for _, value in ordered], float).reshape(-1, size))
@@ -35,14 +38,10 @@ class Series:
         return float(np.median(np.diff(self.times))) if len(self) > 1 else float("nan")
 
     def index(self, time: float) -> int:
-        """Returns the number of the newest sample at or before a time [s]; -1 if there is none."""
-        # Times written as nanoseconds come back rounded.
+        """Returns the index of the newest sample at or before a time [s]; -1 if there is none."""
         return int(np.searchsorted(self.times, time + _ROUNDING, side="right")) - 1
 
     def at(self, time: float) -> np.ndarray:
         """Returns the newest sample (...) at or before a time [s]; NaN if there is none."""
         index = self.index(time)
         return np.full(self.values.shape[1:], np.nan) if index < 0 else self.values[index]
-
-
-_ROUNDING = 1e-9

@@ -1,4 +1,4 @@
-"""The log of a run, as MCAP."""
+"""Writes the log of a run, as MCAP."""
 
 import atexit
 import json
@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -14,28 +13,16 @@ import numpy as np
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.layout import (
     LABEL_IDS_KEY,
-    METADATA_RECORD,
     SCENARIO_ATTACHMENT,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.camera_messages import encode_calibration, encode_transform
-from poil_drake.recording.mcap.image_messages import (
-    ColorEncoding,
-    encode_color,
-    encode_depth,
-    encode_label,
-)
+from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.log_messages import (
-    encode_joint_states,
-    encode_points,
-    json_record,
-    json_schema,
-)
-from poil_drake.recording.mcap.message_parts import MessageParts
+from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
+from poil_drake.recording.mcap.plain_json import json_record
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 from poil_drake.recording.run_log.layout import JOINT_STATES_TOPIC, PHASE_TOPIC, PLAN_ATTACHMENT
@@ -47,17 +34,18 @@ class RunLogConfig:
     """How a run is logged.
 
     Attributes:
-        color: How colour images are encoded. A log is for looking at: quality 85 halves its size.
-        exact_depth: Whether depth is not rounded to millimetres, which doubles the log's size. With
-            colour images that are "raw" or "png", too, a replay then sees what the run saw.
-        images: Whether images are written; those of a log without are dropped at once.
+        color: How colour images are encoded. Quality 85 is good enough to look at and takes half
+            the room of 95.
+        exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
+            log's size. With "raw" or "png" colour images, a replay then sees what the run saw.
+        images: Whether images are written; a log without drops them at once.
         queue_capacity: How many messages may wait for the writing thread. 2048 are more than a
-            second at the default rates, and 60 MB with the images among them.
-        drop_when_full: Whether a message is left out (and counted in the metadata
-            `dropped_messages`) when the queue is full, instead of holding up the caller. True for
-            hardware, where the loop must not wait for a disk.
-        chunk_size: How much is written at once [bytes, before compression]: what a log lacks at
-            most when its process is killed.
+            second at the default rates, and 60 MB including images.
+        drop_when_full: Whether a full queue drops messages, and counts them in the metadata
+            `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
+            must not wait for a disk.
+        chunk_size: How much is written at once [bytes, before compression]: the most that a log
+            loses when its process is killed.
     """
 
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
@@ -69,24 +57,24 @@ class RunLogConfig:
 
     @classmethod
     def for_hardware(cls) -> Self:
-        """Returns how a real robot's run is logged: nothing waits, and little is lost."""
+        """Returns the configuration for a real robot: nothing blocks, and a kill loses little."""
         return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
 class RunLogWriter:
-    """Writes what happens in a run: open, write, close; or a `with` block.
+    """Writes the log of a run: open, write, close; or a `with` block.
 
     All times are those of the loop's context [s], which begin at 0, on hardware, too; `time` is
     when a message was logged, `stamp` when what it shows was measured, by default the same. A write
-    copies its arrays and returns; encoding, compression and disk are left to one background thread,
-    which `close` joins. The file is readable after any `close`, also one that follows an exception,
-    and closing is not forgotten when the interpreter exits.
+    copies its arrays and returns; one background thread encodes, compresses and writes to disk, and
+    `close` joins it. The file is readable after any `close`, also after an exception; at the exit
+    of the interpreter the log is closed at the latest.
 
-    A write raises what an earlier write met in the background thread, e.g. a full disk.
+    A write raises the error of an earlier write in the background thread, e.g. a full disk.
 
     Args:
         path: The MCAP file; its folder is made where needed. An older file is overwritten.
-        metadata: What to say about the run, e.g. {"scenario": ..., "seed": ...}.
+        metadata: Metadata of the run, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.
         plan: The file of the plan that is executed, kept as an attachment.
         config: How to log.
@@ -101,13 +89,15 @@ class RunLogWriter:
         plan: bytes | None = None,
         config: RunLogConfig | None = None,
     ):
-        self._config = config or RunLogConfig()
-        self._sink = McapSink(Path(path), chunk_size=self._config.chunk_size)
-        self._schemas: dict[str, dict[str, Any]] = {}
-        self._messages: dict[tuple[str, ...], Any] = {}
+        self._config, path = config or RunLogConfig(), Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._sink = McapSink(path.open("wb"), chunk_size=self._config.chunk_size)
+        self._encoder = MessageEncoder(
+            color=self._config.color, exact_depth=self._config.exact_depth
+        )
         self._closed = False
-        # Metadata first: a log that was never closed still says what it is.
-        self._sink.add_metadata(METADATA_RECORD, {**version_metadata(), **(metadata or {})})
+        # Metadata first, so that a log that was never closed has it.
+        self._sink.add_metadata({**version_metadata(), **(metadata or {})})
         if scenario_text is not None:
             self._sink.add_attachment(
                 SCENARIO_ATTACHMENT, media_type="application/yaml", data=scenario_text.encode()
@@ -119,36 +109,33 @@ class RunLogWriter:
 
     def write_calibration(self, camera: CameraModel, *, time: float) -> None:
         """Writes a camera's intrinsics and pose."""
-        now = to_nanoseconds(time)
         frame_id = optical_frame(camera.name)
         topic = camera_topic(camera.name, "calibration")
-        self._write(topic, time, lambda: encode_calibration(camera, stamp=now, frame_id=frame_id))
+        self._write(topic, self._encoder.calibration, camera, time=time, frame_id=frame_id)
         self.write_transform(camera.X_WC, child=frame_id, time=time)
 
     def write_image(
         self, camera: str, rgb: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W, 3) uint8 colour image."""
-        encode = partial(encode_color, encoding=self._config.color)
-        self._write_pixels(camera, "image", rgb, encode, time, stamp)
+        self._write_pixels("image", camera, rgb, time, stamp)
 
     def write_depth(
         self, camera: str, depth: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) depth image [m]."""
-        encode = partial(encode_depth, exact=self._config.exact_depth)
-        self._write_pixels(camera, "depth", depth, encode, time, stamp)
+        self._write_pixels("depth", camera, depth, time, stamp)
 
     def write_label(
         self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
         """Writes an (H, W) label image."""
-        self._write_pixels(camera, "label", label, encode_label, time, stamp)
+        self._write_pixels("label", camera, label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
-        """Writes as metadata which labels stand for what; see `MultiViewFrame.label_ids`."""
+        """Writes the labels of objects and parts as metadata; see `MultiViewFrame.label_ids`."""
         text = json.dumps({name: list(ids) for name, ids in label_ids.items()})
-        self._submit(lambda: self._sink.add_metadata(METADATA_RECORD, {LABEL_IDS_KEY: text}))
+        self._submit(lambda: self._sink.add_metadata({LABEL_IDS_KEY: text}))
 
     def write_points(
         self,
@@ -162,45 +149,24 @@ class RunLogWriter:
     ) -> None:
         """Writes (N, 3) world points [m] to /points/<name>, with their (N,) confidence if given.
 
-        The names in use are tracked, propagated, reference and target. They are rounded to float32
-        unless they are to be `exact`.
+        The names in use are tracked, propagated, reference and target. Points are rounded to
+        float32 unless `exact`.
         """
-        captured = to_nanoseconds(time if stamp is None else stamp)
-        kept = _kept(points)
-        weights = None if confidence is None else _kept(confidence)
-        topic, has_confidence = f"/points/{name}", weights is not None
         self._write(
-            topic,
-            time,
-            lambda: self._again(
-                (topic, str(exact), str(has_confidence)),
-                lambda message: encode_points(
-                    kept,
-                    stamp=captured,
-                    frame_id=WORLD_FRAME,
-                    confidence=weights,
-                    exact=exact,
-                    message=message,
-                ),
-            ),
+            f"/points/{name}",
+            self._encoder.points,
+            points,
+            time=time,
+            stamp=stamp,
+            frame_id=WORLD_FRAME,
+            confidence=confidence,
+            exact=exact,
         )
 
-    def write_transform(
-        self, X_PC: np.ndarray, *, child: str, time: float, parent: str = WORLD_FRAME
-    ) -> None:
-        """Writes the (4, 4) pose of frame `child` in frame `parent` [m] to /tf."""
-        now = to_nanoseconds(time)
-        pose = _kept(X_PC)
-        self._write(
-            TRANSFORM_TOPIC,
-            time,
-            lambda: self._again(
-                (TRANSFORM_TOPIC, parent, child),
-                lambda message: encode_transform(
-                    pose, parent=parent, child=child, stamp=now, message=message
-                ),
-            ),
-        )
+    def write_transform(self, X_WC: np.ndarray, *, child: str, time: float) -> None:
+        """Writes the (4, 4) pose of frame `child` in the world [m] to /tf."""
+        encode = self._encoder.transform
+        self._write(TRANSFORM_TOPIC, encode, X_WC, time=time, parent=WORLD_FRAME, child=child)
 
     def write_joint_states(
         self,
@@ -213,31 +179,24 @@ class RunLogWriter:
         topic: str = JOINT_STATES_TOPIC,
     ) -> None:
         """Writes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
-        now = to_nanoseconds(time)
-        given = {"position": position, "velocity": velocity, "effort": effort}
-        kept = {key: None if array is None else _kept(array) for key, array in given.items()}
         self._write(
             topic,
-            time,
-            lambda: self._again(
-                (topic, *names),
-                lambda message: encode_joint_states(names, stamp=now, message=message, **kept),
-            ),
+            self._encoder.joint_states,
+            names,
+            time=time,
+            position=position,
+            velocity=velocity,
+            effort=effort,
         )
 
     def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
         """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""
-        angular, linear = np.split(np.asarray(twist, dtype=float), 2)
-        axes = "xyz"
-        self._write_json(
-            topic,
-            {
-                "angular": dict(zip(axes, angular.tolist(), strict=True)),
-                "linear": dict(zip(axes, linear.tolist(), strict=True)),
-            },
-            title="poil.Twist",
-            time=time,
+        angular, linear = (
+            dict(zip("xyz", part.tolist(), strict=True))
+            for part in np.split(np.asarray(twist, dtype=float), 2)
         )
+        values = {"angular": angular, "linear": linear}
+        self._write_json(topic, values, schema="poil.Twist", time=time)
 
     def write_status(self, topic: str, values: Mapping[str, Any], *, time: float) -> None:
         """Writes named values to `topic`, e.g. /controller/status, /ik/status, /tracker/status.
@@ -245,12 +204,12 @@ class RunLogWriter:
         The values may be numbers, text, arrays and mappings of these. The first message on a topic
         sets its JSON schema, so give every message of a topic the same names.
         """
-        self._write_json(topic, values, title=f"poil{topic.replace('/', '.')}", time=time)
+        self._write_json(topic, values, schema=f"poil{topic.replace('/', '.')}", time=time)
 
     def write_phase(self, phase: str, *, time: float, reason: str = "") -> None:
         """Writes to /phase that a phase of the task has begun, and why."""
         values = {"phase": phase, "reason": reason}
-        self._write_json(PHASE_TOPIC, values, title="poil.phase", time=time)
+        self._write_json(PHASE_TOPIC, values, schema="poil.phase", time=time)
 
     def close(self) -> None:
         """Waits for the background thread and finishes the file. A second call does nothing.
@@ -266,74 +225,53 @@ class RunLogWriter:
             self._worker.close()
         finally:
             if self._worker.dropped:
-                dropped = {"dropped_messages": str(self._worker.dropped)}
-                self._sink.add_metadata(METADATA_RECORD, dropped)
+                self._sink.add_metadata({"dropped_messages": str(self._worker.dropped)})
             self._sink.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exception_type: type[BaseException] | None,
-        exception: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _write_pixels(
-        self,
-        camera: str,
-        kind: str,
-        image: np.ndarray,
-        encode: Callable[..., Any],
-        time: float,
-        stamp: float | None,
+        self, kind: str, camera: str, pixels: np.ndarray, time: float, stamp: float | None
     ) -> None:
-        if not self._config.images:
-            return
-        captured = to_nanoseconds(time if stamp is None else stamp)
-        topic, frame_id, pixels = camera_topic(camera, kind), optical_frame(camera), _kept(image)
-        self._write(
-            topic,
-            time,
-            lambda: self._again(
-                (topic, str(pixels.shape)),
-                lambda message: encode(pixels, stamp=captured, frame_id=frame_id, message=message),
-            ),
+        if self._config.images:
+            topic, encode = camera_topic(camera, kind), partial(self._encoder.image, kind)
+            frame_id = optical_frame(camera)
+            self._write(topic, encode, pixels, time=time, stamp=stamp, frame_id=frame_id)
+
+    def _write(
+        self,
+        topic: str,
+        encode: Callable[..., EncodedMessage],
+        content: Any,
+        *,
+        time: float,
+        stamp: float | None = None,
+        **options: Any,
+    ) -> None:
+        """Submits a message, which the background thread encodes from copies of its arrays."""
+        now, captured = to_nanoseconds(time), to_nanoseconds(time if stamp is None else stamp)
+        kept = _kept(content)
+        options = {name: _kept(value) for name, value in options.items()}
+        self._submit(
+            lambda: self._sink.write(topic, encode(kept, stamp=captured, **options), time=now)
         )
 
-    def _again(self, key: tuple[str, ...], encode: Callable[[Any], Any]) -> Any:
-        """Returns a message that is filled again each time, in the background thread.
-
-        Of every 10,000 pieces of messages that are freed, protobuf has the last one's thread go
-        through all free memory of the process and give it back (`malloc_trim`). That takes 10 ms,
-        in which no other thread gets the interpreter, and slows down who uses memory next. The
-        robot's signals alone would make it do so every few seconds.
-        """
-        encoded = encode(self._messages.get(key))
-        self._messages[key] = encoded.message if isinstance(encoded, MessageParts) else encoded
-        return encoded
-
-    def _write(self, topic: str, time: float, encode: Callable[[], Any]) -> None:
-        now = to_nanoseconds(time)
-        self._submit(lambda: self._sink.write(topic, encode(), time=now))
-
     def _write_json(
-        self, topic: str, values: Mapping[str, Any], *, title: str, time: float
+        self, topic: str, values: Mapping[str, Any], *, schema: str, time: float
     ) -> None:
         now = to_nanoseconds(time)
         record = json_record(values, stamp=now)
-        if title not in self._schemas:
-            self._schemas[title] = json_schema(title, record)
-        schema = self._schemas[title]
         self._submit(lambda: self._sink.write_json(topic, record, schema=schema, time=now))
 
     def _submit(self, job: Callable[[], None]) -> None:
         self._worker.submit(job, may_drop=self._config.drop_when_full)
 
 
-def _kept(array: np.ndarray) -> np.ndarray:
-    """Returns an array that nobody changes: itself if it is read-only and its own, or a copy."""
-    array = np.asarray(array)
-    return array if not array.flags.writeable and array.base is None else array.copy()
+def _kept(value: Any) -> Any:
+    """Returns the value; of an array that may change, a copy: of one that is writable or a view."""
+    may_change = isinstance(value, np.ndarray) and (value.flags.writeable or value.base is not None)
+    return value.copy() if may_change else value

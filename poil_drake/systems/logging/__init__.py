@@ -1,1 +1,1 @@
-"""Writes what happens in the loop to a run log."""
+"""Systems that write the closed loop to a run log and keep pictures of it."""

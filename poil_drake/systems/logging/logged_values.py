@@ -1,4 +1,4 @@
-"""What is written beside numbers, or instead of them, in a run log."""
+"""Names and meanings of numbers in a run log."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,21 +9,21 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from poil_drake.systems.statuses import RobotMode
 
 ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
-"""What the robot's modes are called."""
+"""The names of the robot's modes."""
 
 
 def meaning(texts: Mapping[int, str], number: float) -> str:
-    """Returns what a number on a port stands for, or the number itself where that is not known."""
+    """Returns the meaning of a number on a port, or the number itself if it has none."""
     return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"
 
 
 def applied_forces(
     forces: Sequence[ExternallyAppliedSpatialForce], body_names: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Returns the forces that are not zero: `body`, `force` [N] and `torque` [N m] in the world.
+    """Returns the non-zero forces as `body`, `force` [N] and `torque` [N m] in the world.
 
     Args:
-        forces: As a plant takes them.
+        forces: The plant's externally applied forces.
         body_names: The names of its bodies, by index.
     """
     names = dict(enumerate(body_names))

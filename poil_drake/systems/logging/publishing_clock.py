@@ -1,4 +1,4 @@
-"""Measures how long publishing takes, whoever publishes."""
+"""Measures the duration of all publishing in a diagram."""
 
 from collections.abc import Iterable
 
@@ -10,27 +10,13 @@ Schedule = tuple[float, float]
 """Period and offset [s] of a periodic publish event."""
 
 
-class _End(LeafSystem):
-    """Publishes nothing; runs at one end of a diagram's publish events."""
-
-    def __init__(self, clock: "PublishingClock", starts: bool, schedules: Iterable[Schedule]):
-        super().__init__()
-
-        def turn(context: Context) -> None:
-            clock._turn(starts)
-
-        self.DeclareInitializationPublishEvent(turn)
-        for period, offset in schedules:
-            self.DeclarePeriodicPublishEvent(period, offset, turn)
-
-
 class PublishingClock:
     """Times the publish events of a diagram under "publishing" on a stopwatch.
 
-    At one instant Drake lets a diagram's subsystems publish in the order in which they were added.
-    Two systems that publish nothing themselves, one added before all others and one after them,
-    therefore enclose everything that is published, also by systems that cannot measure themselves,
-    such as Drake's visualizers. What publishing has to compute first counts, too.
+    At one instant, Drake publishes a diagram's subsystems in the order in which they were added.
+    Two systems that publish nothing, one added before all others and one after them, therefore
+    enclose everything that is published, also by systems that cannot measure themselves, such as
+    Drake's visualizers. The computations that publishing triggers count, too.
     """
 
     def __init__(self, stopwatch: Stopwatch, schedules: Iterable[Schedule]):
@@ -40,22 +26,28 @@ class PublishingClock:
             stopwatch: Where to note the durations.
             schedules: When anything in the diagram publishes.
         """
-        self._stopwatch, self._schedules = stopwatch, sorted(set(schedules))
-        self._running = self._stopwatch.measure("publishing")
+        self._schedules = sorted(set(schedules))
+        self._measurement = stopwatch.measure("publishing")
         self._is_running = False
 
     def AddStart(self, builder: DiagramBuilder) -> None:
         """Adds the system that starts the clock: before all others."""
-        builder.AddNamedSystem("publishing_start", _End(self, True, self._schedules))
+        self._add(builder, "publishing_start", starts=True)
 
     def AddStop(self, builder: DiagramBuilder) -> None:
         """Adds the system that stops the clock: after all others."""
-        builder.AddNamedSystem("publishing_stop", _End(self, False, self._schedules))
+        self._add(builder, "publishing_stop", starts=False)
 
-    def _turn(self, starts: bool) -> None:
-        # Where two schedules meet, each end is told twice.
-        if starts and not self._is_running:
-            self._running.__enter__()
-        elif self._is_running and not starts:
-            self._running.__exit__(None, None, None)
-        self._is_running = starts
+    def _add(self, builder: DiagramBuilder, name: str, *, starts: bool) -> None:
+        def publish(context: Context) -> None:
+            # Where two schedules meet, this runs twice.
+            if starts and not self._is_running:
+                self._measurement.__enter__()
+            elif self._is_running and not starts:
+                self._measurement.__exit__(None, None, None)
+            self._is_running = starts
+
+        system = builder.AddNamedSystem(name, LeafSystem())
+        system.DeclareInitializationPublishEvent(publish)
+        for period, offset in self._schedules:
+            system.DeclarePeriodicPublishEvent(period, offset, publish)

@@ -1,4 +1,4 @@
-"""Keeps some of the camera pictures of a run, for its summary."""
+"""Keeps some of the camera pictures of a run for its summary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,25 +9,24 @@ from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
 
 _REMEMBERED = 64
-"""Pictures that wait for their track at most, should the tracker stall."""
+"""The most pictures that wait for their track, in case the tracker stalls."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Snapshot:
-    """A camera picture and where the points were then.
+    """A camera picture and the points at that time.
 
     Attributes:
         time: Time of capture [s].
         camera: The camera.
         rgb: (H, W, 3) uint8 colour.
-        points: (N, 3) where the tracker saw the points in it [m, world]; NaN where it did not.
-        target_points: (N, 3) where the reference wanted them then [m, world]; NaN where unknown.
+        points: (N, 3) the tracked points in it [m, world]; NaN where they are not seen.
+        target_points: (N, 3) their target on the reference [m, world]; NaN where unknown.
     """
 
     time: float
@@ -38,19 +37,15 @@ class Snapshot:
 
 
 class SnapshotAlbum:
-    """A bounded collection of snapshots, about evenly spaced over however long a run takes."""
+    """A bounded collection of snapshots, about evenly spaced over a run of any duration."""
 
     def __init__(self, capacity: int = 48):
         """Makes an empty album.
 
         Args:
-            capacity: How many snapshots it holds at most; when it is full, every other one goes,
-                and from then on every other one that comes. At 640 x 480 one takes 0.9 MB.
+            capacity: The most snapshots that it holds, at least 2. When it is full, it drops every
+                other one, and from then on takes every other one. At 640 x 480 one takes 0.9 MB.
         """
-        if capacity < 2:
-            raise InvalidValueError(
-                f"An album of {capacity} snapshots.", remedy="Ask for a capacity of at least 2."
-            )
         self._capacity, self._stride, self._offered = capacity, 1, 0
         self._snapshots: list[Snapshot] = []
         self._last: Snapshot | None = None
@@ -73,7 +68,7 @@ class SnapshotAlbum:
 
     @property
     def snapshots(self) -> tuple[Snapshot, ...]:
-        """What was kept, in order."""
+        """The snapshots that are kept, in order."""
         if self._last is None or self._snapshots[-1] is self._last:
             return tuple(self._snapshots)
         return (*self._snapshots, self._last)
@@ -89,7 +84,7 @@ class SnapshotAlbum:
 
 
 class SnapshotRecorder(LeafSystem):
-    """Puts the tracker's frames into an album, each with what the tracker made of it.
+    """Puts the tracker's frames into an album, each with its track.
 
     .. pydrake_system::
 
@@ -98,11 +93,10 @@ class SnapshotRecorder(LeafSystem):
         - frame
         - tracked_points
 
-    `frame` is an abstract `MultiViewFrame`, or anything else before the first; `tracked_points` are
-    `TrackedPoints`, which come later than their frame: their stamp tells which one it is. There
-    are no outputs. Periodic updates remember the camera's images, and periodic publish events add
-    the one that has been tracked; none is added before the first track, and points that are lost
-    are NaN.
+    `frame` is an abstract `MultiViewFrame`, or any other value before the first; `tracked_points`
+    are `TrackedPoints`, which arrive later than their frame and have its stamp. There are no
+    outputs. Periodic updates store the camera's images in the context, and periodic publish events
+    add the one that has been tracked. None is added before the first track; lost points are NaN.
     """
 
     def __init__(
@@ -113,48 +107,43 @@ class SnapshotRecorder(LeafSystem):
         reference: PointTrajectory,
         period: float,
         offset: float,
-        view: int = 0,
     ):
         """Constructs the recorder.
 
         Args:
             album: Where the snapshots go.
-            camera: The camera whose pictures are kept.
+            camera: The first of the frames' cameras, whose pictures are kept.
             reference: The reference of the N points; its closest configuration is their target.
-            period: From one capture to the next [s].
-            offset: How long after time 0 to look first [s], e.g. the control period: a publish
-                event at the time of a capture would still see what was before.
-            view: Which of the frames' cameras that is.
+            period: Time between captures [s].
+            offset: Time of the first look [s], e.g. the control period: a publish event at the time
+                of a capture would still see the frame before.
         """
         super().__init__()
         self._album, self._reference = album, reference
-        self._camera, self._view = camera, view
-        self._nothing = TrackedPoints.lost(reference.positions.shape[1], -np.inf)
+        self._camera = camera
+        no_track = TrackedPoints.lost(reference.positions.shape[1], -np.inf)
         self._frame = self.DeclareAbstractInputPort("frame", Value(ABSENT))
-        self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(self._nothing))
+        self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(no_track))
         self._images = self.DeclareAbstractState(Value(()))
         self.DeclarePeriodicPublishEvent(period, offset, self._publish)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._remember)
         self.DeclareForcedPublishEvent(self._publish)
 
     def _waiting(self, context: Context) -> tuple[RgbdImage, ...]:
-        """Returns the images that are remembered, and the one at the port."""
+        """Returns the stored images and, if it is newer, the one at the port."""
         images: tuple[RgbdImage, ...] = context.get_abstract_state(self._images).get_value()
-        frame = self._frame.Eval(context) if self._frame.HasValue(context) else None
+        frame = self._frame.Eval(context)
         if not isinstance(frame, MultiViewFrame) or (images and frame.stamp <= images[-1].stamp):
             return images
-        return (*images, frame.images[self._view])
-
-    def _tracked_points(self, context: Context) -> TrackedPoints:
-        return self._tracked.Eval(context) if self._tracked.HasValue(context) else self._nothing
+        return (*images, frame.images[0])
 
     def _remember(self, context: Context, state: State) -> None:
-        done = self._tracked_points(context).stamp
+        done = self._tracked.Eval(context).stamp
         images = tuple(image for image in self._waiting(context) if image.stamp > done)
         state.get_mutable_abstract_state(self._images).set_value(images[-_REMEMBERED:])
 
     def _publish(self, context: Context) -> None:
-        tracked = self._tracked_points(context)
+        tracked = self._tracked.Eval(context)
         if tracked.stamp <= self._album.last_time:
             return
         for image in self._waiting(context):
@@ -162,18 +151,16 @@ class SnapshotRecorder(LeafSystem):
                 self._album.add(self._snapshot(image, tracked))
 
     def _snapshot(self, image: RgbdImage, tracked: TrackedPoints) -> Snapshot:
-        field = point_set_bcsdm(
+        tau = point_set_bcsdm(
             tracked.positions, self._reference, BcsdmConfig(), tracked.confidence
-        )
-        known = np.isfinite(field.tau)
+        ).tau
+        target = np.full_like(tracked.positions, np.nan)
+        if np.isfinite(tau):
+            target = self._reference.positions_at(tau)
         return Snapshot(
             time=image.stamp,
             camera=self._camera,
             rgb=image.rgb,
             points=tracked.positions,
-            target_points=(
-                self._reference.positions_at(field.tau)
-                if known
-                else np.full_like(tracked.positions, np.nan)
-            ),
+            target_points=target,
         )

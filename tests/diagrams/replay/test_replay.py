@@ -313,5 +313,5 @@ def test_an_image_that_is_damaged_ends_a_replay_and_is_named(seen: Path, tmp_pat
 
     spoilt = rewritten(seen, tmp_path / "spoilt.mcap", message=spoil)
 
-    with pytest.raises(RunLogError, match=r"spoilt.mcap, topic /camera/left/image: "):
+    with pytest.raises(RunLogError, match=r"spoilt.mcap, topic /camera/left/image, at 0.25 s: "):
         replay(spoilt)

@@ -6,7 +6,7 @@ import pytest
 from poil_drake.diagrams.replay.cameras import CameraNotes
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.images import CameraModel
-from poil_drake.recording.mcap.camera_messages import Calibration
+from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 K = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])

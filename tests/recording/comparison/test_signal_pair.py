@@ -28,18 +28,20 @@ def test_samples_at_the_times_of_both_are_compared() -> None:
     ("shift", "expected"),
     [
         (0.0, [0.0, 1.0, 0.0, 0.0]),
-        # At 0.1 s the one is 1 and the other one 0 until 0.2 s, where it is 1.
+        # At 0.1 s, one is 1 and the other 0; at 0.2 s, both are 1.
         (0.05, [0.0, 1.0, 0.0, 0.0]),
         (0.1, [0.0, 0.0, 0.0, 0.0]),
     ],
 )
-def test_what_comes_later_counts_by_what_is_left(shift: float, expected: list[float]) -> None:
+def test_a_late_signal_counts_by_its_distance_from_the_range(
+    shift: float, expected: list[float]
+) -> None:
     dut = pair([0.0, 1.0, 1.0, 1.0], [0.0, 0.0, 1.0, 1.0])
 
     np.testing.assert_array_equal(dut.differences(shift)[:, 0], expected)
 
 
-def test_unknown_samples_are_apart_by_themselves_and_bound_nothing() -> None:
+def test_unknown_samples_differ_infinitely_and_bound_nothing() -> None:
     dut = pair([np.nan, np.nan, 1.0, 5.0], [np.nan, 1.0, 1.0, 2.0])
 
     np.testing.assert_array_equal(dut.differences(0.25)[:, 0], [0.0, np.inf, 0.0, 3.0])
@@ -47,7 +49,7 @@ def test_unknown_samples_are_apart_by_themselves_and_bound_nothing() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.5))
 @settings(derandomize=True, max_examples=50)
-def test_differences_are_those_found_one_by_one(seed: int, shift: float) -> None:
+def test_differences_agree_with_a_search_of_each_sample(seed: int, shift: float) -> None:
     random = np.random.default_rng(seed)
     times = np.cumsum(random.uniform(0.01, 0.2, 12))
     a, b = random.normal(size=(2, 12, 2))

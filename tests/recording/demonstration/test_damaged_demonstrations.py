@@ -1,4 +1,4 @@
-"""Whatever happened to a file, loading it either works or raises a DemonstrationError."""
+"""Loading a damaged file either works or raises a DemonstrationError."""
 
 import numpy as np
 import pytest
@@ -36,21 +36,13 @@ def test_a_cut_off_file_is_refused(recording, fraction):
     whole, path = recording
     path.write_bytes(whole[: int(fraction * len(whole))])
 
-    with pytest.raises(DemonstrationError, match=r"damaged\.mcap"):
-        load_all(path)
-
-
-def test_a_cut_off_file_can_be_recovered(recording):
-    whole, path = recording
-    path.write_bytes(whole[:-200])
-
-    with pytest.raises(DemonstrationError, match=r"cut off.*mcap recover"):
+    with pytest.raises(DemonstrationError, match=r"damaged\.mcap is (empty|cut off.*mcap recover)"):
         load_all(path)
 
 
 @settings(max_examples=150)
 @given(data=st.data())
-def test_a_damaged_byte_is_noticed_or_does_not_matter(recording, data):
+def test_a_damaged_byte_is_detected_or_harmless(recording, data):
     whole, path = recording
     at = data.draw(st.integers(0, len(whole) - 1))
     change = data.draw(st.integers(1, 255))
@@ -80,7 +72,7 @@ def test_any_other_bytes_are_refused(recording, content, with_magic):
     ("content", "words"),
     [(b"", "is empty"), (b"\x89MCA", "is cut off"), (b"ply\nformat ascii", "is not an MCAP file")],
 )
-def test_what_is_no_mcap_file_is_named(recording, content, words):
+def test_errors_tell_other_files_from_damaged_ones(recording, content, words):
     _, path = recording
     path.write_bytes(content)
 
@@ -88,7 +80,7 @@ def test_what_is_no_mcap_file_is_named(recording, content, words):
         load_demonstration(path)
 
 
-def test_a_missing_file_and_a_folder_are_named(tmp_path):
+def test_errors_name_a_missing_file_and_a_folder(tmp_path):
     with pytest.raises(DemonstrationError, match=r"none\.mcap cannot be read: No such file"):
         load_demonstration(tmp_path / "none.mcap")
     with pytest.raises(DemonstrationError, match="cannot be read"):

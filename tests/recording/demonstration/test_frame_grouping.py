@@ -1,48 +1,39 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, nearest
 
-
-def test_simultaneous_streams_are_paired_one_to_one():
-    stamps = np.array([0, 10, 20, 30])
-
-    np.testing.assert_array_equal(
-        group_by_stamp([stamps, stamps]), [[0, 0], [1, 1], [2, 2], [3, 3]]
-    )
+REGULAR = [0, 10, 20, 30]
 
 
-def test_the_slowest_stream_sets_the_pace():
-    slow, fast = np.array([0, 30, 60]), np.arange(0, 61, 10)
-
-    np.testing.assert_array_equal(group_by_stamp([fast, slow]), [[0, 0], [3, 1], [6, 2]])
-
-
-def test_where_a_stream_has_a_gap_the_instant_is_left_out():
-    # Both have a median period of 10, so at most 5 is near enough; 20 and 26 are 6 apart.
-    a, b = np.array([0, 10, 20, 30, 40]), np.array([4, 14, 26, 34, 44])
-
-    np.testing.assert_array_equal(group_by_stamp([a, b]), [[0, 0], [1, 1], [3, 3], [4, 4]])
-
-
-def test_streams_half_a_period_apart_are_paired_alike():
-    a = np.arange(0, 50, 10)
-
-    np.testing.assert_array_equal(group_by_stamp([a, a + 5]), [[i, i] for i in range(5)])
-
-
-def test_no_message_is_used_twice():
-    # 14 is the nearest to both 10 and 18. Both streams have a median period of 10.
-    a, b = np.array([0, 10, 18, 30, 40, 50]), np.array([0, 14, 30, 40, 50, 60])
-
-    np.testing.assert_array_equal(group_by_stamp([a, b]), [[0, 0], [1, 1], [3, 2], [4, 3], [5, 4]])
-
-
-def test_a_repeated_stamp_gives_one_frame():
-    a, b = np.array([0, 10, 10, 20]), np.array([0, 10, 20])
-
-    np.testing.assert_array_equal(group_by_stamp([a, b]), [[0, 0], [1, 1], [3, 2]])
+@pytest.mark.parametrize(
+    ("a", "b", "rows"),
+    [
+        pytest.param(REGULAR, REGULAR, [[0, 0], [1, 1], [2, 2], [3, 3]], id="simultaneous"),
+        pytest.param(
+            [*range(0, 61, 10)], [0, 30, 60], [[0, 0], [3, 1], [6, 2]], id="slow and fast"
+        ),
+        # Both have a median period of 10, so at most 5 is near enough; 20 and 26 are 6 apart.
+        pytest.param(
+            [*REGULAR, 40], [4, 14, 26, 34, 44], [[0, 0], [1, 1], [3, 3], [4, 4]], id="gap"
+        ),
+        pytest.param(
+            REGULAR, [5, 15, 25, 35], [[0, 0], [1, 1], [2, 2], [3, 3]], id="half a period apart"
+        ),
+        # 14 is the nearest to both 10 and 18, and is used once. Both have a median period of 10.
+        pytest.param(
+            [0, 10, 18, 30, 40, 50],
+            [0, 14, 30, 40, 50, 60],
+            [[0, 0], [1, 1], [3, 2], [4, 3], [5, 4]],
+            id="one message near two",
+        ),
+        pytest.param([0, 10, 10, 20], [0, 10, 20], [[0, 0], [1, 1], [3, 2]], id="repeated stamp"),
+    ],
+)
+def test_messages_of_one_instant_are_grouped(a, b, rows):
+    np.testing.assert_array_equal(group_by_stamp([np.array(a), np.array(b)]), rows)
 
 
 @given(

@@ -1,22 +1,27 @@
-"""Every error names the file, the topic and what is missing."""
+"""Errors name the file, the topic and the problem."""
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.recording.demonstration.demonstration import load_demonstration
+
+RGB, MM = np.zeros((24, 32, 3), np.uint8), np.ones((24, 32), "<u2")
 
 
-def without(topic):
+def having(**attributes):
+    """Returns an edit that sets attributes of a recording."""
+
     def edit(foreign):
-        del foreign.times[topic]
+        for name, value in attributes.items():
+            setattr(foreign, name, value)
 
     return edit
 
 
-def no_calibration(foreign):
-    foreign.calibrations["left"] = None
+def without(attribute, key):
+    return lambda foreign: getattr(foreign, attribute).pop(key)
 
 
 def uncalibrated(foreign):
@@ -26,14 +31,6 @@ def uncalibrated(foreign):
 def fisheye(foreign):
     foreign.calibrations["left"].distortion_model = "equidistant"
     foreign.calibrations["left"].D.append(0.1)
-
-
-def no_transform(foreign):
-    del foreign.transforms[1]
-
-
-def no_transforms(foreign):
-    foreign.transforms.clear()
 
 
 def zero_quaternion(foreign):
@@ -52,134 +49,100 @@ def clocks_differ(foreign):
 
 def out_of_step(foreign):
     # Never within half a period of 1/8 s of each other, though they end together.
-    foreign.times["/camera/right/depth"] = [-0.7 + 8.0, 8.7]
-    foreign.times["/camera/right/image"] = [8.0 + i / 8 for i in range(5)]
-    for kind in ("image", "depth"):
-        foreign.times[f"/camera/left/{kind}"] = [8.0 + i / 8 for i in range(5)]
+    times = [8.0 + i / 8 for i in range(5)]
+    foreign.times = dict.fromkeys(foreign.times, times) | {"/camera/right/depth": [7.3, 8.7]}
 
 
 def stops_early(foreign):
-    for topic in foreign.times:
-        foreign.times[topic] = [i / 8 for i in range(20)]
-    foreign.times["/camera/left/depth"] = [i / 8 for i in range(10)]
+    times = [i / 8 for i in range(20)]
+    foreign.times = dict.fromkeys(foreign.times, times) | {"/camera/left/depth": times[:10]}
 
 
-def nothing(foreign):
-    foreign.times.clear()
-    foreign.calibrations.clear()
-
-
-def unknown_colour(foreign):
-    foreign.color = lambda i, t, frame: foreign.raw("yuv422", np.zeros((24, 32, 2), np.uint8), t)
-
-
-def colour_depth(foreign):
-    foreign.depth = lambda i, t, frame: foreign.raw("rgb8", np.zeros((24, 32, 3), np.uint8), t)
-
-
-def small_depth(foreign):
-    foreign.depth = lambda i, t, frame: foreign.raw("16UC1", np.ones((12, 16), "<u2"), t)
-
-
-def short_data(foreign):
-    def color(i, t, frame):
-        message = foreign.raw("rgb8", foreign.image(i, stamp=t).rgb, t)
-        message.data = message.data[:100]
-        return message
-
-    foreign.color = color
-
-
-def unregistered_depth(foreign):
-    foreign.depth = lambda i, t, frame: foreign.raw(
-        "16UC1", np.ones((24, 32), "<u2"), t, "infrared"
+def encoded(encoding, pixels, *, frame_id="", size=None):
+    """Returns what makes a recording's images: `size` bytes of the pixels."""
+    message = RawImage(
+        encoding=encoding,
+        data=pixels.tobytes()[:size],
+        height=len(pixels),
+        width=pixels.shape[1],
+        step=pixels.nbytes // len(pixels),
+        frame_id=frame_id,
     )
-
-
-def other_schema(foreign):
-    foreign.color = lambda i, t, frame: Log(message="not an image")
-
-
-def missing_camera(foreign):
-    foreign.metadata = {"cameras": '["left", "right", "top"]'}
-
-
-def broken_camera_list(foreign):
-    foreign.metadata = {"cameras": "left, right"}
-
-
-def broken_label_table(foreign):
-    foreign.metadata = {"label_ids": '{"mug": "red"}'}
+    return lambda i, t, frame: message
 
 
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (without("/camera/right/depth"), ["camera 'right'", "no topic /camera/right/depth"]),
-        (without("/camera/left/image"), ["camera 'left'", "no topic /camera/left/image"]),
-        (no_calibration, ["no topic /camera/left/calibration"]),
+        (without("times", "/camera/right/depth"), ["'right' has no topic /camera/right/depth"]),
+        (without("times", "/camera/left/image"), ["camera 'left' has no topic /camera/left/image"]),
+        (without("calibrations", "left"), ["no topic /camera/left/calibration"]),
         (uncalibrated, ["/camera/left/calibration", "not calibrated"]),
         (fisheye, ["/camera/left/calibration", "equidistant", "rectified"]),
-        (no_transform, ["'right_lens'", "camera 'right'", "/tf"]),
-        (no_transforms, ["'left_lens'", "/tf", "foxglove.FrameTransform"]),
+        (without("transforms", 1), ["'right_lens'", "camera 'right'", "/tf"]),
+        (having(transforms=[]), ["'left_lens'", "/tf", "foxglove.FrameTransform"]),
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "fewer than 2 frames"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),
         (out_of_step, ["0 frames in which all cameras have colour and depth"]),
         (stops_early, ["/camera/left/depth", "stops 1.25 s before"]),
-        (nothing, ["no camera", "/camera/<name>/image"]),
-        (unknown_colour, ["/camera/left/image", "yuv422", "rgb8"]),
-        (colour_depth, ["/camera/left/depth", "rgb8", "16UC1"]),
-        (small_depth, ["/camera/left/depth", "16 x 12", "32 x 24"]),
-        (short_data, ["/camera/left/image", "100 bytes"]),
-        (unregistered_depth, ["camera 'left'", "infrared", "registered"]),
-        (other_schema, ["/camera/left/image", "foxglove.Log", "foxglove.CompressedImage"]),
-        (missing_camera, ["camera 'top'", "'left', 'right'"]),
-        (broken_camera_list, ["'cameras'", "JSON"]),
-        (broken_label_table, ["'label_ids'", "'mug'"]),
+        (having(times={}, calibrations={}), ["no camera", "/camera/<name>/image"]),
+        (having(color=encoded("yuv422", RGB[..., :2])), ["/camera/left/image", "yuv422", "rgb8"]),
+        (having(depth=encoded("rgb8", RGB)), ["/camera/left/depth", "rgb8", "16UC1"]),
+        (having(depth=encoded("16UC1", MM[:12, :16])), ["/left/depth", "16 x 12", "32 x 24"]),
+        (having(color=encoded("rgb8", RGB, size=100)), ["/camera/left/image", "100 bytes"]),
+        (
+            having(depth=encoded("16UC1", MM, frame_id="infrared")),
+            ["camera 'left'", "infrared", "registered"],
+        ),
+        (
+            having(color=lambda i, t, frame: Log(message="not an image")),
+            ["/camera/left/image", "foxglove.Log", "foxglove.CompressedImage"],
+        ),
+        (
+            having(metadata={"cameras": '["left", "right", "top"]'}),
+            ["camera 'top'", "'left', 'right'"],
+        ),
+        (having(metadata={"cameras": "left, right"}), ["'cameras'", "JSON"]),
+        (having(metadata={"label_ids": '{"mug": "red"}'}), ["'label_ids'", '{"mug": "red"}']),
     ],
-    ids=lambda value: value.__name__ if callable(value) else "",
+    ids=lambda value: value[0] if isinstance(value, list) else "",
 )
-def test_what_is_missing_is_named(tmp_path, foreign, edit, words):
+def test_errors_name_the_problem(foreign, edit, words):
     edit(foreign)
-    path = foreign.write(tmp_path / "demo.mcap")
 
     with pytest.raises(DemonstrationError) as caught:
-        load_demonstration(path)
+        foreign.load()
 
-    assert str(path) in str(caught.value)
+    assert str(foreign.path) in str(caught.value)
     for word in words:
         assert word in str(caught.value)
     assert caught.value.remedy
 
 
-def test_a_camera_that_was_asked_for_is_named(tmp_path, foreign):
-    path = foreign.write(tmp_path / "demo.mcap")
-
-    with pytest.raises(DemonstrationError, match="no topic of camera 'wrist'"):
-        load_demonstration(path, cameras=["wrist"])
+def test_errors_name_a_camera_that_is_not_in_the_file(foreign):
+    with pytest.raises(DemonstrationError, match="camera 'wrist' has no topic"):
+        foreign.load(cameras=["wrist"])
 
 
-def test_images_in_another_encoding_are_named(tmp_path, foreign):
+def test_errors_name_another_encoding(foreign):
     def extra(writer):
         inner = writer._writer
         schema = inner.register_schema("sensor_msgs/msg/Image", "ros2msg", b"uint8[] data")
         channel = inner.register_channel("/camera/top/image", "cdr", schema)
         inner.add_message(channel, log_time=0, data=b"\0", publish_time=0)
 
-    path = foreign.write(tmp_path / "demo.mcap", extra)
-
     with pytest.raises(DemonstrationError, match=r"/camera/top/image.*sensor_msgs/msg/Image.*cdr"):
-        load_demonstration(path)
+        foreign.load(extra)
 
 
-def test_a_frame_that_cannot_be_decoded_is_named_when_asked_for(tmp_path, foreign):
+def test_errors_name_a_frame_that_cannot_be_decoded(foreign):
     def color(i, t, frame):
         pixels = np.zeros((24, 32, 3), np.uint8) if i != 3 else np.zeros((6, 8, 3), np.uint8)
         return foreign.raw("rgb8", pixels, t)
 
     foreign.color = color
-    dut = load_demonstration(foreign.write(tmp_path / "demo.mcap"))
+    dut = foreign.load()
 
     with pytest.raises(DemonstrationError, match=r"/camera/left/image, at 0\.375 s.*8 x 6"):
         dut.frames[3]

@@ -23,7 +23,7 @@ from poil_drake.recording.mcap.plain_json import plain_json, write_json
         ("text", "text"),
     ],
 )
-def test_everything_becomes_what_json_has(value: object, expected: object) -> None:
+def test_any_value_becomes_json(value: object, expected: object) -> None:
     dut = plain_json(value)
 
     # 3 == 3.0 == True in Python, but not in JSON.

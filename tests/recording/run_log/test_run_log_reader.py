@@ -7,7 +7,6 @@ import pytest
 from poil_drake.errors import RunLogError
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.sink import McapSink
-from poil_drake.recording.run_log.logged_images import ImageReader
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
@@ -35,7 +34,7 @@ def write_joints(log, time, position=0.0):
     )
 
 
-def test_what_was_written_is_read(path):
+def test_the_reader_returns_what_was_written(path):
     with RunLogWriter(
         path, metadata={"station": "hardware"}, scenario_text="A: {}", plan=b"plan"
     ) as log:
@@ -80,7 +79,7 @@ def test_what_was_written_is_read(path):
     assert (logged.time, logged.track.stamp) == (0.375, 0.25)
     np.testing.assert_array_equal(logged.track.positions, np.eye(3))
     assert run.camera_times["left"].at(0.3)[0] == 0.125
-    # As it was at first.
+    # The first of two.
     np.testing.assert_array_equal(run.calibrations["left"].K, CAMERA.K)
     np.testing.assert_array_equal(run.camera_poses["left"], np.eye(4))
     assert list(run.camera_poses) == ["left"]
@@ -94,18 +93,19 @@ def write_images(log, time, *, label=None):
         log.write_label("left", pixels, time=time + 0.5, stamp=time - 0.125)
 
 
-def test_images_are_found_and_decoded_when_asked_for(path):
+def test_images_are_decoded_when_they_are_read(path):
     with RunLogWriter(path) as log:
         write_images(log, 0.25)
         write_images(log, 0.5, label=7)
+        log.write_image("left", np.zeros((*SIZE, 3), np.uint8), time=0.75)  # Without depth.
 
-    images = load(path).images["left"]
-    read = ImageReader(path, CAMERA, images)
+    run = load(path)
+    read = run.image_reader(CAMERA)
 
-    assert [image.time for image in images] == [0.25, 0.5]
+    assert [image.time for image in run.images["left"]] == [0.25, 0.5]
     assert [read(k).stamp for k in (0, 1)] == [0.125, 0.375]
     assert read(0).label is None
-    # Looked for, and logged, half a second later.
+    # Logged half a second later.
     np.testing.assert_array_equal(read(1).label, np.full(SIZE, 7))
     np.testing.assert_array_equal(read(1).depth, np.full(SIZE, np.float32(0.5)))
     assert np.abs(read(1).rgb.astype(int) - 90).max() <= 1
@@ -118,21 +118,10 @@ def test_images_of_another_size_are_refused(path):
     other = CameraModel("left", 16, 12, CAMERA.K, np.eye(4))
 
     with pytest.raises(RunLogError, match="32 x 24 pixels, but the scenario's camera 'left'"):
-        ImageReader(path, other, load(path).images["left"])(0)
+        load(path).image_reader(other)(0)
 
 
-def test_a_log_may_do_without_images(path):
-    with RunLogWriter(path, config=RunLogConfig(images=False)) as log:
-        write_images(log, 0.25, label=7)
-        write_joints(log, 0.25)
-
-    run = load(path)
-
-    assert run.images == {}
-    assert len(run.joints) == 1
-
-
-def test_of_a_log_that_is_cut_off_there_is_the_beginning(path):
+def test_a_log_that_is_cut_off_is_read_up_to_there(path):
     with RunLogWriter(path, config=RunLogConfig(chunk_size=1 << 12)) as log:
         for k in range(400):
             write_joints(log, k / 256, position=np.sin(k))
@@ -146,18 +135,18 @@ def test_of_a_log_that_is_cut_off_there_is_the_beginning(path):
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "problem"),
     [
         (None, "No such file"),
         (b"", "is empty"),
         (b"%PDF-1.7 and so on", "is not an MCAP file"),
     ],
 )
-def test_what_is_no_log_is_refused(path, data, said):
+def test_other_files_are_refused(path, data, problem):
     if data is not None:
         path.write_bytes(data)
 
-    with pytest.raises(RunLogError, match=said) as caught:
+    with pytest.raises(RunLogError, match=problem) as caught:
         load(path)
 
     assert "demonstration" not in caught.value.remedy
@@ -176,7 +165,7 @@ def test_a_damaged_log_is_refused(path):
 
 
 @pytest.mark.parametrize(
-    ("topic", "value", "said"),
+    ("topic", "value", "problem"),
     [
         ("/robot/status", {"mode": "fast"}, "'fast' for a number"),
         ("/robot/status", {"mode": True}, "True for a number"),
@@ -189,20 +178,20 @@ def test_a_damaged_log_is_refused(path):
         ("/camera/left/image", {}, "it holds 'any' messages encoded as 'json'"),
     ],
 )
-def test_other_messages_than_a_run_writes_are_refused(path, topic, value, said):
-    sink = McapSink(path)
-    sink.write_json(topic, value, schema={"title": "any"}, time=0)
+def test_other_messages_than_a_run_writes_are_refused(path, topic, value, problem):
+    sink = McapSink(path.open("wb"))
+    sink.write_json(topic, value, schema="any", time=0)
     sink.close()
 
-    with pytest.raises(RunLogError, match=said) as caught:
+    with pytest.raises(RunLogError, match=problem) as caught:
         load(path)
 
     assert f"topic {topic}" in str(caught.value)
 
 
 def test_a_message_that_is_nested_too_deeply_is_refused(path):
-    sink = McapSink(path)
-    sink.write_json("/phase", {}, schema={"title": "any"}, time=0)
+    sink = McapSink(path.open("wb"))
+    sink.write_json("/phase", {}, schema="any", time=0)
     writer, channel = sink._writer, sink._channels["/phase"][0]
     writer.add_message(channel, 0, b"[" * 100_000, 0)
     sink.close()
@@ -214,7 +203,7 @@ def test_a_message_that_is_nested_too_deeply_is_refused(path):
 @pytest.mark.parametrize(
     "text", ["[1]", "{", json.dumps({"mug": 3}), json.dumps({"mug": ["a"]}), '{"a": [Infinity]}']
 )
-def test_label_ids_that_are_none_are_refused(path, text):
+def test_other_label_ids_are_refused(path, text):
     with RunLogWriter(path, metadata={"label_ids": text}):
         pass
 

@@ -4,11 +4,11 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, L
 
 from poil_drake.runtime import stopwatch as stopwatch_module
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.logging.publishing_clock import PublishingClock
+from poil_drake.systems.logging.publishing_clock import PublishingClock, Schedule
 
 
 class FakeTime:
-    """A clock that goes on only when work is done."""
+    """A clock that advances only with work."""
 
     now = 0.0
 
@@ -19,7 +19,7 @@ class FakeTime:
 class Worker(LeafSystem):
     """Publishes for 2 s and updates for 5 s, each at every 1/8 s."""
 
-    def __init__(self, time: FakeTime, offset: float = 0.0):
+    def __init__(self, time: FakeTime, offset: float):
         super().__init__()
         self._time = time
         self.DeclareDiscreteState(1)
@@ -40,36 +40,30 @@ def time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     return fake
 
 
-def simulate(*workers: LeafSystem, schedules: list[tuple[float, float]]) -> Stopwatch:
-    """Runs workers between the clock's two ends for half a second."""
+@pytest.mark.parametrize(
+    ("offsets", "schedules", "publications"),
+    [
+        # At 0, 1/8, ..., 1/2 both workers publish, one after the other.
+        ([0.0, 0.0], [(1 / 8, 0.0)], 5 * 2),
+        # Schedules that meet count once.
+        ([0.0], [(1 / 8, 0.0), (1 / 16, 0.0)], 5),
+        # The second one publishes at 1/16, 3/16, 5/16 and 7/16.
+        ([0.0, 1 / 16], [(1 / 8, 0.0), (1 / 8, 1 / 16)], 5 + 4),
+    ],
+    ids=["two workers", "schedules that meet", "offset"],
+)
+def test_publishing_is_measured_and_updates_are_not(
+    time: FakeTime, offsets: list[float], schedules: list[Schedule], publications: int
+) -> None:
     stopwatch, builder = Stopwatch(), DiagramBuilder()
-    clock = PublishingClock(stopwatch, schedules)
-    clock.AddStart(builder)
-    for worker in workers:
-        builder.AddSystem(worker)
-    clock.AddStop(builder)
+    dut = PublishingClock(stopwatch, schedules)
+    dut.AddStart(builder)
+    for offset in offsets:
+        builder.AddSystem(Worker(time, offset))
+    dut.AddStop(builder)
+
     Simulator(builder.Build()).AdvanceTo(0.5)
-    return stopwatch
 
-
-def test_publishing_is_measured_and_updates_are_not(time: FakeTime) -> None:
-    dut = simulate(Worker(time), Worker(time), schedules=[(1 / 8, 0.0)])
-
-    # At 0, 1/8, ..., 1/2 both publish, one after the other; updates run at the first four.
-    assert dut.totals() == {"publishing": 5 * 2 * 2.0}
-    assert time.now == 5 * 2 * 2.0 + 4 * 2 * 5.0
-
-
-def test_schedules_that_meet_count_once(time: FakeTime) -> None:
-    dut = simulate(Worker(time), schedules=[(1 / 8, 0.0), (1 / 16, 0.0)])
-
-    assert dut.totals() == {"publishing": 5 * 2.0}
-
-
-def test_publishing_with_an_offset_has_a_schedule_of_its_own(time: FakeTime) -> None:
-    dut = simulate(
-        Worker(time), Worker(time, offset=1 / 16), schedules=[(1 / 8, 0.0), (1 / 8, 1 / 16)]
-    )
-
-    # The second one publishes at 1/16, 3/16, 5/16 and 7/16.
-    assert dut.totals() == {"publishing": (5 + 4) * 2.0}
+    assert stopwatch.totals() == {"publishing": publications * 2.0}
+    # Updates run at 0, 1/8, 2/8 and 3/8.
+    assert time.now == publications * 2.0 + 4 * len(offsets) * 5.0

@@ -1,4 +1,4 @@
-"""Small files that unfold to what no memory holds are refused before they are unfolded."""
+"""Damaged and malicious files are refused, without much memory."""
 
 import resource
 import zlib
@@ -7,11 +7,12 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from mcap.records import Chunk, DataEnd, Footer, Header
 from mcap.writer import MCAP0_MAGIC
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.recording.mcap.scan import LARGEST_CHUNK, scan
+from poil_drake.recording.mcap.scan import LARGEST_CHUNK, CutOffError, scan
 
 HUGE = 4 * LARGEST_CHUNK
 
@@ -51,7 +52,7 @@ def zeros_lz4():
 
 @pytest.mark.parametrize("size", [1000, LARGEST_CHUNK, HUGE])
 @pytest.mark.parametrize("kind", ["zstd", "zstd without its size", "lz4"])
-def test_a_chunk_that_unfolds_to_too_much_is_refused(tmp_path, kind, size):
+def test_a_chunk_that_decompresses_to_too_much_is_refused(tmp_path, kind, size):
     data = zeros_lz4() if kind == "lz4" else zeros_zstd(sized=kind == "zstd")
     path = write(tmp_path / "bomb.mcap", kind.split()[0], data, size)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -65,8 +66,22 @@ def test_a_chunk_that_unfolds_to_too_much_is_refused(tmp_path, kind, size):
 
 @pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
 @pytest.mark.parametrize("records", [b"", bytes([99]) + (4).to_bytes(8, "little") + b"four"])
-def test_chunks_of_all_kinds_are_unfolded(tmp_path, compression, records):
+def test_chunks_of_all_kinds_are_decompressed(tmp_path, compression, records):
     pack = {"": bytes, "zstd": zstandard.compress, "lz4": lz4.frame.compress}[compression]
     path = write(tmp_path / "a.mcap", compression, pack(records), len(records), zlib.crc32(records))
 
     assert list(scan(path)) == []
+
+
+def test_a_damaged_length_is_told_from_the_end_of_a_recording(tmp_path):
+    data = write(tmp_path / "a.mcap", "", b"", 0).read_bytes()
+    at = data.index(Opcode.CHUNK) + 1
+    damaged = data[:at] + (1 << 40).to_bytes(8, "little") + data[at + 8 :]
+
+    (tmp_path / "whole.mcap").write_bytes(damaged)
+    (tmp_path / "cut.mcap").write_bytes(damaged[:-1])
+
+    with pytest.raises(DemonstrationError, match=r"damaged .* longer than the file"):
+        list(scan(tmp_path / "whole.mcap"))
+    with pytest.raises(CutOffError):
+        list(scan(tmp_path / "cut.mcap"))

@@ -1,0 +1,133 @@
+"""Decodes the Foxglove messages of cameras, points and joints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from scipy.spatial.transform import Rotation
+
+from poil_drake.errors import InvalidValueError
+
+# Both are OpenCV's lens model, with 5 and 8 coefficients.
+_DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Intrinsics of a recorded camera.
+
+    Attributes:
+        frame_id: The name of the camera's optical frame.
+        width: Image width [px].
+        height: Image height [px].
+        K: (3, 3) intrinsic matrix [px].
+        distortion: (D,) coefficients of OpenCV's model; empty for a rectified image.
+    """
+
+    frame_id: str
+    width: int
+    height: int
+    K: np.ndarray
+    distortion: np.ndarray
+
+
+def decode_calibration(message: CameraCalibration) -> Calibration:
+    """Returns the intrinsics of a message.
+
+    Raises:
+        InvalidValueError: if the camera is not calibrated or its lens model is unknown.
+    """
+    K, distortion = np.array(message.K, dtype=float), np.array(message.D, dtype=float)
+    if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
+        raise InvalidValueError(
+            f"the camera is not calibrated (K = {list(message.K)}, distortion {list(message.D)}).",
+            remedy="Calibrate the camera, and write K as 9 numbers in row order.",
+        )
+    if not np.any(distortion):
+        distortion = np.zeros(0)
+    elif message.distortion_model not in _DISTORTION_MODELS:
+        raise InvalidValueError(
+            f"the lens has the distortion model '{message.distortion_model}'.",
+            remedy=f"Use {' or '.join(_DISTORTION_MODELS)}, or record rectified images.",
+        )
+    return Calibration(message.frame_id, message.width, message.height, K.reshape(3, 3), distortion)
+
+
+def decode_transform(message: FrameTransform) -> np.ndarray:
+    """Returns the (4, 4) pose of the child frame in the parent frame [m].
+
+    Raises:
+        InvalidValueError: if the quaternion is zero or a value is not finite.
+    """
+    p, q = message.translation, message.rotation
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    X_PC = np.eye(4)
+    X_PC[:3, 3] = [p.x, p.y, p.z]
+    if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
+        raise InvalidValueError(
+            f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "
+            "a rigid motion.",
+            remedy="Write a finite translation and a unit quaternion.",
+        )
+    X_PC[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    return X_PC
+
+
+def cloud_fields(names: Sequence[str], size: int) -> list[PackedElementField]:
+    """Returns the fields of a point cloud whose columns are floats of `size` 4 or 8 bytes."""
+    kind = PackedElementField.FLOAT64 if size == 8 else PackedElementField.FLOAT32
+    return [PackedElementField(name=n, offset=size * i, type=kind) for i, n in enumerate(names)]
+
+
+def decode_points(message: PointCloud) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the (N, 3) points [m] and their (N,) confidence, 1 where none is given.
+
+    Raises:
+        InvalidValueError: if the cloud is not one of `MessageEncoder.points`.
+    """
+    names, stride = [field.name for field in message.fields], message.point_stride
+    size = 8 if PackedElementField.FLOAT64 in {field.type for field in message.fields} else 4
+    if (
+        names not in (["x", "y", "z"], ["x", "y", "z", "confidence"])
+        or list(message.fields) != cloud_fields(names, size)
+        or stride != size * len(names)
+        or len(message.data) % stride
+    ):
+        raise InvalidValueError(
+            f"a point cloud has the fields {names} in {stride} bytes, and {len(message.data)} "
+            "bytes in all.",
+            remedy="Write the log with poil run.",
+        )
+    columns = np.frombuffer(message.data, f"<f{size}").reshape(-1, len(names)).astype(float)
+    confidence = columns[:, 3].copy() if len(names) == 4 else np.ones(len(columns))
+    return columns[:, :3].copy(), confidence
+
+
+def decode_joint_states(message: JointStates, names: Sequence[str]) -> np.ndarray:
+    """Returns (3, J) positions [rad], velocities [rad/s] and torques [Nm]; NaN where not given.
+
+    Args:
+        message: The message.
+        names: The joints, in the order of the result.
+
+    Raises:
+        InvalidValueError: if a joint is missing.
+    """
+    joints = {joint.name: joint for joint in message.joints}
+    try:
+        wanted = [joints[name] for name in names]
+    except KeyError as error:
+        raise InvalidValueError(
+            f"a joint state lacks the joint {error}.", remedy="Write the log with poil run."
+        ) from error
+    return np.array(
+        [
+            [getattr(joint, key) if joint.HasField(key) else np.nan for joint in wanted]
+            for key in ("position", "velocity", "effort")
+        ]
+    )
