@@ -8,7 +8,7 @@ import numpy as np
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.grasping.approach import ApproachConfig
-from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
 from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import plan_approach, plan_descent
@@ -54,6 +54,25 @@ class PlannerConfig:
     approach_attempts: int = 4
 
 
+@dataclass(frozen=True, eq=False)
+class PlanningResult:
+    """A plan and what it was chosen from.
+
+    Attributes:
+        plan: The plan.
+        choice: The pair of grasp and matching that it executes.
+        feasible: The sampled grasps that are feasible under a matching.
+        rejected: The other sampled grasps.
+        scene_points: (Q, 3) the obstacles, without table, object and robot [m, world].
+    """
+
+    plan: ExecutionPlan
+    choice: GraspChoice
+    feasible: list[GraspCandidate]
+    rejected: list[GraspCandidate]
+    scene_points: np.ndarray
+
+
 def plan_execution(
     matchings: Sequence[PartMatching],
     *,
@@ -68,7 +87,7 @@ def plan_execution(
     seed: int = 0,
     metadata: Mapping[str, object] | None = None,
     progress: Progress | None = None,
-) -> ExecutionPlan:
+) -> PlanningResult:
     """Samples grasps, chooses grasp and matching, and plans the way to the grasp.
 
     Args:
@@ -144,7 +163,7 @@ def plan_execution(
         "expected_duration": float(choice.path.times[-1]),
     }
     matching = matchings[choice.matching]
-    return ExecutionPlan(
+    plan = ExecutionPlan(
         object_label=object_label,
         part_label=part_label,
         target_points=matching.target_points,
@@ -159,6 +178,10 @@ def plan_execution(
         nominal_posture=np.array(feasibility.nominal_posture),
         metadata={**notes, **(metadata or {})},
     )
+    accepted = {id(choice.candidate) for choice in choices}
+    feasible = [c for c in candidates if id(c) in accepted]
+    rejected = [c for c in candidates if id(c) not in accepted]
+    return PlanningResult(plan, choice, feasible, rejected, scene.points)
 
 
 def _first_reachable(
