@@ -87,7 +87,7 @@ def _draw(
 ) -> None:
     """Draws points (P, 3), or segments between pairs of points (..., 2, 3) [m, world]."""
     position = np.float32(points.reshape(-1, 3))
-    colors = np.broadcast_to(np.float32(color), position.shape)
+    colors = np.broadcast_to(np.array(color, np.float32), position.shape)
     geometry = shapes.PointsGeometry(position.T, colors.T)
     if points.ndim == 2:
         node.set_object(geometry, shapes.PointsMaterial(size=size))

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_transform import make_transform
-from poil_drake.grasping.approach import ApproachConfig, EdgeChecker, plan_joint_path
+from poil_drake.grasping.approach import plan_joint_path
+from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.inverse_kinematics import distinct_solutions
 from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
@@ -50,7 +51,7 @@ def test_path_leads_around_an_obstacle(model: PandaModel, checker, ends):
     assert model.limit_margin(path).min() > 0.0
 
 
-def test_same_seed_gives_the_same_bits_whatever_ran_before(model: PandaModel, checker, ends):
+def test_same_seed_gives_the_same_path_after_other_searches(model: PandaModel, checker, ends):
     first = plan_joint_path(model, checker.is_free, *ends, seed=7)
     other = plan_joint_path(model, checker.is_free, *ends, seed=8)
     second = plan_joint_path(model, checker.is_free, *ends, seed=7)
@@ -69,7 +70,7 @@ def test_free_space_is_crossed_straight(model: PandaModel):
 
 
 @pytest.mark.parametrize(("blocked", "name"), [(0, "start"), (1, "end")])
-def test_end_in_collision_is_named(model: PandaModel, blocked: int, name: str):
+def test_rejects_an_end_in_collision(model: PandaModel, blocked: int, name: str):
     ends = np.array([NOMINAL_POSTURE, NOMINAL_POSTURE + 0.3])
 
     def is_free(q: np.ndarray) -> np.ndarray:
@@ -79,7 +80,7 @@ def test_end_in_collision_is_named(model: PandaModel, blocked: int, name: str):
         plan_joint_path(model, is_free, *ends)
 
 
-def test_search_that_finds_no_way_ends(model: PandaModel):
+def test_search_without_a_solution_ends(model: PandaModel):
     def only_the_ends(q: np.ndarray) -> np.ndarray:
         return (np.abs(q - NOMINAL_POSTURE) < 1e-3).all(axis=1) | (
             np.abs(q - NOMINAL_POSTURE - 0.3) < 1e-3
@@ -91,5 +92,5 @@ def test_search_that_finds_no_way_ends(model: PandaModel):
             only_the_ends,
             NOMINAL_POSTURE,
             NOMINAL_POSTURE + 0.3,
-            config=ApproachConfig(iterations=50),
+            iterations=50,
         )

@@ -118,16 +118,14 @@ def PlanScenario(
 def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
     """Returns the planner's parameters with the scene's table and boxes, and the field."""
     path = replace(
-        config.selection.path,
+        config.path,
         field=BcsdmConfig(eta=poil.eta),
         max_angular_speed=poil.max_angular_speed,
         max_linear_speed=poil.max_linear_speed,
     )
-    feasibility = config.selection.feasibility
-    collision = replace(feasibility.collision, ground_height=poil.table_height)
-    feasibility = replace(feasibility, collision=collision, posture=poil.safety.posture)
-    selection = replace(config.selection, path=path, feasibility=feasibility)
-    return replace(config, selection=selection)
+    collision = replace(config.feasibility.collision, ground_height=poil.table_height)
+    feasibility = replace(config.feasibility, collision=collision, posture=poil.safety.posture)
+    return replace(config, path=path, feasibility=feasibility)
 
 
 def _everything(frame: MultiViewFrame, fusion: FusionConfig) -> np.ndarray:
