@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from point_grids import point_grid
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.point_cloud import PointCloud
@@ -105,11 +106,9 @@ def home() -> np.ndarray:
 @pytest.fixture(scope="session")
 def screen() -> np.ndarray:
     """A low screen to the robot's left, and a piece of the table."""
-    x, z = np.meshgrid(np.arange(0.3, 0.7, 0.01), np.arange(0.0, 0.15, 0.01))
-    upright = np.stack([x.ravel(), np.full(x.size, 0.3), z.ravel()], axis=1)
-    grid = np.stack(np.meshgrid(np.arange(0.2, 0.8, 0.01), np.arange(-0.4, 0.4, 0.01)), -1)
-    flat = grid.reshape(-1, 2)
-    return np.concatenate([upright, np.column_stack([flat, np.zeros(len(flat))])])
+    upright = point_grid(np.arange(0.3, 0.7, 0.01), 0.3, np.arange(0.0, 0.15, 0.01))
+    table = point_grid(np.arange(0.2, 0.8, 0.01), np.arange(-0.4, 0.4, 0.01), 0.0)
+    return np.concatenate([upright, table])
 
 
 @pytest.fixture(scope="session")

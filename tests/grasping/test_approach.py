@@ -3,6 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from point_grids import point_grid
 
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_transform import make_transform
@@ -21,8 +22,7 @@ def everything_is_free(q: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def checker(model: PandaModel) -> RobotCollisionChecker:
     """A screen 0.45 m high stands between the robot's left and right."""
-    x, z = np.meshgrid(np.arange(0.25, 0.8, 0.01), np.arange(0.02, 0.45, 0.01))
-    screen = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    screen = point_grid(np.arange(0.25, 0.8, 0.01), 0.0, np.arange(0.02, 0.45, 0.01))
     spheres = make_robot_spheres(model, finger_opening=0.03)
     return RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(screen))
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from point_grids import point_grid
 
 from poil_drake.errors import NoFeasibleGraspError, PlanningError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
@@ -121,9 +122,7 @@ def test_progress_names_the_stages(make_plan, screen):
 
 
 def test_rejects_an_object_without_free_grasps(make_plan, mug):
-    grid = np.stack(np.meshgrid(np.arange(0.35, 0.55, 0.004), np.arange(-0.2, 0.0, 0.004)), -1)
-    flat = grid.reshape(-1, 2)
-    lid = np.column_stack([flat, np.full(len(flat), mug.height + 0.02)])
+    lid = point_grid(np.arange(0.35, 0.55, 0.004), np.arange(-0.2, 0.0, 0.004), mug.height + 0.02)
 
     with pytest.raises(NoFeasibleGraspError, match="No grasp was found"):
         make_plan(lid)

@@ -53,7 +53,17 @@ def recorded(demonstration: Path, tmp_path_factory: pytest.TempPathFactory) -> D
 
 
 @pytest.fixture(scope="module")
-def result(recorded: Demonstration, scene: tuple[MultiViewFrame, np.ndarray]) -> TransferResult:
+def reported() -> list[tuple[str, float]]:
+    """The progress reported by the transfer of `result`."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def result(
+    recorded: Demonstration,
+    scene: tuple[MultiViewFrame, np.ndarray],
+    reported: list[tuple[str, float]],
+) -> TransferResult:
     return transfer(
         recorded,
         scene[0],
@@ -61,6 +71,7 @@ def result(recorded: Demonstration, scene: tuple[MultiViewFrame, np.ndarray]) ->
         part_label="handle",
         demonstration_object_label="cup",
         config=TOLERANT,
+        progress=lambda what, share: reported.append((what, share)),
         **OURS,
     )
 
@@ -115,6 +126,22 @@ def test_a_symmetric_handle_also_has_an_upside_down_matching(result: TransferRes
     turns = [np.degrees((end * ends[0].inv()).magnitude()) for end in ends[1:]]
     assert max(turns) > 150.0
     assert [m.cost for m in result.matchings] == sorted(m.cost for m in result.matchings)
+
+
+def test_the_progress_of_every_stage_rises_to_one(
+    result: TransferResult, reported: list[tuple[str, float]]
+) -> None:
+    stages = {what: [s for w, s in reported if w == what] for what, _ in reported}
+    assert list(stages) == [
+        "aligning the parts",
+        "tracking the demonstration",
+        "deforming the part",
+    ]
+    for shares in stages.values():
+        # A half turn is aligned, and each matching deformed, after the first one has reached 1.
+        first = shares[: shares.index(1.0) + 1]
+        assert first == sorted(first)
+        assert shares[-1] == 1.0
 
 
 @pytest.mark.parametrize(

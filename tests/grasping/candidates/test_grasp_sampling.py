@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from point_grids import point_grid
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
@@ -26,9 +27,9 @@ def box_cloud(size: np.ndarray) -> PointCloud:
     """The sides and the top of a box on the table, centred at PLACE."""
     x, y, z = (np.arange(0.0, s + 1e-9, 0.003) - 0.5 * s for s in size)
     faces = [
-        np.stack(np.meshgrid(x, [y[0], y[-1]], z, indexing="ij"), -1).reshape(-1, 3),
-        np.stack(np.meshgrid([x[0], x[-1]], y, z, indexing="ij"), -1).reshape(-1, 3),
-        np.stack(np.meshgrid(x, y, [z[-1]], indexing="ij"), -1).reshape(-1, 3),
+        point_grid(x, y[[0, -1]], z),
+        point_grid(x[[0, -1]], y, z),
+        point_grid(x, y, z[-1]),
     ]
     points = np.concatenate(faces) + PLACE + [0.0, 0.0, 0.5 * size[2] + 0.001]
     return PointCloud(points + np.random.default_rng(1).normal(0.0, 0.0003, points.shape))
@@ -127,9 +128,9 @@ def test_open_gripper_does_not_touch_the_object(mug, rim_grasps):
 
 def test_obstacle_over_one_side_leaves_grasps_elsewhere(mug):
     # The hand is 63.5 mm wide across its closing axis.
-    grid = np.stack(np.meshgrid(np.arange(-0.1, 0.1, 0.005), np.arange(0.035, 0.1, 0.005)), -1)
-    flat = grid.reshape(-1, 2) + mug.center[:2]
-    shelf = np.column_stack([flat, np.full(len(flat), mug.height + 0.05)])
+    shelf = mug.center + point_grid(
+        np.arange(-0.1, 0.1, 0.005), np.arange(0.035, 0.1, 0.005), mug.height + 0.05
+    )
 
     grasps = sample_antipodal_grasps(mug.cloud, mug.part_points, obstacle_points=shelf, config=SOME)
 
@@ -155,10 +156,9 @@ def test_approach_is_within_the_angle_and_orthogonal_to_closing():
 
 
 def test_wall_normal_spans_both_faces_of_a_thin_wall():
-    y, z = np.meshgrid(np.arange(0.0, 0.06, 0.003), np.arange(0.0, 0.06, 0.003))
-    face = np.stack([0.0 * y.ravel(), y.ravel(), z.ravel()], axis=1)
+    sides = np.arange(0.0, 0.06, 0.003)
 
-    normals = wall_normals(np.concatenate([face, face + np.array([0.0035, 0.0, 0.0])]), 0.010)
+    normals = wall_normals(point_grid(np.array([0.0, 0.0035]), sides, sides), 0.010)
 
     assert np.abs(normals[:, 0]).min() > np.cos(0.2)
 

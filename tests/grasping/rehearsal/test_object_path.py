@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from point_grids import point_grid
 
 from poil_drake.grasping.rehearsal.object_path import (
     LIFT_HEIGHT,
@@ -52,8 +53,7 @@ def test_object_running_into_the_table_is_detected(mug, make_matching):
 
 
 def test_object_running_into_an_obstacle_is_detected(mug, matching):
-    x, z = np.meshgrid(np.arange(0.35, 0.55, 0.003), np.arange(0.01, 0.4, 0.003))
-    wall = np.stack([x.ravel(), np.full(x.size, 0.0), z.ravel()], axis=1)
+    wall = point_grid(np.arange(0.35, 0.55, 0.003), 0.0, np.arange(0.01, 0.4, 0.003))
 
     assert predict(mug, matching, wall).excess > 0.003
 
@@ -85,10 +85,8 @@ def test_run_that_exceeds_the_time_limit_is_reported(mug, matching):
 
 @pytest.mark.parametrize("height", [0.02, 0.1])
 def test_lift_under_a_shelf_is_detected(mug, matching, height: float):
-    grid = np.stack(np.meshgrid(np.arange(0.40, 0.50, 0.004), np.arange(-0.15, -0.05, 0.004)), -1)
-    flat = grid.reshape(-1, 2)
     top = mug.cloud.points[:, 2].max()
-    shelf = np.column_stack([flat, np.full(len(flat), top + height)])
+    shelf = point_grid(np.arange(0.40, 0.50, 0.004), np.arange(-0.15, -0.05, 0.004), top + height)
 
     dut = predict(mug, matching, shelf)
 

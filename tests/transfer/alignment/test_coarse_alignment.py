@@ -94,17 +94,11 @@ def test_the_modes_of_a_symmetric_part_contain_the_half_turn(make_handle: Maker)
     for R in (R_TRUE, R_TRUE @ half_turn):
         assert min(angle_to(a, R) for a in found[:2]) < 5.0
     assert found[1].cost < found[0].cost + 0.1
-
-
-def test_modes_are_distinct_and_sorted_by_cost(make_handle: Maker) -> None:
-    found = align(make_handle("c"), moved(make_handle("c", seed=1)))
-
+    # Modes are distinct, the best first.
     costs = [a.cost for a in found]
     assert costs == sorted(costs)
-    assert len(found) > 1
     for k, a in enumerate(found):
-        for b in found[:k]:
-            assert angle_to(a, b.rotation) > np.rad2deg(MODE_ANGLE)
+        assert all(angle_to(a, b.rotation) > np.rad2deg(MODE_ANGLE) for b in found[:k])
 
 
 def test_the_rest_of_the_object_resolves_the_half_turn(
@@ -135,16 +129,6 @@ def test_the_same_clouds_give_the_same_alignment(make_handle: Maker) -> None:
 
     np.testing.assert_array_equal(first.matrix, second.matrix)
     np.testing.assert_array_equal(first.target_center, second.target_center)
-
-
-def test_progress_rises_to_one(make_handle: Maker) -> None:
-    problem = AlignmentProblem.between(make_handle(), make_handle(seed=1), config=PART_ALONE)
-    reported: list[float] = []
-
-    align_parts(problem, progress=lambda what, share: reported.append(share))
-
-    assert reported == sorted(reported)
-    assert reported[-1] == 1.0
 
 
 def test_rejects_too_few_points(make_handle: Maker) -> None:
