@@ -44,20 +44,6 @@ def test_finds_an_approach_inside_the_box(model: PandaModel) -> None:
     np.testing.assert_allclose(dut.positions[-1], LEFT, atol=1e-9)
 
 
-def test_an_arm_near_one_face_keeps_the_margin_to_the_others(model: PandaModel) -> None:
-    side, reach = model.gripper_pose(RIGHT)[1, 3], model.gripper_pose(NOMINAL_POSTURE)[0, 3]
-
-    dut = approach(
-        model,
-        gripper_lower=(-0.85, side - 0.0005, -1.0),
-        gripper_upper=(reach - 0.05, 0.85, 1.2),
-    )
-
-    kept = FeasibilityConfig().workspace_margin - 0.002
-    assert forward(model, dut).max() <= reach - 0.05 - kept + 1e-3
-    assert model.gripper_pose(dut.positions)[:, 1, 3].min() >= side - 0.0005
-
-
 def test_an_arm_stopped_by_a_face_may_move_back_inside(model: PandaModel) -> None:
     side = model.gripper_pose(RIGHT)[1, 3]
 

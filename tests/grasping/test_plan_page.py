@@ -21,24 +21,22 @@ def page(planned: PlanningResult, tmp_path_factory: pytest.TempPathFactory) -> s
 
 @pytest.fixture(scope="module")
 def commands(page: str) -> dict[tuple[str, str], dict]:
-    """The page's commands to the viewer by type and path."""
-    listed = re.search(r"const command of \[(.*)\]\)", page)
-    assert listed is not None
-    packed = [base64.b64decode(text) for text in re.findall("'(.+?)'", listed[1])]
-    found = [umsgpack.unpackb(command) for command in packed]
-    return {(command["type"], command["path"]): command for command in found}
+    """The page's commands to the viewer, by type and path."""
+    listed = page.rpartition("const command of")[2]
+    found = [umsgpack.unpackb(base64.b64decode(c)) for c in re.findall("'(.+?)'", listed)]
+    return {(c["type"], c["path"].removeprefix("/meshcat/")): c for c in found}
 
 
-def drawn_points(commands: dict[tuple[str, str], dict], path: str) -> np.ndarray:
-    geometry = commands["set_object", f"/meshcat/{path}"]["object"]["geometries"][0]
+def drawn_points(commands, path: str) -> np.ndarray:
+    geometry = commands["set_object", path]["object"]["geometries"][0]
     return np.frombuffer(geometry["data"]["attributes"]["position"]["array"].data, np.float32)
 
 
-def track_ends(commands: dict[tuple[str, str], dict], path: str, name: str) -> np.ndarray:
-    """Returns the first and the last value of an animated property."""
+def first_and_last_position(commands, path: str) -> np.ndarray:
+    """Returns the first and the last animated position (2, 3) [m]."""
     clips = {a["path"]: a["clip"] for a in commands["set_animation", ""]["animations"]}
-    (track,) = [t for t in clips[f"/meshcat/{path}"]["tracks"] if t["name"] == name]
-    return np.array([track["keys"][0]["value"], track["keys"][-1]["value"]])
+    tracks = {t["name"]: t["keys"] for t in clips[f"/meshcat/{path}"]["tracks"]}
+    return np.array([tracks[".position"][k]["value"] for k in (0, -1)])
 
 
 def test_clouds_points_and_reference_are_drawn(commands, planned):
@@ -69,28 +67,25 @@ def test_grasps_are_drawn_by_group(commands, planned):
 
 
 def test_robot_and_object_move_from_home_to_the_goal(commands, planned, model, home):
-    robot = commands["set_transform", "/meshcat/robot"]["matrix"]
+    robot = commands["set_transform", "robot"]["matrix"]
     assert_allclose(np.reshape(robot, (4, 4)).T, X_WB)
-    hand = track_ends(commands, "robot/visuals/panda_hand_0", ".position")
+    hand = first_and_last_position(commands, "robot/visuals/panda_hand_0")
     # The gripper frame is 0.1034 m in front of the hand's.
     for position, q in zip(hand, (home, planned.choice.feasibility.q_retreat[-1]), strict=True):
         X_WG = model.gripper_pose(q)
         assert_allclose(position, X_WG[:3, 3] - 0.1034 * X_WG[:3, 2], atol=1e-6)
-    moved = track_ends(commands, "object", ".position")
+    moved = first_and_last_position(commands, "object")
     assert_allclose(moved, [np.zeros(3), planned.choice.path.X_W[-1, :3, 3]], atol=1e-9)
 
 
-def test_the_page_is_titled_and_loads_nothing(page):
+def test_the_page_is_self_contained(page):
     assert "<title>Plan: mug, handle</title>" in page
     assert "MeshCat.Viewer" in page
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=", page)
 
 
-def test_neither_a_server_nor_output_is_left(planned, tmp_path, capfd, monkeypatch):
-    def refuse(*arguments, **options):
-        raise AssertionError("A process was started.")
-
-    monkeypatch.setattr("subprocess.Popen", refuse)
+def test_writing_starts_no_process_and_prints_nothing(planned, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: pytest.fail("A process was started."))
 
     write_plan_page(tmp_path / "new" / "plan.html", planned, X_WB=X_WB)
 

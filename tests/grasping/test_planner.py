@@ -92,12 +92,17 @@ def test_metadata_tells_the_origin_of_the_plan(plan):
     assert (plan.object_label, plan.part_label) == ("mug", "handle")
 
 
-def test_same_input_gives_the_same_plan(plan, make_plan, seen):
-    again = make_plan(seen).plan
+def test_same_input_gives_the_same_plan_and_progress_is_reported(plan, make_plan, seen):
+    reported: list[tuple[str, float]] = []
+
+    again = make_plan(seen, progress=lambda what, share: reported.append((what, share))).plan
 
     assert_array_equal(again.grasp.X_WG, plan.grasp.X_WG)
     assert_array_equal(again.approach.positions, plan.approach.positions)
     assert_array_equal(again.descent.positions, plan.descent.positions)
+    stages = list(dict.fromkeys(what for what, _ in reported))
+    assert stages == ["sampling grasps", "rehearsing grasps", "planning the approach"]
+    assert all(0.0 <= share <= 1.0 for _, share in reported)
 
 
 def test_result_holds_what_the_plan_was_chosen_from(planned, screen):
@@ -109,16 +114,6 @@ def test_result_holds_what_the_plan_was_chosen_from(planned, screen):
     # Only points of the screen remain: those of table, object and robot are no obstacles.
     upright = {tuple(point) for point in screen.tolist() if point[2] > 0.0}
     assert {tuple(point) for point in planned.scene_points.tolist()} <= upright
-
-
-def test_progress_names_the_stages(make_plan, screen):
-    reported: list[tuple[str, float]] = []
-
-    make_plan(screen, progress=lambda what, share: reported.append((what, share)))
-
-    assert reported[0][0] == "sampling grasps"
-    assert {"rehearsing grasps", "planning the approach"} <= {what for what, _ in reported}
-    assert all(0.0 <= share <= 1.0 for _, share in reported)
 
 
 def test_rejects_an_object_without_free_grasps(make_plan, mug):

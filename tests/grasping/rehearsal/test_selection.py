@@ -73,12 +73,22 @@ def test_better_score_wins_between_like_grasps(rank, grasps, matching):
     assert dut.candidate is grasps[0]
 
 
-def test_robot_collision_is_counted(rank, grasps, matching):
-    # Under the shelf over the goal there is space for the mug, but not for the hand above it.
-    shelf = point_grid(np.arange(0.35, 0.55, 0.01), np.arange(0.06, 0.2, 0.01), 0.33)
+# Under the shelf over the goal there is space for the mug, but not for the hand above it.
+SHELF = point_grid(np.arange(0.35, 0.55, 0.01), np.arange(0.06, 0.2, 0.01), 0.33)
+WALL = point_grid(np.arange(0.35, 0.55, 0.004), 0.0, np.arange(0.01, 0.2, 0.004))
 
-    with pytest.raises(NoFeasibleGraspError, match="2 bring the robot into collision"):
-        rank(grasps, [matching], shelf)
+
+@pytest.mark.parametrize(
+    ("obstacle", "says", "remedy"),
+    [
+        (SHELF, "2 bring the robot into collision", "Clear the space"),
+        (WALL, "2 bring the object into collision", "fixture"),
+    ],
+)
+def test_collisions_are_counted(rank, grasps, matching, obstacle, says, remedy):
+    with pytest.raises(NoFeasibleGraspError, match=says) as info:
+        rank(grasps, [matching], obstacle)
+    assert remedy in info.value.remedy
 
 
 def within(**box) -> FeasibilityConfig:
@@ -162,14 +172,6 @@ def test_grasps_out_of_reach_are_counted(rank, matching):
     with pytest.raises(NoFeasibleGraspError, match="3 are out of the arm's reach") as info:
         rank(far, [matching])
     assert "Move the object" in info.value.remedy
-
-
-def test_object_collision_is_counted(rank, grasps, matching):
-    wall = point_grid(np.arange(0.35, 0.55, 0.004), 0.0, np.arange(0.01, 0.2, 0.004))
-
-    with pytest.raises(NoFeasibleGraspError, match="2 bring the object into collision") as info:
-        rank(grasps, [matching], wall)
-    assert "fixture" in info.value.remedy
 
 
 def test_no_grasp_at_all_is_explained(rank, matching):
