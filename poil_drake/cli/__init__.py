@@ -157,8 +157,8 @@ def transfer(
 
     chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
     page = output.with_suffix(".html")
-    for path in (output, page):
-        require_writable(path, inputs=(demonstration, chosen.source.file))
+    require_writable(output, inputs=(demonstration, chosen.source.file))
+    require_writable(page, inputs=(demonstration, chosen.source.file, output))
     plan = PlanScenario(chosen, demonstration, hardware=hardware, page=page)
     plan.save(output)
     typer.echo(f"wrote the plan to {output}")

@@ -3,6 +3,7 @@
 import base64
 import html
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import meshcat
@@ -19,22 +20,6 @@ from poil_drake.grasping.planner import PlanningResult
 from poil_drake.robots.robot_description import panda_description_directory
 from poil_drake.runtime.whole_file import whole_file
 
-_PAGE = """<!DOCTYPE html>
-<html><head><meta charset="utf-8"><title>{title}</title>
-<style>body {{margin: 0}} #meshcat-pane {{width: 100vw; height: 100vh; overflow: hidden}}</style>
-</head><body><div id="meshcat-pane"></div><script>{viewer}</script><script>
-const viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
-for (const command of {commands})
-  viewer.handle_command_bytearray(Uint8Array.from(atob(command), c => c.charCodeAt(0)));
-// In front of the robot; y is up here.
-viewer.camera.position.set(1.15, 0.65, 0.6); viewer.controls.target.set(0.35, 0.2, -0.05);
-viewer.controls.update(); viewer.gui.open();
-for (const name of ["Grid", "Axes"]) viewer.set_property([name], "visible", false);
-viewer.animator.play(); viewer.animator.pause(); // Before this, the time slider has no effect.
-viewer.animator.seek({time}); viewer.animator.display_progress({time});
-</script></body></html>
-"""
-
 
 class _Window(list[str]):
     """Collects drawing commands in place of meshcat's window, which starts a server for them."""
@@ -43,7 +28,7 @@ class _Window(list[str]):
         self.append(base64.b64encode(umsgpack.packb(command.lower())).decode())
 
 
-def write_plan_page(path: Path, result: PlanningResult, *, X_WB: np.ndarray) -> None:
+def write_plan_page(path: Path | str, result: PlanningResult, *, X_WB: np.ndarray) -> None:
     """Writes a page that shows a plan; viewing it needs neither a server nor a network.
 
     The page opens with the arm at the grasp. Its time slider moves the arm along the approach, the
@@ -72,13 +57,14 @@ def write_plan_page(path: Path, result: PlanningResult, *, X_WB: np.ndarray) -> 
         _draw(scene[f"grasps/{name}"], np.reshape(lines, (-1, 2, 3)), color)
     scene["robot"].set_transform(X_WB)
     _animate(scene, result)
-    page = _PAGE.format(
+    template = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
+    page = Template(template).substitute(
         title=html.escape(f"Plan: {plan.object_label}, {plan.part_label}"),
         viewer=(Path(VIEWER_ROOT) / "main.min.js").read_text(encoding="utf-8"),
         commands=commands,
         time=plan.approach.duration + plan.descent.duration,
     )
-    with whole_file(path) as file:
+    with whole_file(Path(path)) as file:
         file.write(page.encode())
 
 
@@ -116,13 +102,12 @@ def _animate(scene: meshcat.Visualizer, result: PlanningResult) -> None:
     robot.setBackgroundColor()
     robot.loadViewerModel("robot", visual_color=[0.9, 0.9, 0.92, 1.0])
     plan, path, finding = result.plan, result.choice.path, result.choice.feasibility
-    approach, descent = plan.approach, plan.descent
     carry_times, X_carry = path.times[path.samples], path.X_W[path.samples]
     retreat_times = np.linspace(0.0, 1.0, len(finding.q_retreat))  # Nominal: a plan has none.
     animation, start = Animation(default_framerate=1), 0.0  # One frame per second: keys are times.
     for times, q, opening, X_W in (
-        (approach.times, approach.positions, plan.pregrasp_width, X_carry[:1]),
-        (descent.times, descent.positions, plan.pregrasp_width, X_carry[:1]),
+        (plan.approach.times, plan.approach.positions, plan.pregrasp_width, X_carry[:1]),
+        (plan.descent.times, plan.descent.positions, plan.pregrasp_width, X_carry[:1]),
         (carry_times, finding.q_carry, plan.grasp_width, X_carry),
         (retreat_times, finding.q_retreat, plan.pregrasp_width, X_carry[-1:]),
     ):

@@ -46,7 +46,7 @@ def PlanScenario(
     demonstration: str | Path,
     *,
     hardware: bool = False,
-    page: Path | None = None,
+    page: str | Path | None = None,
     config: PlanningConfig | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
