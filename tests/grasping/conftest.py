@@ -15,8 +15,6 @@ from poil_drake.grasping.planner import PlannerConfig, PlanningResult, plan_exec
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.matching import Matching
 
-HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])
-
 
 class PointMug(NamedTuple):
     """An upright mug with its handle along +x; all points in the world [m]."""
@@ -100,7 +98,7 @@ def matching(mug: PointMug, make_matching: MakeMatching) -> Matching:
 @pytest.fixture(scope="session")
 def home() -> np.ndarray:
     """The arm's configuration before planning."""
-    return HOME
+    return np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])
 
 
 @pytest.fixture(scope="session")
@@ -112,8 +110,8 @@ def screen() -> np.ndarray:
 
 
 @pytest.fixture(scope="session")
-def make_plan(mug: PointMug, matching: Matching, model: PandaModel) -> MakePlan:
-    """Plans from HOME with few seed points, which are enough and take less time."""
+def make_plan(mug: PointMug, matching: Matching, model: PandaModel, home: np.ndarray) -> MakePlan:
+    """Plans from home with few seed points, which are enough and take less time."""
 
     def make(scene_points: np.ndarray, **options) -> PlanningResult:
         config = PlannerConfig(sampling=GraspSamplingConfig(seed_points=60))
@@ -124,7 +122,7 @@ def make_plan(mug: PointMug, matching: Matching, model: PandaModel) -> MakePlan:
             object_cloud=mug.cloud,
             part_points=mug.part_points,
             scene_points=scene_points,
-            q_start=HOME,
+            q_start=home,
             model=model,
             **({"config": config} | options),
         )
@@ -133,9 +131,9 @@ def make_plan(mug: PointMug, matching: Matching, model: PandaModel) -> MakePlan:
 
 
 @pytest.fixture(scope="session")
-def seen(screen: np.ndarray, mug: PointMug, model: PandaModel) -> np.ndarray:
+def seen(screen: np.ndarray, mug: PointMug, model: PandaModel, home: np.ndarray) -> np.ndarray:
     """All points that the cameras see: the screen, the object and the robot."""
-    robot = model.link_poses(HOME)[3:, :3, 3]
+    robot = model.link_poses(home)[3:, :3, 3]
     return np.concatenate([screen, mug.cloud.points + 0.001, robot])
 
 

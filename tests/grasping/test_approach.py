@@ -15,10 +15,6 @@ from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 
 
-def everything_is_free(q: np.ndarray) -> np.ndarray:
-    return np.ones(len(q), dtype=bool)
-
-
 @pytest.fixture(scope="module")
 def checker(model: PandaModel) -> RobotCollisionChecker:
     """A screen 0.45 m high stands between the robot's left and right."""
@@ -63,7 +59,7 @@ def test_same_seed_gives_the_same_path_after_other_searches(model: PandaModel, c
 def test_free_space_is_crossed_straight(model: PandaModel):
     goal = NOMINAL_POSTURE + 0.5
 
-    path = plan_joint_path(model, everything_is_free, NOMINAL_POSTURE, goal)
+    path = plan_joint_path(model, lambda q: np.ones(len(q), dtype=bool), NOMINAL_POSTURE, goal)
 
     share = (path - NOMINAL_POSTURE) / 0.5
     assert_allclose(share, np.repeat(share[:, :1], 7, axis=1))
@@ -81,16 +77,10 @@ def test_rejects_an_end_in_collision(model: PandaModel, blocked: int, name: str)
 
 
 def test_search_without_a_solution_ends(model: PandaModel):
+    ends = np.array([NOMINAL_POSTURE, NOMINAL_POSTURE + 0.3])
+
     def only_the_ends(q: np.ndarray) -> np.ndarray:
-        return (np.abs(q - NOMINAL_POSTURE) < 1e-3).all(axis=1) | (
-            np.abs(q - NOMINAL_POSTURE - 0.3) < 1e-3
-        ).all(axis=1)
+        return (np.abs(q[:, None] - ends) < 1e-3).all(axis=2).any(axis=1)
 
     with pytest.raises(PlanningError, match="in 50 rounds"):
-        plan_joint_path(
-            model,
-            only_the_ends,
-            NOMINAL_POSTURE,
-            NOMINAL_POSTURE + 0.3,
-            iterations=50,
-        )
+        plan_joint_path(model, only_the_ends, *ends, iterations=50)

@@ -16,13 +16,13 @@ RIGHT, LEFT = (NOMINAL_POSTURE + turn * np.eye(7)[0] for turn in (-0.9, 0.9))
 
 
 def approach(model: PandaModel, **box) -> JointTrajectory:
-    feasibility = FeasibilityConfig(posture=PostureGuardConfig(**box))
     checker = RobotCollisionChecker(
         model=model,
         spheres=make_robot_spheres(model, finger_opening=0.04),
         scene=SceneCloud(np.zeros((0, 3))),
     )
-    workspace = WorkspaceCheck.of(model, RIGHT, feasibility)
+    boxes = FeasibilityConfig(posture=PostureGuardConfig(**box))
+    workspace = WorkspaceCheck.of(model, RIGHT, boxes)
     return plan_approach(model, checker, workspace, RIGHT, LEFT, seed=0)
 
 

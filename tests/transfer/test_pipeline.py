@@ -64,11 +64,7 @@ def reported() -> Reported:
 
 
 @pytest.fixture(scope="module")
-def result(
-    recorded: Demonstration,
-    scene: Scene,
-    reported: Reported,
-) -> TransferResult:
+def result(recorded: Demonstration, scene: Scene, reported: Reported) -> TransferResult:
     return transfer(
         recorded,
         scene[0],
@@ -154,10 +150,7 @@ def test_the_progress_of_every_stage_rises_to_one(
     ],
 )
 def test_errors_name_the_images_in_which_a_detection_failed(
-    recorded: Demonstration,
-    scene: Scene,
-    changed: dict[str, str],
-    says: str,
+    recorded: Demonstration, scene: Scene, changed: dict[str, str], says: str
 ) -> None:
     labels = {"object_label": "mug", "part_label": "handle"} | changed
 

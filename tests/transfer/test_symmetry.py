@@ -13,13 +13,10 @@ from poil_drake.transfer.symmetry import SYMMETRY_TOLERANCE, half_turns
 Maker = Callable[..., PointCloud]
 
 
-def axis_aligned_box(sides: list[float]) -> np.ndarray:
-    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 7)] * 3), axis=-1).reshape(-1, 3)
-    return grid * sides
-
-
 def test_a_box_is_symmetric_about_all_its_axes() -> None:
-    turns, chamfers = half_turns(axis_aligned_box([0.1, 0.06, 0.03]) + 0.7)
+    box = np.stack(np.meshgrid(*[np.linspace(0.7, 1.7, 7)] * 3), axis=-1) * [0.1, 0.06, 0.03]
+
+    turns, chamfers = half_turns(box.reshape(-1, 3))
 
     # Largest extent first.
     expected = [np.diag([1, -1, -1]), np.diag([-1, 1, -1]), np.diag([-1, -1, 1])]

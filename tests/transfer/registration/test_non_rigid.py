@@ -61,7 +61,7 @@ def test_distant_points_do_not_pull(make_handle: Maker) -> None:
     assert np.linalg.norm(deform(source) - source, axis=1).max() < 1e-3
 
 
-def test_the_same_clouds_give_the_same_field(make_handle: Maker) -> None:
+def test_the_same_clouds_give_the_same_deformation(make_handle: Maker) -> None:
     source, target = make_handle(seed=0).points, bent(make_handle(seed=1).points)
     short = NonRigidConfig(max_points=100, max_steps=5)
 
