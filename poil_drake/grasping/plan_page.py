@@ -36,7 +36,7 @@ def write_plan_page(path: Path | str, result: PlanningResult, *, X_WB: np.ndarra
 
     Args:
         path: Where the HTML file goes.
-        result: The plan and what it was chosen from.
+        result: The plan and the data that it was chosen from.
         X_WB: (4, 4) pose of the robot's base in the world.
     """
     plan, chosen = result.plan, result.choice.candidate
@@ -89,7 +89,7 @@ def _gripper_lines(opening: float) -> np.ndarray:
 
 
 def _animate(scene: meshcat.Visualizer, result: PlanningResult) -> None:
-    """Adds the Panda, and how it and the object move."""
+    """Adds the Panda, and animates it and the object."""
     description = panda_description_directory()
     # The collision meshes take 130 kB, the visual ones 11 MB.
     model, meshes = pinocchio.buildModelsFromUrdf(

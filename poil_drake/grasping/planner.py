@@ -43,7 +43,7 @@ class PlannerConfig:
     Attributes:
         sampling: How grasps are sampled.
         path: How the object's motion is predicted.
-        feasibility: What is required of a grasp.
+        feasibility: Requirements on a grasp.
     """
 
     sampling: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)
@@ -53,7 +53,7 @@ class PlannerConfig:
 
 @dataclass(frozen=True, eq=False)
 class PlanningResult:
-    """A plan and what it was chosen from.
+    """A plan and the data that it was chosen from.
 
     Attributes:
         plan: The plan.
@@ -110,7 +110,7 @@ def plan_execution(
     feasibility = config.feasibility
     q_start = np.asarray(q_start, dtype=float)
     workspace = WorkspaceCheck.of(model, q_start, feasibility)
-    # The demonstrated part's points complete what the cameras saw of the part.
+    # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(model, finger_opening=GRIPPER.max_width)
     scene = (

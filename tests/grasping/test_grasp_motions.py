@@ -40,8 +40,7 @@ def test_finds_an_approach_inside_the_box(model: PandaModel) -> None:
     # Between checked postures the hand moves by 3 cm, and deviates by less than 1 mm.
     kept = FeasibilityConfig().workspace_margin - 0.002
     assert forward(model, dut).max() <= reach - 0.05 - kept + 1e-3
-    np.testing.assert_allclose(dut.positions[0], RIGHT, atol=1e-9)
-    np.testing.assert_allclose(dut.positions[-1], LEFT, atol=1e-9)
+    np.testing.assert_allclose(dut.positions[[0, -1]], [RIGHT, LEFT], atol=1e-9)
 
 
 def test_an_arm_stopped_by_a_face_may_move_back_inside(model: PandaModel) -> None:

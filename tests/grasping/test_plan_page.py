@@ -40,8 +40,7 @@ def first_and_last_position(commands, path: str) -> np.ndarray:
 
 
 def test_clouds_points_and_reference_are_drawn(commands, planned):
-    plan = planned.plan
-    positions = plan.reference.positions
+    plan, positions = planned.plan, planned.plan.reference.positions
     for path, points in (
         ("obstacles", planned.scene_points),
         ("object/cloud", plan.object_points),

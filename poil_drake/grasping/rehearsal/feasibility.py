@@ -1,4 +1,4 @@
-"""Feasibility of grasps: what is required of them, and what their rehearsal finds."""
+"""Feasibility of grasps: the requirements, and the findings of a rehearsal."""
 
 import enum
 import math
@@ -30,7 +30,7 @@ class Failure(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FeasibilityConfig:
-    """What is required of a feasible grasp.
+    """Requirements on a feasible grasp.
 
     Attributes:
         collision: Margins.

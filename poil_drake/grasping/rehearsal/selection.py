@@ -62,7 +62,7 @@ def rank_grasps(
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
         path: How the object's motion is predicted, None for the defaults.
-        feasibility: What is required, None for the defaults.
+        feasibility: Requirements, None for the defaults.
         progress: Receives the progress.
 
     Raises:

@@ -20,7 +20,7 @@ class Adam:
     crashes.
 
     Args:
-        parameters: What to optimise; their gradients are read.
+        parameters: The parameters, with gradients.
         learning_rate: The step size, alpha.
     """
 
