@@ -1,4 +1,4 @@
-"""Samples parallel-jaw grasps on a point cloud: of thin walls at their rim, of whole bodies."""
+"""Samples parallel-jaw grasps on a point cloud: on the rims of thin walls, and on whole bodies."""
 
 import numpy as np
 from scipy.spatial import cKDTree
