@@ -76,7 +76,9 @@ def plan_file(demonstration: Path, make_once: MakeOnce) -> Path:
 
     def transfer(path: Path) -> None:
         said = poil(["transfer", str(demonstration), "-o", str(path)])
-        assert said == f"wrote the plan to {path}\n"
+        page = path.with_suffix(".html")
+        assert said == f"wrote the plan to {path}\nwrote a page that shows it to {page}\n"
+        page.rename(page.with_name("plan.html"))
 
     return make_once("plan.npz", transfer)
 

@@ -156,10 +156,13 @@ def transfer(
     from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
+    page = output.with_suffix(".html")
     require_writable(output, inputs=(demonstration, chosen.source.file))
-    plan = PlanScenario(chosen, demonstration, hardware=hardware)
+    require_writable(page, inputs=(demonstration, chosen.source.file, output))
+    plan = PlanScenario(chosen, demonstration, hardware=hardware, page=page)
     plan.save(output)
     typer.echo(f"wrote the plan to {output}")
+    typer.echo(f"wrote a page that shows it to {page}")
 
 
 @app.command()

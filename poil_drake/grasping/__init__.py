@@ -1,4 +1,4 @@
-"""Grasp candidates, feasibility of their rollouts, approach paths. No pydrake."""
+"""Grasp candidates, their rehearsal, the motions to a grasp, and the plan. No pydrake."""
 
 import lazy_loader
 

@@ -1,6 +1,4 @@
-"""Collision-free joint paths by RRT-Connect (OMPL), the same for the same seed."""
-
-from dataclasses import dataclass
+"""Collision-free joint paths by RRT-Connect (OMPL), reproducible for a seed."""
 
 import numpy as np
 
@@ -9,28 +7,14 @@ from poil_drake.planning.path_shortening import EdgeChecker, IsFree, round_corne
 from poil_drake.planning.rrt_connect import VectorSpace, rrt_connect
 from poil_drake.robots.panda_kinematics import PandaModel
 
+_RESOLUTION = 0.05
+"""Distance between the configurations checked along an edge [rad]: 0.05 rad move the hand by 3 cm
+at full reach, within the spheres' bulge and the margin."""
 
-@dataclass(frozen=True, kw_only=True)
-class ApproachConfig:
-    """How a free path is searched.
-
-    Attributes:
-        limit_margin: Distance kept from the joint limits [rad].
-        range: Longest edge of the search tree [rad].
-        resolution: Distance between the configurations checked along an edge [rad]; in 0.05 rad
-            the hand moves 3 cm at full reach, within the spheres' bulge and the margin.
-        iterations: The search ends after this many rounds of tree growth. Counted, not timed, so
-            that the outcome does not depend on the machine's speed.
-        shortcuts: Attempts to shorten the path found.
-        smoothing: Length over which corners are rounded off [rad], where there is room.
-    """
-
-    limit_margin: float = 0.03
-    range: float = 0.6
-    resolution: float = 0.05
-    iterations: int = 3000
-    shortcuts: int = 60
-    smoothing: float = 0.5
+_LIMIT_MARGIN = 0.03  # [rad] Distance kept from the joint limits.
+_LONGEST_EDGE = 0.6  # [rad] Of the search tree.
+_SHORTCUTS = 60  # Attempts to shorten the path.
+_SMOOTHING = 0.5  # [rad] Length over which corners are rounded off, where there is space.
 
 
 def plan_joint_path(
@@ -39,27 +23,27 @@ def plan_joint_path(
     q_start: np.ndarray,
     q_goal: np.ndarray,
     *,
-    config: ApproachConfig | None = None,
+    iterations: int = 3000,
     seed: int = 0,
 ) -> np.ndarray:
     """Returns a free, smooth path (K, 7) [rad] between two configurations.
 
-    The straight line where it is free, else a path of RRT-Connect that is then shortened and
-    rounded off.
+    The path is straight where that is free; otherwise RRT-Connect finds it, and it is then
+    shortened and rounded off.
 
     Args:
         model: The arm, for its joint limits.
         is_free: The collision check.
-        q_start: (7,) where to start [rad].
-        q_goal: (7,) where to end [rad].
-        config: Resolution and effort.
+        q_start: (7,) first configuration [rad].
+        q_goal: (7,) last configuration [rad].
+        iterations: Largest number of rounds of tree growth. A limit on time would make the result
+            depend on the machine's speed.
         seed: Seed of the search and the shortcuts.
 
     Raises:
         PlanningError: An end is in collision, or no path was found.
     """
-    config = config or ApproachConfig()
-    edges = EdgeChecker(is_free, config.resolution)
+    edges = EdgeChecker(is_free, _RESOLUTION)
     for q, name in ((q_start, "start"), (q_goal, "end")):
         if not is_free(q[None])[0]:
             raise PlanningError(
@@ -72,22 +56,22 @@ def plan_joint_path(
         return edges.samples(q_start, q_goal)
     found = rrt_connect(
         VectorSpace(
-            np.minimum(model.lower + config.limit_margin, q_start),
-            np.maximum(model.upper - config.limit_margin, q_start),
+            np.minimum(model.lower + _LIMIT_MARGIN, q_start),
+            np.maximum(model.upper - _LIMIT_MARGIN, q_start),
         ),
         q_start,
         q_goal,
         is_free=is_free,
         edge_is_free=edges.is_free,
-        max_edge=config.range,
-        iterations=config.iterations,
+        max_edge=_LONGEST_EDGE,
+        iterations=iterations,
         seed=seed,
     )
     if found is None:
         raise PlanningError(
-            f"No free path to the pre-grasp was found in {config.iterations} rounds of search.",
-            remedy="Clear the space between the arm and the object, widen the box that the arm may "
-            "be in, or raise ApproachConfig.iterations.",
+            f"No free path to the pre-grasp was found in {iterations} rounds of search.",
+            remedy="Clear the space between the arm and the object, or widen the box that the arm "
+            "may be in (poil.safety.posture).",
         )
-    corners = shorten_path(found, edges, config.shortcuts, np.random.default_rng(seed))
-    return round_corners(corners, edges, width=config.smoothing)
+    corners = shorten_path(found, edges, _SHORTCUTS, np.random.default_rng(seed))
+    return round_corners(corners, edges, width=_SMOOTHING)

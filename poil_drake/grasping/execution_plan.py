@@ -1,12 +1,11 @@
-"""Everything that execution needs, as one value and one file."""
+"""The input of an execution, as one value and one file."""
 
-import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -29,24 +28,24 @@ _PARTS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExecutionPlan(SharedOnCopy):
-    """What transfer and grasp selection found, so that execution can run elsewhere and later.
+    """The result of transfer and grasp selection, which can be executed elsewhere and later.
 
     Attributes:
         object_label: The object's label.
         part_label: The functional part's label.
         target_points: (N, 3) the part's points at planning time [m, world].
         object_points: (P, 3) the object's surface at planning time [m, world], from which support
-            points may be drawn.
+            points are drawn.
         part_points: (M, 3) the functional part's surface at planning time [m, world].
         reference: The reference of the target points.
         grasp: The grasp.
-        approach: Joint motion from where the robot stood to the pre-grasp.
+        approach: Joint motion from the robot's configuration at planning time to the pre-grasp.
         descent: Joint motion from there to the grasp.
-        lift_height: How far to lift before the field takes over [m].
-        retreat_distance: How far to back off after release [m].
-        nominal_posture: (7,) posture with which the path was rehearsed [rad].
-        metadata: Where the plan comes from: versions, seed, scenario, costs. Values are what JSON
-            can hold.
+        lift_height: Height of the lift before the field takes over [m].
+        retreat_distance: Length of the retreat after release [m].
+        nominal_posture: (7,) posture towards which the redundancy pulled in the rehearsal [rad].
+        metadata: Origin of the plan: versions, seed, scenario, costs. JSON must be able to
+            represent the values.
     """
 
     object_label: str
@@ -85,14 +84,14 @@ class ExecutionPlan(SharedOnCopy):
         gap = np.abs(self.approach.positions[-1] - self.descent.positions[0]).max()
         if gap > 1e-6:
             raise InvalidValueError(
-                f"ExecutionPlan.descent begins {gap} rad from where the approach ends.",
+                f"ExecutionPlan.descent begins {gap} rad away from the end of the approach.",
                 remedy="Plan both to and from the same pre-grasp configuration.",
             )
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
     @property
     def grasp_width(self) -> float:
-        """Extent of what is grasped, along the closing axis [m]."""
+        """Extent of the grasped surface along the closing axis [m]."""
         return self.grasp.width
 
     @property
@@ -104,10 +103,10 @@ class ExecutionPlan(SharedOnCopy):
         """Writes the plan to a file, whole or not at all.
 
         Args:
-            path: Where to; by custom it ends in ".npz".
+            path: The file, by convention with the suffix ".npz".
 
         Raises:
-            PlanFileError: The metadata holds something that JSON cannot.
+            PlanFileError: JSON cannot represent the metadata.
         """
         data = self.to_bytes()
         with whole_file(Path(path)) as file:
@@ -123,18 +122,18 @@ class ExecutionPlan(SharedOnCopy):
         if not Path(path).is_file():
             raise PlanFileError(f"There is no plan '{path}'.", remedy=MAKE_ANOTHER)
         try:
-            with Path(path).open("rb") as stream:
-                return cls._read(stream, str(path))
+            data = Path(path).read_bytes()
         except OSError as error:
             raise PlanFileError(
                 f"The plan '{path}' cannot be read: {error.strerror}.", remedy=MAKE_ANOTHER
             ) from error
+        return cls.from_bytes(data, name=str(path))
 
     def to_bytes(self) -> bytes:
-        """Returns what `save` writes.
+        """Returns the content of the plan's file.
 
         Raises:
-            PlanFileError: The metadata holds something that JSON cannot.
+            PlanFileError: JSON cannot represent the metadata.
         """
         values: dict[str, Any] = {}
         for name in (entry.name for entry in fields(self)):
@@ -147,20 +146,16 @@ class ExecutionPlan(SharedOnCopy):
 
     @classmethod
     def from_bytes(cls, data: bytes, *, name: str) -> "ExecutionPlan":
-        """Returns the plan of what `to_bytes` returned.
+        """Returns the plan from the content of its file.
 
         Args:
-            data: The bytes.
-            name: What to call them in an error.
+            data: The content.
+            name: Name of the plan for errors.
 
         Raises:
-            PlanFileError: They are damaged, incomplete or of another version.
+            PlanFileError: The data is damaged, incomplete or of another version.
         """
-        return cls._read(io.BytesIO(data), name)
-
-    @classmethod
-    def _read(cls, stream: BinaryIO, name: str) -> "ExecutionPlan":
-        values = unpack(stream, name=name)
+        values = unpack(data, name=name)
         try:
             parts = {
                 owner: kind(**_fields(kind, values, f"{owner}.")) for owner, kind in _PARTS.items()
@@ -181,7 +176,7 @@ class ExecutionPlan(SharedOnCopy):
 
 
 def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns a dataclass's fields, but for its parts, after checking their types."""
+    """Returns the fields of a dataclass, except its parts, after checking their types."""
     found = {}
     for entry in fields(kind):
         if not prefix and entry.name in _PARTS:

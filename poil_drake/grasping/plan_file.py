@@ -4,17 +4,17 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from poil_drake.errors import PoilError
 
 FORMAT_VERSION = 1
-"""Raised whenever a plan of the old format can no longer be read."""
+"""Raised whenever plans of the old format become unreadable."""
 
 LARGEST_PLAN = 1 << 28
-"""More than any plan takes once it is unpacked [bytes]."""
+"""Upper bound on the unpacked size of a plan [bytes]."""
 
 MAKE_ANOTHER = "Make the plan again: poil transfer DEMO SCENARIO -o PLAN"
 
@@ -26,7 +26,7 @@ class PlanFileError(PoilError):
 
 
 def pack(values: Mapping[str, Any]) -> bytes:
-    """Packs named arrays and named values that JSON can hold.
+    """Packs named arrays and named values that JSON can represent.
 
     Raises:
         PlanFileError: A value is neither.
@@ -45,20 +45,21 @@ def pack(values: Mapping[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def unpack(stream: BinaryIO, *, name: str) -> dict[str, Any]:
-    """Returns what `pack` packed.
+def unpack(data: bytes, *, name: str) -> dict[str, Any]:
+    """Returns the values that `pack` packed.
 
     Args:
-        stream: The packed bytes.
-        name: What to call them in an error.
+        data: The packed bytes.
+        name: Name of the plan for errors.
 
     Raises:
-        PlanFileError: They are damaged or of another version.
+        PlanFileError: The data is damaged or of another version.
     """
+    stream = io.BytesIO(data)
     try:
-        if not zipfile.is_zipfile(stream):  # NumPy would take it for a pickle.
+        if not zipfile.is_zipfile(stream):  # NumPy would try to unpickle it.
             raise TypeError("it is no archive")
-        # Checked before reading: a small file may unpack to more than the memory holds.
+        # Checked before reading: a small file may unpack to more than fits into memory.
         with zipfile.ZipFile(stream) as packed:
             if sum(entry.file_size for entry in packed.infolist()) > LARGEST_PLAN:
                 raise TypeError(f"it unpacks to more than {LARGEST_PLAN >> 20} MB")
@@ -68,7 +69,7 @@ def unpack(stream: BinaryIO, *, name: str) -> dict[str, Any]:
         for entry, value in values.items():
             if not isinstance(value, np.ndarray):  # NumPy returns unknown entries as bytes.
                 raise TypeError(f"its entry '{entry}' is no array")
-    # Damage trips zip, zlib, NumPy or Python's tokenizer, each with errors of its own.
+    # Damage makes zip, zlib, NumPy or Python's tokenizer fail, each with its own errors.
     except Exception as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise PlanFileError(

@@ -7,24 +7,33 @@ import numpy as np
 
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.grasping.approach import ApproachConfig
-from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
+from poil_drake.grasping.candidates.grasp_candidate import (
+    GRIPPER,
+    GraspCandidate,
+    GraspSamplingConfig,
+)
 from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import plan_approach, plan_descent
-from poil_drake.grasping.rehearsal.selection import (
-    GraspChoice,
-    PartMatching,
-    Progress,
-    SelectionConfig,
-    rank_grasps,
-)
+from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.grasping.rehearsal.object_path import LIFT_HEIGHT, ObjectPathConfig
+from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
 from poil_drake.grasping.workspace_check import WorkspaceCheck
-from poil_drake.planning.joint_timing import JointTimingConfig
-from poil_drake.robots.collision import SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.joint_trajectory import JointTrajectory
-from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
+from poil_drake.transfer.matching import Matching
+from poil_drake.transfer.progress import Progress
+
+_OBJECT_PADDING = 0.012
+"""Scene points this close to the object's belong to it [m]: its mask left out their pixels."""
+
+_ROBOT_PADDING = 0.03
+"""Scene points this close to the robot's spheres belong to it [m]: errors of calibration and depth
+are that large."""
+
+_APPROACH_ATTEMPTS = 4  # Number of the best grasps for which an approach is searched.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,29 +42,36 @@ class PlannerConfig:
 
     Attributes:
         sampling: How grasps are sampled.
-        selection: How they are rehearsed and chosen.
-        approach: How the way to the pre-grasp is searched.
-        timing: How fast that way is travelled.
-        object_padding: Scene points this near to the object's belong to it [m]: pixels that its
-            mask left out.
-        robot_padding: Scene points this near to the robot's spheres belong to it [m]: error of
-            calibration and depth.
-        descent_step: Distance between the samples of the straight way to the grasp [m].
-        approach_attempts: So many of the best grasps are tried until the way to one is found.
+        path: How the object's motion is predicted.
+        feasibility: Requirements on a grasp.
     """
 
     sampling: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)
-    selection: SelectionConfig = field(default_factory=SelectionConfig)
-    approach: ApproachConfig = field(default_factory=ApproachConfig)
-    timing: JointTimingConfig = field(default_factory=JointTimingConfig)
-    object_padding: float = 0.012
-    robot_padding: float = 0.03
-    descent_step: float = 0.005
-    approach_attempts: int = 4
+    path: ObjectPathConfig = field(default_factory=ObjectPathConfig)
+    feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningResult:
+    """A plan and the data that it was chosen from.
+
+    Attributes:
+        plan: The plan.
+        choice: The pair of grasp and matching that it executes.
+        feasible: The sampled grasps that are feasible under a matching.
+        rejected: The other sampled grasps.
+        scene_points: (Q, 3) the obstacles, without table, object and robot [m, world].
+    """
+
+    plan: ExecutionPlan
+    choice: GraspChoice
+    feasible: list[GraspCandidate]
+    rejected: list[GraspCandidate]
+    scene_points: np.ndarray
 
 
 def plan_execution(
-    matchings: Sequence[PartMatching],
+    matchings: Sequence[Matching],
     *,
     object_label: str,
     part_label: str,
@@ -63,47 +79,44 @@ def plan_execution(
     part_points: np.ndarray,
     scene_points: np.ndarray,
     q_start: np.ndarray,
-    model: PandaModel | None = None,
+    model: PandaModel,
     config: PlannerConfig | None = None,
     seed: int = 0,
     metadata: Mapping[str, object] | None = None,
     progress: Progress | None = None,
-) -> ExecutionPlan:
-    """Samples grasps, chooses grasp and matching, and plans the way to the grasp.
+) -> PlanningResult:
+    """Samples grasps, selects grasp and matching, and plans the motion to the grasp.
 
     Args:
-        matchings: How the part may be matched: target points and their references.
+        matchings: The ways in which the part matches.
         object_label: The object's label, for the plan.
         part_label: The functional part's label, for the plan.
         object_cloud: The whole object [m, world].
-        part_points: (M, 3) its functional part as far as it was seen [m, world].
-        scene_points: (Q, 3) all that the cameras see [m, world]; points on the object and on the
-            robot are left out here.
-        q_start: (7,) where the arm stands [rad].
-        model: The arm, by default the Panda of example-robot-data.
-        config: All parameters.
-        seed: Seeds the choice of surface points and the search of the way.
-        metadata: What else to note in the plan, such as the scenario's name.
-        progress: Told how far the planning is.
+        part_points: (M, 3) the visible surface of its functional part [m, world].
+        scene_points: (Q, 3) all points that the cameras see [m, world]; those on the object and on
+            the robot are removed here.
+        q_start: (7,) the arm's present configuration [rad].
+        model: The arm.
+        config: Parameters, None for the defaults.
+        seed: Seed of the choice of surface points and of the search of the approach.
+        metadata: Further entries of the plan's metadata, such as the scenario's name.
+        progress: Receives the progress.
 
     Raises:
-        NoFeasibleGraspError: No grasp is feasible; the message counts why.
-        PlanningError: No way to the best grasps was found, or the arm stands outside its boxes.
+        NoFeasibleGraspError: No grasp is feasible; the message counts the reasons.
+        PlanningError: No approach to the best grasps was found, or the arm is outside its boxes.
     """
     config = config or PlannerConfig()
-    model = model or PandaModel()
-    feasibility = config.selection.feasibility
+    feasibility = config.feasibility
     q_start = np.asarray(q_start, dtype=float)
     workspace = WorkspaceCheck.of(model, q_start, feasibility)
-    # The demonstrated part's points stand for what the cameras did not see of it.
+    # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
-    spheres = make_robot_spheres(
-        model, finger_opening=feasibility.spheres.gripper.max_width, config=feasibility.spheres
-    )
+    spheres = make_robot_spheres(model, finger_opening=GRIPPER.max_width)
     scene = (
         SceneCloud(scene_points, config=feasibility.collision)
-        .without_object(object_cloud.points, config.object_padding)
-        .without_robot(spheres, model.link_poses(q_start), config.robot_padding)
+        .without_object(object_cloud.points, _OBJECT_PADDING)
+        .without_robot(spheres, model.link_poses(q_start), _ROBOT_PADDING)
     )
     if progress:
         progress("sampling grasps", 0.0)
@@ -122,29 +135,35 @@ def plan_execution(
         scene=scene,
         object_points=object_cloud.points,
         part_points=part_points,
-        config=config.selection,
+        path=config.path,
+        feasibility=feasibility,
         progress=progress,
     )
-    crowded = scene.with_points(object_cloud.points)
     choice, approach, descent = _first_reachable(
-        choices, model, crowded, q_start, workspace, config, seed, progress
+        choices[:_APPROACH_ATTEMPTS],
+        model,
+        scene.with_points(object_cloud.points),
+        q_start,
+        workspace,
+        feasibility,
+        seed,
+        progress,
     )
-    finding = choice.feasibility
+    finding, matching = choice.feasibility, matchings[choice.matching]
     notes = {
         "seed": seed,
         "matching": choice.matching,
         "matchings": len(matchings),
         "candidates": len(candidates),
-        "rehearsed_pairs": choice.rehearsed,
-        "feasible_pairs": choice.feasible,
+        "rehearsed_pairs": len(candidates) * len(matchings),
+        "feasible_pairs": len(choices),
         "cost": finding.cost,
         "limit_margin": finding.limit_margin,
         "clearance": finding.clearance,
         "singular_value": finding.singular_value,
         "expected_duration": float(choice.path.times[-1]),
     }
-    matching = matchings[choice.matching]
-    return ExecutionPlan(
+    plan = ExecutionPlan(
         object_label=object_label,
         part_label=part_label,
         target_points=matching.target_points,
@@ -154,11 +173,15 @@ def plan_execution(
         grasp=choice.candidate,
         approach=approach,
         descent=descent,
-        lift_height=config.selection.path.lift_height,
+        lift_height=LIFT_HEIGHT,
         retreat_distance=feasibility.retreat_distance,
-        nominal_posture=np.array(feasibility.nominal_posture),
+        nominal_posture=NOMINAL_POSTURE,
         metadata={**notes, **(metadata or {})},
     )
+    accepted = {id(choice.candidate) for choice in choices}
+    feasible = [c for c in candidates if id(c) in accepted]
+    rejected = [c for c in candidates if id(c) not in accepted]
+    return PlanningResult(plan, choice, feasible, rejected, scene.points)
 
 
 def _first_reachable(
@@ -167,44 +190,35 @@ def _first_reachable(
     scene: SceneCloud,
     q_start: np.ndarray,
     workspace: WorkspaceCheck | None,
-    config: PlannerConfig,
+    feasibility: FeasibilityConfig,
     seed: int,
     progress: Progress | None,
 ) -> tuple[GraspChoice, JointTrajectory, JointTrajectory]:
-    """Returns the first choice to which there is a way, the way to its pre-grasp, and the rest."""
-    attempts = choices[: config.approach_attempts]
-    for number, choice in enumerate(attempts):
+    """Returns the first choice with an approach, its approach and its descent."""
+    failure: PlanningError | None = None
+    for number, choice in enumerate(choices):
         if progress:
-            progress("planning the approach", number / len(attempts))
-        descent = plan_descent(
-            model,
-            choice.candidate,
-            choice.feasibility.q_approach[-1],
-            step=config.descent_step,
-            feasibility=config.selection.feasibility,
-            timing=config.timing,
+            progress("planning the approach", number / len(choices))
+        q_grasp = choice.feasibility.q_approach[-1]
+        descent = plan_descent(model, choice.candidate, q_grasp, feasibility.pregrasp_distance)
+        opening = choice.candidate.pregrasp_width
+        checker = RobotCollisionChecker(
+            model=model,
+            spheres=make_robot_spheres(model, finger_opening=opening),
+            scene=scene,
+            config=feasibility.collision,
         )
         try:
             if workspace is not None:
                 workspace.require(descent.positions, "The way to the grasp")
             approach = plan_approach(
-                model,
-                scene,
-                q_start,
-                descent.positions[0],
-                opening=choice.candidate.pregrasp_width,
-                feasibility=config.selection.feasibility,
-                approach=config.approach,
-                timing=config.timing,
-                seed=seed,
+                model, checker, workspace, q_start, descent.positions[0], seed=seed
             )
-        except PlanningError:
-            if number == len(attempts) - 1:
-                raise
+        except PlanningError as error:
+            failure = error
             continue
         if progress:
             progress("planning the approach", 1.0)
         return choice, approach, descent
-    raise PlanningError(
-        "PlannerConfig.approach_attempts leaves no grasp to try.", remedy="Set it to 1 or more."
-    )
+    assert failure is not None  # There is at least one choice.
+    raise failure

@@ -1,4 +1,4 @@
-"""Whether planned motions keep to the boxes that the arm may be in."""
+"""Whether planned motions stay inside the boxes that the arm may be in."""
 
 from typing import Self
 
@@ -10,31 +10,31 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""So much less than the margin is enough for a motion to a rehearsed grasp [m]: it is followed in
-other steps than in the rehearsal, and so comes to postures that are not quite the same."""
+"""Motions to a rehearsed grasp may come this much closer than the margin [m]: their steps differ
+from those of the rehearsal, and so do their postures, slightly."""
 
 _SAG = 0.001
-"""So far outside the arm may stand [m]: where a box has stopped it."""
+"""The arm may start this far outside [m], where a box has stopped it."""
 
 _ROUNDING = 1e-9
 
 
 class WorkspaceCheck:
-    """Keeps motions from where the arm stands to a grasp within the boxes, by a margin.
+    """Keeps motions to a grasp inside the boxes, by a margin.
 
-    From a face that the arm stands nearer to, it need be no farther away than it is.
+    A motion may stay as close to a face as it starts.
     """
 
     def __init__(self, *, guard: PostureGuard, margin: float, q_start: np.ndarray):
         """Prepares the check.
 
         Args:
-            guard: What knows the boxes.
+            guard: The boxes.
             margin: Distance from their faces [m].
-            q_start: (7,) where the arm stands [rad].
+            q_start: (7,) the arm's present configuration [rad].
 
         Raises:
-            PlanningError: when that is outside.
+            PlanningError: The arm is outside.
         """
         self._guard = guard
         start = guard.face_distances(q_start[None])[0]
@@ -50,15 +50,10 @@ class WorkspaceCheck:
     def of(
         cls, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
     ) -> Self | None:
-        """Returns the check for an arm that stands somewhere; None where there are no boxes.
-
-        Args:
-            model: The arm.
-            q_start: (7,) where it stands [rad].
-            feasibility: The boxes and the margin.
+        """Returns the check for motions from `q_start` (7,) [rad]; None where there are no boxes.
 
         Raises:
-            PlanningError: when it stands outside.
+            PlanningError: The arm is outside.
         """
         if feasibility.posture is None:
             return None
@@ -73,11 +68,11 @@ class WorkspaceCheck:
         """Checks a motion.
 
         Args:
-            q: (B, 7) its configurations [rad], one at least.
-            what: What it is, at the beginning of a sentence.
+            q: (B, 7) its configurations [rad], B >= 1.
+            what: The motion's name, which begins a sentence.
 
         Raises:
-            PlanningError: when it does not keep the margin, naming the face.
+            PlanningError: The motion does not keep the margin; the message names the face.
         """
         within = self.is_within(q)
         if not within.all():

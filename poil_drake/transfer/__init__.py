@@ -1,1 +1,1 @@
-"""From a demonstration and a target scene to a reference trajectory. No pydrake."""
+"""Transfer of a demonstration to a target scene: matchings and their references. No pydrake."""

@@ -1,28 +1,24 @@
 """How the part's points move in a demonstration."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.transfer.progress import Progress
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction of it that is done."""
-
-_MIN_POINTS = 3
-"""Fewer points do not determine a pose."""
+_MIN_POINTS = 3  # Fewer points do not determine a pose.
 
 
 @dataclass(frozen=True, eq=False)
-class DemonstrationTracks(SharedOnCopy):
-    """The part's points over a demonstration.
+class DemonstrationTracks:
+    """Tracks of the part's points over a demonstration.
 
     Attributes:
-        times: (T,) times of capture since the first frame [s].
+        times: (T,) capture times since the first frame [s].
         positions: (T, N, 3) [m, world]; NaN where a point was not observed.
         confidence: (T, N) in [0, 1].
     """
@@ -30,21 +26,6 @@ class DemonstrationTracks(SharedOnCopy):
     times: np.ndarray
     positions: np.ndarray
     confidence: np.ndarray
-
-    def __post_init__(self) -> None:
-        times = frozen_array(self.times, name="DemonstrationTracks.times", shape=("T",))
-        positions = frozen_array(
-            self.positions,
-            name="DemonstrationTracks.positions",
-            shape=(len(times), "N", 3),
-            finite=False,
-        )
-        confidence = frozen_array(
-            self.confidence, name="DemonstrationTracks.confidence", shape=positions.shape[:2]
-        )
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "confidence", confidence)
 
 
 def track_demonstration(
@@ -56,19 +37,19 @@ def track_demonstration(
     max_gap: float = 1.0,
     progress: Progress | None = None,
 ) -> DemonstrationTracks:
-    """Follows the part's points from the first frame to the last.
+    """Tracks the part's points from the first frame to the last.
 
     Args:
-        frames: The demonstration, in order of time. Each is asked for once.
+        frames: The demonstration, in order of time. Each frame is read once.
         query_points: (N, 3) the points in the first frame [m, world].
         object_masks: V arrays (H, W) bool: where the object is in the first frame.
-        tracker: What follows the points.
-        max_gap: For how long [s] the tracker may lose the object without the demonstration being
-            lost; at the very end it may not.
-        progress: Told how far the tracking is.
+        tracker: Tracks the points.
+        max_gap: Longest time for which the tracker may lose the object [s]. It must not be lost in
+            the last frame.
+        progress: Receives the progress.
 
     Raises:
-        TrackingError: if the tracker cannot start, or loses the object; with the time.
+        TrackingError: if the tracker cannot start, or loses the object; the message says when.
     """
     first = frames[0]
     output = tracker.start(first, query_points, object_masks)

@@ -1,43 +1,30 @@
-"""One way in which the target's part matches the demonstrated one, and the reference it gives."""
+"""One way in which the target's part matches the demonstrated one, and its reference."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.control.reference.make_reference import ReferenceConfig, make_reference
+from poil_drake.control.reference.make_reference import make_reference
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import TransferError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.transfer.demonstration_tracks import DemonstrationTracks
 
 
 @dataclass(frozen=True, eq=False)
-class Matching(SharedOnCopy):
+class Matching:
     """One matching of the demonstrated part with the target's.
 
     Attributes:
         target_points: (N, 3) the points on the target's part, before it moves [m, world].
-        reference: Where they shall go.
-        chamfer: Mean distance from the target's part to the demonstrated part as it was deformed
-            onto it [m]: how well the shapes fit. What the demonstration did not show counts too.
-        cost: Cost of the coarse alignment; the lower the likelier.
-        rotation: (3, 3) from the demonstrated part to the target's.
-        scales: (3,) along the demonstrated part's principal axes.
+        reference: Their reference.
+        cost: Cost of the coarse alignment; likelier matchings cost less.
     """
 
     target_points: np.ndarray
     reference: PointTrajectory
-    chamfer: float
     cost: float
-    rotation: np.ndarray
-    scales: np.ndarray
-
-    def __post_init__(self) -> None:
-        for name, shape in (("target_points", ("N", 3)), ("rotation", (3, 3)), ("scales", (3,))):
-            value = frozen_array(getattr(self, name), name=f"Matching.{name}", shape=shape)
-            object.__setattr__(self, name, value)
 
 
 def transferred_positions(
@@ -50,31 +37,26 @@ def transferred_positions(
 
     Args:
         target_points: (N, 3) [m, world].
-        tracks: The demonstrated points' motion, of the same N points.
+        tracks: Motion of the N demonstrated points.
         posed_by: (N, 3) points that are aligned in place of the target's own [m, world]; the
-            target's are carried along.
+            target's points move along rigidly.
 
     Returns:
         (T, N, 3) [m, world]; NaN at times at which fewer than 3 points were observed.
     """
     source = target_points if posed_by is None else posed_by
-    weights = np.array(tracks.confidence)
-    usable = np.count_nonzero(weights > 0.0, axis=1) >= 3
+    usable = np.count_nonzero(tracks.confidence > 0.0, axis=1) >= 3
     positions = np.full(tracks.positions.shape, np.nan)
     if np.any(usable):
         tracked = tracks.positions[usable]
-        X = kabsch(np.broadcast_to(source, tracked.shape), tracked, weights[usable])
+        X = kabsch(np.broadcast_to(source, tracked.shape), tracked, tracks.confidence[usable])
         moved = np.broadcast_to(target_points, tracked.shape)
         positions[usable] = transform_points(X, moved)
     return positions
 
 
 def make_matching_reference(
-    target_points: np.ndarray,
-    tracks: DemonstrationTracks,
-    *,
-    posed_by: np.ndarray | None = None,
-    config: ReferenceConfig | None = None,
+    target_points: np.ndarray, tracks: DemonstrationTracks, *, posed_by: np.ndarray | None = None
 ) -> PointTrajectory:
     """Returns the reference of the target's points; see `transferred_positions`.
 
@@ -89,4 +71,4 @@ def make_matching_reference(
             "three tracked points.",
             remedy="Record the demonstration with the part in view, or choose another tracker.",
         )
-    return make_reference(tracks.times[usable], positions[usable], config)
+    return make_reference(tracks.times[usable], positions[usable])

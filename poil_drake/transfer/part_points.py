@@ -1,6 +1,6 @@
-"""What cameras show of a part and its object, and the points that stand for the part."""
+"""Views of a part and its object, and the points that represent the part."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,20 +12,9 @@ from poil_drake.perception.detectors.protocol import PartDetector, PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import MultiViewFrame
 
-
-@dataclass(frozen=True, kw_only=True)
-class PartCloudConfig:
-    """How the clouds of part and object are made.
-
-    Attributes:
-        part_fusion: For the part. Handles are small: 2 mm voxels keep their shape.
-        object_fusion: For the object; coarser, as it has ten times the surface.
-        min_context_points: With fewer points the rest of the object counts as not seen.
-    """
-
-    part_fusion: FusionConfig = field(default_factory=FusionConfig)
-    object_fusion: FusionConfig = field(default_factory=lambda: FusionConfig(voxel_size=0.004))
-    min_context_points: int = 100
+_PART_FUSION = FusionConfig(voxel_size=0.002)  # Fine enough for the shape of a small handle.
+_OBJECT_FUSION = FusionConfig(voxel_size=0.004)  # The object has ten times the surface.
+_MIN_CONTEXT_POINTS = 100  # With fewer points the rest of the object counts as not seen.
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,31 +35,24 @@ class PartView(SharedOnCopy):
 
 
 def view_part(
-    frame: MultiViewFrame,
-    *,
-    detector: PartDetector,
-    object_label: str,
-    part_label: str,
-    config: PartCloudConfig | None = None,
+    frame: MultiViewFrame, *, detector: PartDetector, object_label: str, part_label: str
 ) -> PartView:
-    """Detects the part in one frame and fuses what all views show of it.
+    """Detects the part in one frame and fuses all views of it.
 
     Masks are eroded and pixels near depth edges dropped before the views are unprojected.
 
     Raises:
-        DetectionError: if the object or the part is not found, or has no depth to trust.
+        DetectionError: if the object or the part is not found, or has no reliable depth.
     """
-    config = config or PartCloudConfig()
     masks = detector.detect(frame, object_label=object_label, part_label=part_label)
     rest = tuple(o & ~p for o, p in zip(masks.object_masks, masks.part_masks, strict=True))
-    part = fuse_views(frame, masks.part_masks, config.part_fusion)
-    whole = fuse_views(frame, masks.object_masks, config.object_fusion)
+    part = fuse_views(frame, masks.part_masks, _PART_FUSION)
+    whole = fuse_views(frame, masks.object_masks, _OBJECT_FUSION)
     try:
-        context = fuse_views(frame, rest, config.object_fusion)
-    except DetectionError:  # The object is nothing but its part.
+        context = fuse_views(frame, rest, _OBJECT_FUSION)
+    except DetectionError:  # The part is the whole object.
         return PartView(masks, part, whole, None)
-    enough = len(context) >= config.min_context_points
-    return PartView(masks, part, whole, context if enough else None)
+    return PartView(masks, part, whole, context if len(context) >= _MIN_CONTEXT_POINTS else None)
 
 
 def sample_part_points(part: PointCloud, count: int) -> np.ndarray:
@@ -81,7 +63,7 @@ def sample_part_points(part: PointCloud, count: int) -> np.ndarray:
     """
     if len(part) < count:
         raise TransferError(
-            f"The part is seen with {len(part)} points, but {count} shall stand for it.",
+            f"The part is seen with {len(part)} points; {count} are needed to represent it.",
             remedy="Bring a camera nearer, lower the voxel size, or ask for fewer points.",
         )
     return part.points[farthest_point_sampling(part.points, count)]

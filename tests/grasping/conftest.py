@@ -1,15 +1,19 @@
-"""A mug made of points, and the way it shall go."""
+"""A mug made of points, and the motion it follows."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from point_grids import point_grid
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
 from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
+from poil_drake.grasping.planner import PlannerConfig, PlanningResult, plan_execution
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.transfer.matching import Matching
 
 
 class PointMug(NamedTuple):
@@ -23,15 +27,9 @@ class PointMug(NamedTuple):
     height: float
 
 
-class Matching(NamedTuple):
-    """Target points and their reference."""
-
-    target_points: np.ndarray
-    reference: PointTrajectory
-
-
 MakeTube = Callable[[float, np.ndarray], np.ndarray]
 MakeMatching = Callable[[np.ndarray, list[float]], Matching]
+MakePlan = Callable[..., PlanningResult]
 
 
 @pytest.fixture(scope="session")
@@ -72,7 +70,7 @@ def mug(make_tube: MakeTube) -> PointMug:
 
 @pytest.fixture(scope="session")
 def rim_grasps(mug: PointMug) -> list[GraspCandidate]:
-    """What is sampled on the mug by default."""
+    """The grasps sampled on the mug with the default parameters."""
     return sample_antipodal_grasps(mug.cloud, mug.part_points)
 
 
@@ -86,12 +84,60 @@ def make_matching() -> MakeMatching:
         velocities = np.tile(np.array(displacement) / 3.0, (97, len(points), 1))
         velocities[-1] = 0.0
         reference = PointTrajectory(times, points + share * displacement, velocities)
-        return Matching(points, reference)
+        return Matching(points, reference, cost=0.0)
 
     return make
 
 
 @pytest.fixture(scope="session")
 def matching(mug: PointMug, make_matching: MakeMatching) -> Matching:
-    """The mug goes 0.2 m to the left and 0.15 m up."""
+    """The mug moves 0.2 m to the left and 0.15 m up."""
     return make_matching(mug.part_points[::6], [0.0, 0.2, 0.15])
+
+
+@pytest.fixture(scope="session")
+def home() -> np.ndarray:
+    """The arm's configuration before planning."""
+    return np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])
+
+
+@pytest.fixture(scope="session")
+def screen() -> np.ndarray:
+    """A low screen to the robot's left, and a piece of the table."""
+    upright = point_grid(np.arange(0.3, 0.7, 0.01), 0.3, np.arange(0.0, 0.15, 0.01))
+    table = point_grid(np.arange(0.2, 0.8, 0.01), np.arange(-0.4, 0.4, 0.01), 0.0)
+    return np.concatenate([upright, table])
+
+
+@pytest.fixture(scope="session")
+def make_plan(mug: PointMug, matching: Matching, model: PandaModel, home: np.ndarray) -> MakePlan:
+    """Plans from home with few seed points, which are enough and take less time."""
+
+    def make(scene_points: np.ndarray, **options) -> PlanningResult:
+        config = PlannerConfig(sampling=GraspSamplingConfig(seed_points=60))
+        return plan_execution(
+            [matching],
+            object_label="mug",
+            part_label="handle",
+            object_cloud=mug.cloud,
+            part_points=mug.part_points,
+            scene_points=scene_points,
+            q_start=home,
+            model=model,
+            **({"config": config} | options),
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def seen(screen: np.ndarray, mug: PointMug, model: PandaModel, home: np.ndarray) -> np.ndarray:
+    """All points that the cameras see: the screen, the object and the robot."""
+    robot = model.link_poses(home)[3:, :3, 3]
+    return np.concatenate([screen, mug.cloud.points + 0.001, robot])
+
+
+@pytest.fixture(scope="session")
+def planned(make_plan: MakePlan, seen: np.ndarray) -> PlanningResult:
+    """A plan for the mug behind the screen."""
+    return make_plan(seen, metadata={"scenario": "test"})

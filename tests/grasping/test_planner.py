@@ -1,61 +1,32 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from point_grids import point_grid
 
 from poil_drake.errors import NoFeasibleGraspError, PlanningError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
-from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.planner import PlannerConfig, plan_execution
+from poil_drake.grasping.planner import PlannerConfig
 from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
-from poil_drake.grasping.rehearsal.selection import SelectionConfig
+from poil_drake.grasping.rehearsal.path_following import backed_off_poses
 from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 
-CONFIG = PlannerConfig(sampling=GraspSamplingConfig(seed_points=60))  # enough, in less time
-HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, np.pi / 4])
-
-
-def screen() -> np.ndarray:
-    """A low screen to the robot's left, and a piece of the table."""
-    x, z = np.meshgrid(np.arange(0.3, 0.7, 0.01), np.arange(0.0, 0.15, 0.01))
-    upright = np.stack([x.ravel(), np.full(x.size, 0.3), z.ravel()], axis=1)
-    grid = np.stack(np.meshgrid(np.arange(0.2, 0.8, 0.01), np.arange(-0.4, 0.4, 0.01)), -1)
-    flat = grid.reshape(-1, 2)
-    return np.concatenate([upright, np.column_stack([flat, np.zeros(len(flat))])])
-
-
-def make_plan(mug, matching, model, scene_points: np.ndarray, **options) -> ExecutionPlan:
-    return plan_execution(
-        [matching],
-        object_label="mug",
-        part_label="handle",
-        object_cloud=mug.cloud,
-        part_points=mug.part_points,
-        scene_points=scene_points,
-        q_start=HOME,
-        model=model,
-        **({"config": CONFIG} | options),
-    )
-
 
 @pytest.fixture(scope="module")
-def plan(mug, matching, model) -> ExecutionPlan:
-    # The cameras see the object and the robot as well.
-    robot = model.link_poses(HOME)[3:, :3, 3]
-    seen = np.concatenate([screen(), mug.cloud.points + 0.001, robot])
-    return make_plan(mug, matching, model, seen, metadata={"scenario": "test"})
+def plan(planned):
+    return planned.plan
 
 
-def test_motions_join_home_pregrasp_and_grasp(plan, model):
+def test_motions_join_home_pregrasp_and_grasp(plan, model, home):
     pregrasp = model.gripper_pose(plan.descent.positions[0])
     grasp = model.gripper_pose(plan.descent.positions[-1])
 
-    assert_allclose(plan.approach.positions[0], HOME, atol=1e-9)
+    assert_allclose(plan.approach.positions[0], home, atol=1e-9)
     assert_allclose(plan.approach.positions[-1], plan.descent.positions[0], atol=1e-9)
-    assert_allclose(pregrasp, plan.grasp.pregrasp_pose(0.1), atol=2e-3)
+    assert_allclose(
+        pregrasp, backed_off_poses(plan.grasp.X_WG[None], np.array([0.1]))[0, 0], atol=2e-3
+    )
     assert_allclose(grasp, plan.grasp.X_WG, atol=2e-3)
 
 
@@ -69,11 +40,11 @@ def test_descent_is_straight(plan, model):
     assert np.all(np.diff(along) > -1e-4)
 
 
-def test_approach_keeps_clear_of_scene_and_object(plan, mug, model):
+def test_approach_keeps_clear_of_scene_and_object(plan, mug, model, screen):
     dut = RobotCollisionChecker(
         model=model,
         spheres=make_robot_spheres(model, finger_opening=plan.pregrasp_width),
-        scene=SceneCloud(np.concatenate([screen(), mug.cloud.points])),
+        scene=SceneCloud(np.concatenate([screen, mug.cloud.points])),
     )
 
     assert dut.clearance(plan.approach.positions).min() > 0.0
@@ -81,76 +52,72 @@ def test_approach_keeps_clear_of_scene_and_object(plan, mug, model):
 
 def boxed(**box) -> PlannerConfig:
     feasibility = FeasibilityConfig(posture=PostureGuardConfig(**box))
-    return replace(CONFIG, selection=SelectionConfig(feasibility=feasibility))
+    return PlannerConfig(sampling=GraspSamplingConfig(seed_points=60), feasibility=feasibility)
 
 
-def test_all_planned_motions_keep_to_the_box(mug, matching, model, plan):
-    # The arm stands 1 cm from the one face; the way found without a box is 14 mm from the other.
-    box = {"gripper_lower": (model.gripper_pose(HOME)[0, 3] - 0.01, -0.155, -1.0)}
+def test_all_planned_motions_stay_inside_the_box(make_plan, model, plan, screen, home):
+    # The arm starts 1 cm from one face; the path found without boxes comes within 14 mm of another.
+    box = {"gripper_lower": (model.gripper_pose(home)[0, 3] - 0.01, -0.155, -1.0)}
     guard = PostureGuard(model=model, config=PostureGuardConfig(**box))
     free = guard.face_distances(plan.approach.positions).min(axis=0)
     assert free.min() < 0.015
 
-    dut = make_plan(mug, matching, model, screen(), config=boxed(**box))
+    dut = make_plan(screen, config=boxed(**box)).plan
 
-    least = np.minimum(0.018, guard.face_distances(HOME[None])[0])
+    least = np.minimum(0.018, guard.face_distances(home[None])[0])
     assert least[0] == pytest.approx(0.01)
-    # Between the postures that are checked, the way bulges by less than a millimetre.
+    # Between checked postures, the path bulges by less than a millimetre.
     for motion in (dut.approach, dut.descent):
         assert np.all(guard.face_distances(motion.positions) >= least - 1e-3)
 
 
-def test_an_arm_outside_its_box_is_told_before_grasps_are_sought(mug, matching, model):
-    told: list[str] = []
-    height = model.gripper_pose(HOME)[2, 3]
+def test_an_arm_outside_its_box_is_rejected_before_sampling(make_plan, model, screen, home):
+    reported: list[str] = []
+    height = model.gripper_pose(home)[2, 3]
 
     with pytest.raises(PlanningError, match=r"stands outside .*gripper_upper\[2\].* 5.0 mm"):
         make_plan(
-            mug,
-            matching,
-            model,
-            screen(),
+            screen,
             config=boxed(gripper_upper=(0.85, 0.85, height - 0.005)),
-            progress=lambda what, share: told.append(what),
+            progress=lambda what, share: reported.append(what),
         )
 
-    assert not told
+    assert not reported
 
 
-def test_what_the_plan_came_from_is_noted(plan):
+def test_metadata_tells_the_origin_of_the_plan(plan):
     assert plan.metadata["scenario"] == "test"
     assert plan.metadata["seed"] == 0
     assert plan.metadata["feasible_pairs"] >= 1
     assert (plan.object_label, plan.part_label) == ("mug", "handle")
 
 
-def test_same_input_gives_the_same_bits(plan, mug, matching, model):
-    robot = model.link_poses(HOME)[3:, :3, 3]
-    seen = np.concatenate([screen(), mug.cloud.points + 0.001, robot])
+def test_same_input_gives_the_same_plan_and_progress_is_reported(plan, make_plan, seen):
+    reported: list[tuple[str, float]] = []
 
-    again = make_plan(mug, matching, model, seen)
+    again = make_plan(seen, progress=lambda what, share: reported.append((what, share))).plan
 
     assert_array_equal(again.grasp.X_WG, plan.grasp.X_WG)
     assert_array_equal(again.approach.positions, plan.approach.positions)
     assert_array_equal(again.descent.positions, plan.descent.positions)
+    stages = list(dict.fromkeys(what for what, _ in reported))
+    assert stages == ["sampling grasps", "rehearsing grasps", "planning the approach"]
+    assert all(0.0 <= share <= 1.0 for _, share in reported)
 
 
-def test_progress_is_told(mug, matching, model):
-    told: list[tuple[str, float]] = []
+def test_result_holds_what_the_plan_was_chosen_from(planned, screen):
+    assert planned.choice.candidate is planned.plan.grasp
+    assert any(grasp is planned.plan.grasp for grasp in planned.feasible)
+    counts = len(planned.feasible), len(planned.feasible) + len(planned.rejected)
+    metadata = planned.plan.metadata
+    assert counts == (metadata["feasible_pairs"], metadata["candidates"])
+    # Only points of the screen remain: those of table, object and robot are no obstacles.
+    upright = {tuple(point) for point in screen.tolist() if point[2] > 0.0}
+    assert {tuple(point) for point in planned.scene_points.tolist()} <= upright
 
-    make_plan(
-        mug, matching, model, screen(), progress=lambda what, share: told.append((what, share))
-    )
 
-    assert next(what for what, _ in told) == "sampling grasps"
-    assert {"rehearsing grasps", "planning the approach"} <= {what for what, _ in told}
-    assert all(0.0 <= share <= 1.0 for _, share in told)
-
-
-def test_caged_object_is_reported(mug, matching, model):
-    grid = np.stack(np.meshgrid(np.arange(0.35, 0.55, 0.004), np.arange(-0.2, 0.0, 0.004)), -1)
-    flat = grid.reshape(-1, 2)
-    lid = np.column_stack([flat, np.full(len(flat), mug.height + 0.02)])
+def test_rejects_an_object_without_free_grasps(make_plan, mug):
+    lid = point_grid(np.arange(0.35, 0.55, 0.004), np.arange(-0.2, 0.0, 0.004), mug.height + 0.02)
 
     with pytest.raises(NoFeasibleGraspError, match="No grasp was found"):
-        make_plan(mug, matching, model, lid)
+        make_plan(lid)

@@ -1,4 +1,4 @@
-"""Clouds of handles and mugs, and pictures of them."""
+"""Point clouds of handles and of a cup."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ BODY_RADIUS, BODY_HEIGHT = 0.04, 0.09
 
 
 def handle_line(shape: str, count: int) -> np.ndarray:
-    """Returns a handle's centre line (count, 3): standing out along +x, in the x-z plane [m]."""
+    """Returns a handle's centre line (count, 3), which protrudes along +x in the x-z plane [m]."""
     angle = np.linspace(np.pi / 2, -np.pi / 2, count)
     x, z = HANDLE_WIDTH * np.cos(angle), HANDLE_HEIGHT / 2 * np.sin(angle)
     if shape == "ear":
@@ -22,7 +22,7 @@ def handle_line(shape: str, count: int) -> np.ndarray:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread() -> None:
-    """Threads that wait for each other take longer than these small networks do."""
+    """For these small networks, synchronising threads costs more than it saves."""
     import torch
 
     torch.set_num_threads(1)
@@ -32,7 +32,7 @@ def one_thread() -> None:
 def make_handle() -> Callable[..., PointCloud]:
     """Returns a maker of handle clouds: `make_handle(shape, seed=, sides=, noise=)`.
 
-    `sides` is the part of the tube's circumference that is sampled, as (from, to) [rad]; 0 is +y.
+    `sides` is the sampled range of the tube's circumference [rad]; 0 is +y.
     """
 
     def make(
@@ -65,7 +65,7 @@ def make_body() -> Callable[..., PointCloud]:
         angle = rng.uniform(-np.pi, np.pi, count)
         outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
         inside = rng.uniform(size=count) < 0.4
-        # From above, only the upper part of the inside is seen.
+        # From above, only the upper part of the inside is visible.
         z = np.where(inside, rng.uniform(0.4, 1.0, count), rng.uniform(0.0, 1.0, count))
         radius = np.where(inside, BODY_RADIUS - 0.003, BODY_RADIUS)
         points = radius[:, None] * outward + BODY_HEIGHT * z[:, None] * [0.0, 0.0, 1.0]

@@ -1,6 +1,6 @@
 """Whether a plan fits the scene in which it is to be executed."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -11,7 +11,7 @@ from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Stati
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
-from poil_drake.transfer.part_points import PartCloudConfig, view_part
+from poil_drake.transfer.part_points import view_part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,13 +27,11 @@ class PlanFitConfig:
             shift by 5 mm, or a turn of a mug by 5 degrees, makes 3 mm.
         kept_share: Share of the points that counts, those nearest; the others may be noise at
             edges.
-        clouds: How clouds are made; as for planning.
     """
 
     joint_tolerance: float = 0.01
     surface_tolerance: float = 0.003
     kept_share: float = 0.9
-    clouds: PartCloudConfig = field(default_factory=PartCloudConfig)
 
 
 def CheckPlanFits(
@@ -131,7 +129,6 @@ def _check_object(plan: ExecutionPlan, station: Station, config: PlanFitConfig) 
         detector=make_detector(poil.detector),
         object_label=poil.object,
         part_label=poil.part,
-        config=config.clouds,
     )
     pairs = (
         (f"object '{poil.object}'", plan.object_points, view.whole.points),

@@ -46,6 +46,7 @@ def PlanScenario(
     demonstration: str | Path,
     *,
     hardware: bool = False,
+    page: str | Path | None = None,
     config: PlanningConfig | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
@@ -57,6 +58,7 @@ def PlanScenario(
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
         hardware: Whether the station is the real robot, which is looked at and not moved.
+        page: Where an HTML page that shows the plan is written; None for none.
         config: All parameters; of table, boxes and field, the scenario's values are taken.
         progress: Told what is being done and which share of it, in [0, 1].
 
@@ -87,7 +89,8 @@ def PlanScenario(
         config=replace(transfer_config, num_points=poil.num_points),
         progress=progress,
     )
-    return plan_execution(
+    model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
+    result = plan_execution(
         transferred.matchings,
         object_label=poil.object,
         part_label=poil.part,
@@ -95,7 +98,7 @@ def PlanScenario(
         part_points=transferred.part_cloud.points,
         scene_points=_everything(frame, config.scene_fusion),
         q_start=q_start,
-        model=PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4()),
+        model=model,
         config=_with_the_scenarios_values(config.planner, poil),
         seed=scenario.random_seed,
         metadata={
@@ -105,21 +108,24 @@ def PlanScenario(
         },
         progress=progress,
     )
+    if page is not None:
+        from poil_drake.grasping.plan_page import write_plan_page
+
+        write_plan_page(page, result, X_WB=model.X_WB)
+    return result.plan
 
 
 def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
     """Returns the planner's parameters with the scene's table and boxes, and the field."""
     path = replace(
-        config.selection.path,
+        config.path,
         field=BcsdmConfig(eta=poil.eta),
         max_angular_speed=poil.max_angular_speed,
         max_linear_speed=poil.max_linear_speed,
     )
-    feasibility = config.selection.feasibility
-    collision = replace(feasibility.collision, ground_height=poil.table_height)
-    feasibility = replace(feasibility, collision=collision, posture=poil.safety.posture)
-    selection = replace(config.selection, path=path, feasibility=feasibility)
-    return replace(config, selection=selection)
+    collision = replace(config.feasibility.collision, ground_height=poil.table_height)
+    feasibility = replace(config.feasibility, collision=collision, posture=poil.safety.posture)
+    return replace(config, path=path, feasibility=feasibility)
 
 
 def _everything(frame: MultiViewFrame, fusion: FusionConfig) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Grasp candidates and how they are sampled."""
+"""Grasp candidates and their sampling."""

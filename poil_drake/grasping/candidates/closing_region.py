@@ -1,4 +1,4 @@
-"""What lies between the fingers: thin walls, whole bodies, and how well they are held."""
+"""Surfaces between the fingers: thin walls, whole bodies, and how well they are held."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -6,16 +6,43 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import inverse, make_transform, transform_points
-from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
+from poil_drake.grasping.candidates.grasp_candidate import GRIPPER
+
+FRICTION_COSINE = np.cos(0.4)
+"""Smallest cosine of the angle between closing axis and surface normal at a contact: 0.4 rad is the
+friction cone of a coefficient of 0.42."""
+
+MIN_POINTS = 8
+"""Smallest number of points between the pads."""
+
+OPENING_CLEARANCES = (0.012, 0.009, 0.006)
+"""Gap between each finger and the object before closing [m]; the largest that fits is used. It
+absorbs the errors of cameras and arm."""
+
+_INSERTION_DEPTHS = (0.016, 0.012)
+"""How far the fingertips reach past the edge of a thin wall [m]. The pads are 18 mm long; less than
+12 mm holds poorly, and more brings the hand near the edge."""
+
+_BODY_DEPTHS = (0.036, 0.026)
+"""The same for other bodies [m], as far as the fingers reach: round bodies are widest deep down."""
+
+_THIN_WALL = 0.015  # [m] Nothing wider than this is a thin wall.
+_GAP = 0.009  # [m] Wider gaps in the points along the closing axis separate two walls.
+_PAD_WIDTH = 0.018  # [m] Along x.
+_CONTACT_OFFSET = 0.0026  # [m] Largest distance, along x, of a contact from the middle of the pad.
+
+_SURFACE_NOISE = 0.003
+"""Points this close to the outermost one along an axis belong to the same surface [m]: about three
+standard deviations of a depth camera's noise."""
 
 
 class Grip(NamedTuple):
-    """What a gripper would hold.
+    """Surfaces that a gripper can hold.
 
     Attributes:
-        X_WG: (4, 4) gripper pose with what it holds in the middle [m, world].
-        width: Extent of that along the closing axis [m].
-        contact_points: (2, 3) where the fingers touch [m, world].
+        X_WG: (4, 4) gripper pose, centred on the surfaces [m, world].
+        width: Their extent along the closing axis [m].
+        contact_points: (2, 3) the fingers' contacts [m, world].
         alignment: Mean cosine between closing axis and surface normals at the contacts.
         points: Number of points between the pads.
     """
@@ -33,14 +60,13 @@ def find_grips(
     approach: np.ndarray,
     points: np.ndarray,
     normals: np.ndarray,
-    config: GraspSamplingConfig,
 ) -> list[Grip]:
-    """Finds what can be taken between the fingers at one place from one direction.
+    """Finds the grips at one place from one direction.
 
-    The points in the finger's column at the seed give the edge that is met first along the
-    approach: a rim, or the top of a body. Behind that edge, gaps in the points along the closing
-    axis separate walls; every run of walls that holds the seed and fits into the hand is a grip.
-    A wall of which only one face was seen is a run as well, a very thin one.
+    The points in the finger's column at the seed give the first edge along the approach: a rim, or
+    the top of a body. Behind that edge, gaps in the points along the closing axis separate walls;
+    every run of walls that contains the seed and fits into the hand is a grip. A wall of which only
+    one face was seen is a very thin run.
 
     Args:
         seed: (3,) a point on the surface [m, world].
@@ -48,69 +74,66 @@ def find_grips(
         approach: (3,) unit direction of approach, orthogonal to it.
         points: (P, 3) the object [m, world].
         normals: (P, 3) surface normals up to their sign.
-        config: Sizes and thresholds.
     """
     R_WG = np.stack([np.cross(closing_axis, approach), closing_axis, approach], axis=1)
     X_GW = inverse(make_transform(R_WG, seed))
     own = transform_points(X_GW, points)
-    column = np.abs(own[:, 0]) < 0.5 * config.pad_width
-    if np.count_nonzero(column) < config.min_points:
+    column = np.abs(own[:, 0]) < 0.5 * _PAD_WIDTH
+    if np.count_nonzero(column) < MIN_POINTS:
         return []
     own, column_normals = own[column], normals[column]
-    found = _edge(own, config)
+    found = _edge(own)
     if found is None:
         return []
     edge, center = found
     grips = []
-    for depth in (*config.insertion_depths, *config.body_depths):
+    for depth in (*_INSERTION_DEPTHS, *_BODY_DEPTHS):
         held = own[:, 2] < edge + depth
-        for run in _runs(own[held], center, config):
+        for run in _runs(own[held], center):
             width = np.ptp(own[held][run][:, 1])
-            if width <= config.thin_wall and depth not in config.insertion_depths:
+            if width <= _THIN_WALL and depth not in _INSERTION_DEPTHS:
                 continue
-            alignment = _alignment(own[held][run], column_normals[held][run] @ closing_axis, config)
-            if alignment >= np.cos(config.friction_angle):
+            alignment = _alignment(own[held][run], column_normals[held][run] @ closing_axis)
+            if alignment >= FRICTION_COSINE:
                 y = own[held][run][:, 1]
-                grips.append(_grip(y, edge + depth, R_WG, seed, alignment, config))
+                grips.append(_grip(y, edge + depth, R_WG, seed, alignment))
     return grips
 
 
-def _edge(own: np.ndarray, config: GraspSamplingConfig) -> tuple[float, float] | None:
-    """Returns z at which a finger at the seed's wall meets the object first and y there, or None.
+def _edge(own: np.ndarray) -> tuple[float, float] | None:
+    """Returns the z of the first edge along the approach at the seed's wall, and its y, or None.
 
-    A wall that leans against the approach drifts out of the column on its way to the edge, so the
-    column is moved after it until the edge comes no nearer.
+    A wall that leans against the approach leaves the column on its way to the edge, so the column
+    follows it until the edge comes no nearer.
 
     Args:
         own: (K, 3) points of the finger's column in the seed's frame [m].
-        config: Sizes and thresholds.
     """
     center, edge = 0.0, np.inf
     while True:
-        wall = own[np.abs(own[:, 1] - center) < 0.5 * config.gap]
-        if len(wall) < config.min_points:
+        wall = own[np.abs(own[:, 1] - center) < 0.5 * _GAP]
+        if len(wall) < MIN_POINTS:
             return None if np.isinf(edge) else (edge, center)
-        found = _strip_edge(wall, config.pad_width)
-        if found > edge - config.surface_noise:
+        found = _strip_edge(wall)
+        if found > edge - _SURFACE_NOISE:
             return min(found, edge), center
         edge = found
-        center = float(np.median(wall[wall[:, 2] < edge + config.gap, 1]))
+        center = float(np.median(wall[wall[:, 2] < edge + _GAP, 1]))
 
 
-def _strip_edge(wall: np.ndarray, pad_width: float) -> float:
-    """Returns the median of the edge over three strips, as it may cross the pad askew."""
-    strips = np.linspace(-0.5, 0.5, 4) * pad_width
+def _strip_edge(wall: np.ndarray) -> float:
+    """Returns the median edge of three strips, since the edge may cross the pad askew."""
+    strips = np.linspace(-0.5, 0.5, 4) * _PAD_WIDTH
     firsts = [wall[(wall[:, 0] >= low) & (wall[:, 0] <= high), 2] for low, high in pairwise(strips)]
     return float(np.median([z.min() for z in firsts if z.size]))
 
 
-def _runs(own: np.ndarray, center: float, config: GraspSamplingConfig) -> list[np.ndarray]:
-    """Returns the runs of walls that hold the wall at y = `center` and fit into the hand.
+def _runs(own: np.ndarray, center: float) -> list[np.ndarray]:
+    """Returns the runs of walls that contain the wall at y = `center` and fit into the hand.
 
     Args:
         own: (K, 3) points between the fingers in the seed's frame [m].
-        center: Where the seed's wall is along the closing axis [m].
-        config: Sizes and thresholds.
+        center: Position of the seed's wall along the closing axis [m].
 
     Returns:
         The indices of each run's points, by increasing y.
@@ -119,32 +142,31 @@ def _runs(own: np.ndarray, center: float, config: GraspSamplingConfig) -> list[n
         return []
     order = np.argsort(own[:, 1], kind="stable")
     y = own[order, 1]
-    breaks = np.flatnonzero(np.diff(y) > config.gap)
+    breaks = np.flatnonzero(np.diff(y) > _GAP)
     starts, ends = np.r_[0, breaks + 1], np.r_[breaks + 1, len(y)]
     mine = int(np.searchsorted(ends, np.argmin(np.abs(y - center)), side="right"))
-    widest = config.gripper.max_width - 2.0 * min(config.opening_clearances)
+    widest = GRIPPER.max_width - 2.0 * min(OPENING_CLEARANCES)
     return [
         order[start:end]
         for start in starts[: mine + 1]
         for end in ends[mine:]
-        if end - start >= config.min_points and y[end - 1] - y[start] <= widest
+        if end - start >= MIN_POINTS and y[end - 1] - y[start] <= widest
     ]
 
 
-def _alignment(own: np.ndarray, cosines: np.ndarray, config: GraspSamplingConfig) -> float:
+def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
     """Returns the mean |cos| between closing axis and normals at the worse of the two contacts.
 
-    It is 0 where a contact lies at the pad's edge: such a grip slips off or turns the object.
+    It is 0 for a contact at the pad's edge, where the grip would slip or turn the object.
 
     Args:
         own: (K, 3) points between the fingers, by increasing y [m].
         cosines: (K,) between closing axis and their normals.
-        config: Sizes and thresholds.
     """
     y = own[:, 1]
     worst = 1.0
-    for contact in (y > y[-1] - config.surface_noise, y < y[0] + config.surface_noise):
-        if abs(own[contact, 0].mean()) > config.contact_offset:
+    for contact in (y > y[-1] - _SURFACE_NOISE, y < y[0] + _SURFACE_NOISE):
+        if abs(own[contact, 0].mean()) > _CONTACT_OFFSET:
             return 0.0
         worst = min(worst, float(np.abs(cosines[contact]).mean()))
     return worst
@@ -156,13 +178,12 @@ def _grip(
     R_WG: np.ndarray,
     seed: np.ndarray,
     alignment: float,
-    config: GraspSamplingConfig,
 ) -> Grip:
-    """Returns the grip on points at y (K,), increasing, in the seed's frame, with the tips at z."""
+    """Returns the grip on points at y (K,), increasing, with the fingertips at z = `tip`."""
     X_WSeed = make_transform(R_WG, seed)
     low, high = y[0], y[-1]
-    origin = np.array([0.0, 0.5 * (low + high), tip - config.gripper.tip_end])
-    contact_z = tip - 0.5 * config.insertion_depths[0]
+    origin = np.array([0.0, 0.5 * (low + high), tip - GRIPPER.tip_end])
+    contact_z = tip - 0.5 * _INSERTION_DEPTHS[0]
     contacts = np.array([[0.0, high, contact_z], [0.0, low, contact_z]])
     return Grip(
         make_transform(R_WG, transform_points(X_WSeed, origin)),

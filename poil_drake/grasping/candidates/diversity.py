@@ -1,31 +1,34 @@
-"""Thins out grasps: the best of similar ones, shared out around the object."""
+"""Reduces grasps to the best of similar ones, distributed around the object."""
 
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import rotation_angle
-from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
+from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+
+SAME_POSITION, SAME_ANGLE = 0.008, 0.3
+"""Grasps closer than this [m] and turned by less than this [rad] are similar."""
+
+_AZIMUTH_BINS = 12  # Sectors around the object.
+_MAX_CANDIDATES = 48
 
 
-def keep_diverse(
-    candidates: list[GraspCandidate], center: np.ndarray, config: GraspSamplingConfig
-) -> list[GraspCandidate]:
-    """Keeps the best of similar grasps, and of those the best of each sector in turn.
+def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[GraspCandidate]:
+    """Keeps the best of similar grasps, and takes the best of each sector of the object in turn.
 
     Args:
         candidates: Grasps of one object.
-        center: (3,) the object's centre, around which sectors are counted [m, world].
-        config: What counts as similar, the sectors, and how many to keep.
+        center: (3,) the object's centre [m, world].
 
     Returns:
-        At most `config.max_candidates`, those of better rank within their sector first.
+        A limited number of grasps; those with a better rank within their sector come first.
     """
     if not candidates:
         return []
     best = dissimilar(
         np.array([candidate.X_WG for candidate in candidates]),
         np.array([candidate.score for candidate in candidates]),
-        config.same_position,
-        config.same_angle,
+        SAME_POSITION,
+        SAME_ANGLE,
     )
     kept = [candidates[i] for i in best]
     ranks: dict[int, int] = {}
@@ -33,17 +36,16 @@ def keep_diverse(
     for candidate in kept:
         offset = candidate.X_WG[:3, 3] - center
         turn = np.arctan2(offset[1], offset[0]) / (2.0 * np.pi)
-        sector = int(turn * config.azimuth_bins) % config.azimuth_bins
+        sector = int(turn * _AZIMUTH_BINS) % _AZIMUTH_BINS
         ranks[sector] = ranks.get(sector, -1) + 1
         order.append((ranks[sector], -candidate.score, len(order)))
-    chosen = sorted(range(len(kept)), key=lambda i: order[i])
-    return [kept[i] for i in chosen[: config.max_candidates]]
+    return [kept[i] for *_, i in sorted(order)[:_MAX_CANDIDATES]]
 
 
 def dissimilar(
     poses: np.ndarray, merits: np.ndarray, same_position: float, same_angle: float
 ) -> list[int]:
-    """Returns the indices of poses, best first, less those similar to a better one.
+    """Returns the indices of poses, best first, without those similar to a better one.
 
     Args:
         poses: (K, 4, 4) gripper poses [m].

@@ -1,15 +1,42 @@
-"""Samples parallel-jaw grasps on a point cloud: thin walls at their rim, and whole bodies."""
+"""Samples parallel-jaw grasps on a point cloud: on the rims of thin walls, and on whole bodies."""
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
-from poil_drake.grasping.candidates.closing_region import Grip, find_grips
-from poil_drake.grasping.candidates.diversity import dissimilar, keep_diverse
-from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
+from poil_drake.grasping.candidates.closing_region import (
+    FRICTION_COSINE,
+    MIN_POINTS,
+    OPENING_CLEARANCES,
+    Grip,
+    find_grips,
+)
+from poil_drake.grasping.candidates.diversity import (
+    SAME_ANGLE,
+    SAME_POSITION,
+    dissimilar,
+    keep_diverse,
+)
+from poil_drake.grasping.candidates.grasp_candidate import (
+    GRIPPER,
+    GraspCandidate,
+    GraspSamplingConfig,
+)
 from poil_drake.grasping.candidates.grasp_scene import GraspScene
 
+_CLOUD_VOXEL = 0.003  # [m] The object's cloud is thinned to one point per cube of this edge.
+_SPINS = 16  # Approach directions tried about each closing axis, over the full turn.
+
+_NORMAL_RADIUS = 0.010
+"""Neighbourhood of the surface normals that give the closing axes [m]: wide enough to contain both
+faces of a thin, noisy wall, so that the normal is the wall's."""
+
+_WIDE_APPROACH_ANGLE = 1.4
+"""Largest angle between approach direction and straight down [rad] where steeper approaches yield
+fewer than `_FEW_CANDIDATES`: a mug that lies on its side shows its rim to the front."""
+
+_FEW_CANDIDATES = 16
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -24,32 +51,32 @@ def sample_antipodal_grasps(
 ) -> list[GraspCandidate]:
     """Samples antipodal grasps that approach roughly from above and leave the part free.
 
-    The closing axes are the surface normals of random surface points (from their neighbourhood,
-    both faces of a thin wall together, and from the cloud); the approach directions are spun about
-    them. What lies between the fingers decides the grip (`find_grips`), and the open gripper's
+    The closing axes are surface normals at random points, both those of the neighbourhood, which
+    spans both faces of a thin wall, and those of the cloud; the approach directions are spun about
+    them. The surfaces between the fingers determine the grip (`find_grips`), and the open gripper's
     boxes must be clear of object, part, obstacles and table. A grasp and its half turn about the
     approach direction are the same for the object but not for the arm, so both are returned.
 
     Args:
-        object_cloud: The whole object [m, world]; normals are used where it has them.
+        object_cloud: The whole object [m, world], with or without normals.
         part_points: (M, 3) its functional part [m, world].
-        obstacle_points: (Q, 3) everything else that must not be touched [m, world].
+        obstacle_points: (Q, 3) all other obstacles [m, world].
         ground_height: Height of the table [m], or None where there is none.
-        config: Sizes and thresholds.
+        config: Parameters, None for the defaults.
         seed: Seed of the choice of surface points.
 
     Returns:
-        The candidates, best first; none where nothing can be grasped.
+        The candidates, best first; none where the object cannot be grasped.
 
     Raises:
         InvalidValueError: The cloud holds too few points.
     """
     config = config or GraspSamplingConfig()
-    object_cloud = voxel_downsample(object_cloud, config.cloud_voxel)
+    object_cloud = voxel_downsample(object_cloud, _CLOUD_VOXEL)
     points = object_cloud.points
-    if len(points) < config.min_points:
+    if len(points) < MIN_POINTS:
         raise InvalidValueError(
-            f"The object cloud has {len(points)} points; {config.min_points} are needed.",
+            f"The object cloud has {len(points)} points; {MIN_POINTS} are needed.",
             remedy="Check the object's mask and depth, or move the cameras nearer.",
         )
     scene = GraspScene(
@@ -57,35 +84,36 @@ def sample_antipodal_grasps(
         part_points=np.asarray(part_points, dtype=float).reshape(-1, 3),
         obstacle_points=np.zeros((0, 3)) if obstacle_points is None else obstacle_points,
         ground_height=ground_height,
-        config=config,
+        part_clearance=config.part_clearance,
     )
-    normals = wall_normals(points, config.normal_radius)
+    normals = wall_normals(points, _NORMAL_RADIUS)
     axes: list[tuple[int, np.ndarray]] = []
     for index in _seed_indices(scene, config, seed):
         axes.append((index, normals[index]))
-        if object_cloud.normals is not None and abs(
-            object_cloud.normals[index] @ normals[index]
-        ) < np.cos(config.friction_angle):
+        if (
+            object_cloud.normals is not None
+            and abs(object_cloud.normals[index] @ normals[index]) < FRICTION_COSINE
+        ):
             axes.append((index, object_cloud.normals[index]))
     found: list[GraspCandidate] = []
-    for largest_angle in (config.approach_angle, config.wide_approach_angle):
+    for largest_angle in (config.approach_angle, _WIDE_APPROACH_ANGLE):
         grips = [
             grip
             for index, axis in axes
-            for approach in approach_directions(axis, config.spins, largest_angle)
-            for grip in find_grips(points[index], axis, approach, points, normals, config)
+            for approach in approach_directions(axis, _SPINS, largest_angle)
+            for grip in find_grips(points[index], axis, approach, points, normals)
         ]
-        found = [c for grip in _thinned(grips, config) for c in _candidates(grip, scene, config)]
-        if len(found) >= config.few_candidates:
+        found = [c for grip in _thinned(grips) for c in _candidates(grip, scene, config)]
+        if len(found) >= _FEW_CANDIDATES:
             break
-    return keep_diverse(found, points.mean(axis=0), config)
+    return keep_diverse(found, points.mean(axis=0))
 
 
 def wall_normals(points: np.ndarray, radius: float) -> np.ndarray:
     """Returns unit surface normals (P, 3), up to their sign, from each point's neighbourhood.
 
-    They are the directions of least extent. On a wall thinner than the radius both faces fall into
-    the neighbourhood, and the normal is that of the wall, however noisy the faces are.
+    A normal is the direction of least extent. For a wall thinner than the radius, both faces are
+    in the neighbourhood, and the normal is that of the wall, even if the faces are noisy.
 
     Args:
         points: (P, 3) the cloud [m].
@@ -113,8 +141,8 @@ def approach_directions(closing_axis: np.ndarray, spins: int, largest_angle: flo
 
     Args:
         closing_axis: (3,) unit axis along which the fingers close.
-        spins: How many to spin through, over the full turn.
-        largest_angle: How far from straight down they may be [rad].
+        spins: Number of directions over the full turn, before the limit.
+        largest_angle: Largest angle from straight down [rad].
     """
     steepest = _DOWN - (_DOWN @ closing_axis) * closing_axis
     length = np.linalg.norm(steepest)
@@ -140,24 +168,24 @@ def _seed_indices(scene: GraspScene, config: GraspSamplingConfig, seed: int) -> 
     return rng.choice(eligible, size=count, replace=False)
 
 
-def _thinned(grips: list[Grip], config: GraspSamplingConfig) -> list[Grip]:
-    """Returns the better ones of nearly equal grips, before the dearer checks."""
+def _thinned(grips: list[Grip]) -> list[Grip]:
+    """Returns the best of nearly equal grips, before the more expensive checks."""
     if not grips:
         return []
     kept = dissimilar(
         np.array([grip.X_WG for grip in grips]),
-        np.array([grip.alignment + grip.points / (8.0 * config.min_points) for grip in grips]),
-        0.5 * config.same_position,
-        0.5 * config.same_angle,
+        np.array([grip.alignment + grip.points / (8.0 * MIN_POINTS) for grip in grips]),
+        0.5 * SAME_POSITION,
+        0.5 * SAME_ANGLE,
     )
     return [grips[i] for i in kept]
 
 
 def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> list[GraspCandidate]:
-    """Returns the grasp with the widest opening that fits, and its half turn; or nothing."""
-    for clearance in config.opening_clearances:
+    """Returns the grasp with the widest opening that fits and its half turn, if there is one."""
+    for clearance in OPENING_CLEARANCES:
         opening = grip.width + 2.0 * clearance
-        if opening <= config.gripper.max_width and scene.is_clear(grip.X_WG, opening):
+        if opening <= GRIPPER.max_width and scene.is_clear(grip.X_WG, opening):
             score = _score(grip, clearance, scene, config)
             turned = grip.X_WG @ np.diag([-1.0, -1.0, 1.0, 1.0])
             return [
@@ -168,19 +196,19 @@ def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> l
 
 
 def _score(grip: Grip, clearance: float, scene: GraspScene, config: GraspSamplingConfig) -> float:
-    """Returns the mean of what speaks for a grasp, each in [0, 1]."""
-    floor = np.cos(config.friction_angle)
+    """Returns the mean of several measures of quality, each in [0, 1]."""
+    floor = FRICTION_COSINE
     far_from_part = 1.0
     if len(scene.part_points):
         gap = np.linalg.norm(scene.part_points - grip.X_WG[:3, 3], axis=1).min()
-        # Beyond the hand's half length more distance brings nothing.
-        far_from_part = min(gap / (0.5 * config.gripper.hand_size[1]), 1.0)
+        # Beyond half the hand's length, more distance does not help.
+        far_from_part = min(gap / (0.5 * GRIPPER.hand_size[1]), 1.0)
     steepness, flattest = -grip.X_WG[2, 2], np.cos(config.approach_angle)
     terms = [
         (grip.alignment - floor) / (1.0 - floor),
-        min(grip.points / (8.0 * config.min_points), 1.0),
+        min(grip.points / (8.0 * MIN_POINTS), 1.0),
         far_from_part,
-        clearance / max(config.opening_clearances),
+        clearance / max(OPENING_CLEARANCES),
         max((steepness - flattest) / (1.0 - flattest), 0.0),
     ]
     return float(np.clip(np.mean(terms), 0.0, 1.0))

@@ -1,1 +1,1 @@
-"""Rollouts of grasp candidates, and the choice among them."""
+"""Rehearsal of grasp candidates, and the selection among them."""

@@ -1,16 +1,22 @@
-"""Rehearses grasps: reach, carry the object along its path, leave it at the goal."""
+"""Rehearses grasps: approach, motion of the object along its path, retreat at the goal."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
-from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
+from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
+from poil_drake.grasping.rehearsal.feasibility import (
+    STRAIGHT_SPEED,
+    Failure,
+    Feasibility,
+    FeasibilityConfig,
+)
 from poil_drake.grasping.rehearsal.object_path import ObjectPath
 from poil_drake.grasping.rehearsal.path_following import (
+    POSITION_TOLERANCE,
+    ROTATION_TOLERANCE,
     backed_off_poses,
-    carried_poses,
     follow_path,
     manipulability,
 )
@@ -20,35 +26,57 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard
 
+_STRAIGHT_STEPS = 6  # Samples of each straight motion.
+
+_SMALLEST_SINGULAR_VALUE = 0.01
+"""Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
+
+_OBJECT_CONTACT = 0.003
+"""The object collides where it comes nearer to the scene than it may by more than this [m]; less
+only costs. Two clouds with a point every 3 to 5 mm come within about 2 mm of each other where their
+surfaces intersect."""
+
+# More than these margins brings no further advantage.
+_COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
+_COMFORTABLE_CLEARANCE = 0.04  # [m] Of the robot.
+_COMFORTABLE_SINGULAR_VALUE = 0.05
+_TRAVEL_SCALE = 12.0  # [rad] Joint travel that costs as much as reaching a joint limit.
+_SPEED_SCALE = 0.8  # Fraction of the joint speed limits that can be used without slowing down.
+_WEIGHTS = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)  # Of the terms of `_cost`, in their order.
+
+
+class _Motion(NamedTuple):
+    """Configurations q (..., T, 7) [rad] and errors (..., T, 2) ([m], [rad])."""
+
+    q: np.ndarray
+    errors: np.ndarray
+
+    def row(self, index: int) -> "_Motion":
+        return _Motion(self.q[index], self.errors[index])
+
 
 class FeasibilityChecker:
     """Rehearses grasps with the arm's kinematics against a scene."""
 
-    def __init__(
-        self, *, model: PandaModel, scene: SceneCloud, config: FeasibilityConfig | None = None
-    ):
+    def __init__(self, *, model: PandaModel, scene: SceneCloud, config: FeasibilityConfig):
         """Prepares the check.
 
         Args:
             model: The arm.
-            scene: What must not be touched, without the object and the robot.
-            config: What is checked.
+            scene: The obstacles, without the object and the robot.
+            config: Requirements.
         """
         self._model = model
         self._scene = scene
-        self._config = config or FeasibilityConfig()
-        self._nominal = np.array(self._config.nominal_posture)
+        self._config = config
         self._checkers: dict[float | None, RobotCollisionChecker] = {}
-        posture = self._config.posture
+        posture = config.posture
         self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the arm configurations (R, 7) at the grasps [rad] and the grasp (R,) of each."""
+        """Returns the arm configurations (R, 7) at the grasps [rad] and their grasps (R,)."""
         return distinct_solutions(
-            self._model,
-            np.array([candidate.X_WG for candidate in candidates]),
-            nominal=self._nominal,
-            config=self._config.inverse_kinematics,
+            self._model, np.array([candidate.X_WG for candidate in candidates])
         )
 
     def rehearse(
@@ -61,8 +89,8 @@ class FeasibilityChecker:
 
         Args:
             candidates: The grasps.
-            configurations: What `configurations` returned for them.
-            path: The object's foreseen motion.
+            configurations: The result of `configurations` for them.
+            path: The object's predicted motion.
 
         Returns:
             One finding for each configuration, in their order.
@@ -70,73 +98,54 @@ class FeasibilityChecker:
         q_grasp, owner = configurations
         if not len(q_grasp):
             return []
-        ways = self._follow(q_grasp, np.array([candidates[i].X_WG for i in owner]), path)
+        X_WG = np.array([candidates[i].X_WG for i in owner])
+        X_carry = path.X_W[path.samples] @ X_WG[:, None]
+        ratios = np.linspace(0.0, 1.0, _STRAIGHT_STEPS + 1)
+        pregrasp, retreat = self._config.pregrasp_distance, self._config.retreat_distance
+        back = self._follow(
+            q_grasp, backed_off_poses(X_WG, ratios * pregrasp), ratios * pregrasp / STRAIGHT_SPEED
+        )
+        carry = self._follow(q_grasp, X_carry, path.times[path.samples])
+        away = self._follow(
+            carry.q[:, -1],
+            backed_off_poses(X_carry[:, -1], ratios * retreat),
+            ratios * retreat / STRAIGHT_SPEED,
+        )
+        motions = (_Motion(back.q[:, ::-1], back.errors[:, ::-1]), carry, away)
         return [
-            self._judge(int(index), candidates[index], [way.row(row) for way in ways], path)
+            self._judge(int(index), candidates[index], [m.row(row) for m in motions], path)
             for row, index in enumerate(owner)
         ]
 
-    def _follow(self, q_grasp: np.ndarray, X_WG: np.ndarray, path: ObjectPath) -> list["_Way"]:
-        """Returns how the arm follows approach, carrying and retreat, for all rows at once."""
-        config = self._config
-        times = path.times[path.samples]
-        ratios = np.linspace(0.0, 1.0, config.straight_steps + 1)
-        X_carry = carried_poses(X_WG, path.X_W[path.samples])
-        X_back = backed_off_poses(X_WG, ratios * config.pregrasp_distance)
-        X_away = backed_off_poses(X_carry[:, -1], ratios * config.retreat_distance)
-
-        def follow(q: np.ndarray, X: np.ndarray, when: np.ndarray) -> _Way:
-            return _Way(
-                *follow_path(
-                    self._model, q, X, when, nominal=self._nominal, config=config.following
-                )
-            )
-
-        back = follow(q_grasp, X_back, ratios * config.pregrasp_distance / config.straight_speed)
-        carry = follow(q_grasp, X_carry, times)
-        away = follow(
-            carry.q[:, -1], X_away, ratios * config.retreat_distance / config.straight_speed
-        )
-        return [_Way(back.q[:, ::-1], back.errors[:, ::-1]), carry, away]
+    def _follow(self, q: np.ndarray, X: np.ndarray, times: np.ndarray) -> _Motion:
+        return _Motion(*follow_path(self._model, q, X, times))
 
     def _judge(
-        self, index: int, candidate: GraspCandidate, ways: list["_Way"], path: ObjectPath
+        self, index: int, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
     ) -> Feasibility:
-        approach, carry, retreat = (way.q for way in ways)
-        config = self._config
-        singular = float(manipulability(self._model, carry, config.following.rotation_scale).min())
-        margin = float(self._model.limit_margin(np.concatenate([approach, carry, retreat])).min())
-        speed_ratio = self._speed_ratio(carry, path.times[path.samples])
-        failure = self._path_failure(path) or self._kinematic_failure(ways, singular)
-        clearance, cost = np.nan, np.inf
-        inside, face = np.nan, ""
+        approach, carry, retreat = (motion.q for motion in motions)
+        everything = np.concatenate([approach, carry, retreat])
+        singular_value = float(manipulability(self._model, carry).min())
+        limit_margin = float(self._model.limit_margin(everything).min())
+        failure = _path_failure(path) or _kinematic_failure(motions, singular_value)
+        clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
         if failure is None and self._guard is not None:
-            motion = np.concatenate([approach, carry, retreat])
-            inside = float(self._guard.face_distances(motion).min())
-            if inside < config.workspace_margin:
-                failure, face = Failure.WORKSPACE, self._guard.tightest_face(motion)
+            inside = float(self._guard.face_distances(everything).min())
+            if inside < self._config.workspace_margin:
+                failure, face = Failure.WORKSPACE, self._guard.tightest_face(everything)
         if failure is None:
-            clearance = self._clearance(candidate, approach, carry, retreat, path)
-            if clearance < config.collision.robot_margin:
+            clearance = self._clearance(candidate, motions, path)
+            if clearance < self._config.collision.robot_margin:
                 failure = Failure.ROBOT_COLLISION
             else:
-                cost = config.cost(
-                    limit_margin=margin,
-                    clearance=clearance,
-                    singular_value=singular,
-                    travel=float(np.abs(np.diff(carry, axis=0)).sum()),
-                    speed_ratio=speed_ratio,
-                    object_excess=path.excess,
-                    score=candidate.score,
-                )
+                cost = self._cost(candidate, carry, path, limit_margin, clearance, singular_value)
         return Feasibility(
             candidate=index,
             q_approach=approach,
             q_carry=carry,
             q_retreat=retreat,
-            limit_margin=margin,
-            singular_value=singular,
-            speed_ratio=speed_ratio,
+            limit_margin=limit_margin,
+            singular_value=singular_value,
             clearance=clearance,
             failure=failure,
             cost=cost,
@@ -144,29 +153,11 @@ class FeasibilityChecker:
             tightest_face=face,
         )
 
-    def _path_failure(self, path: ObjectPath) -> Failure | None:
-        if not path.converged:
-            return Failure.NOT_CONVERGED
-        return Failure.OBJECT_COLLISION if path.excess > self._config.object_contact else None
-
-    def _kinematic_failure(self, ways: list["_Way"], singular: float) -> Failure | None:
-        following = self._config.following
-        largest = [following.position_tolerance, following.rotation_tolerance]
-        reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
-        for way, reason in zip(ways, reasons, strict=True):
-            if np.any(way.errors > largest):
-                return reason
-        return Failure.SINGULAR if singular < self._config.smallest_singular_value else None
-
     def _clearance(
-        self,
-        candidate: GraspCandidate,
-        approach: np.ndarray,
-        carry: np.ndarray,
-        retreat: np.ndarray,
-        path: ObjectPath,
+        self, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
     ) -> float:
         """Returns the robot's clearance [m]; the sampler has checked the fingers at the grasp."""
+        approach, carry, retreat = (motion.q for motion in motions)
         lifted = path.samples >= path.lift_end
         low = self._checker(None).clearance(np.concatenate([approach, carry[~lifted]]))
         open_fingers = self._checker(candidate.pregrasp_width)
@@ -176,29 +167,50 @@ class FeasibilityChecker:
     def _checker(self, opening: float | None) -> RobotCollisionChecker:
         """Returns the check for a finger opening, rounded up so that few are needed."""
         if opening is not None:
-            opening = min(np.ceil(opening / 0.01) * 0.01, self._config.spheres.gripper.max_width)
+            opening = min(np.ceil(opening / 0.01) * 0.01, GRIPPER.max_width)
         if opening not in self._checkers:
-            spheres = make_robot_spheres(
-                self._model, finger_opening=opening, config=self._config.spheres
-            )
             self._checkers[opening] = RobotCollisionChecker(
                 model=self._model,
-                spheres=spheres,
+                spheres=make_robot_spheres(self._model, finger_opening=opening),
                 scene=self._scene,
                 config=self._config.collision,
             )
         return self._checkers[opening]
 
-    def _speed_ratio(self, q: np.ndarray, times: np.ndarray) -> float:
-        speeds = np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
-        return float((speeds / self._model.velocity).max())
+    def _cost(
+        self,
+        candidate: GraspCandidate,
+        q_carry: np.ndarray,
+        path: ObjectPath,
+        limit_margin: float,
+        clearance: float,
+        singular_value: float,
+    ) -> float:
+        """Returns the weighted sum of the disadvantages of a feasible grasp."""
+        steps = np.abs(np.diff(q_carry, axis=0))
+        speeds = steps / np.diff(path.times[path.samples])[:, None]
+        speed_ratio = float((speeds / self._model.velocity).max())
+        terms = [
+            max(0.0, 1.0 - limit_margin / _COMFORTABLE_LIMIT_MARGIN),
+            max(0.0, 1.0 - clearance / _COMFORTABLE_CLEARANCE),
+            max(0.0, 1.0 - singular_value / _COMFORTABLE_SINGULAR_VALUE),
+            float(steps.sum()) / _TRAVEL_SCALE,
+            max(0.0, speed_ratio / _SPEED_SCALE - 1.0),
+            path.excess / _OBJECT_CONTACT,
+            1.0 - candidate.score,
+        ]
+        return float(np.dot(_WEIGHTS, terms))
 
 
-class _Way(NamedTuple):
-    """Configurations q (..., T, 7) [rad] along a way and errors (..., T, 2) ([m], [rad])."""
+def _path_failure(path: ObjectPath) -> Failure | None:
+    if not path.converged:
+        return Failure.NOT_CONVERGED
+    return Failure.OBJECT_COLLISION if path.excess > _OBJECT_CONTACT else None
 
-    q: np.ndarray
-    errors: np.ndarray
 
-    def row(self, index: int) -> "_Way":
-        return _Way(self.q[index], self.errors[index])
+def _kinematic_failure(motions: list[_Motion], singular_value: float) -> Failure | None:
+    reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
+    for motion, reason in zip(motions, reasons, strict=True):
+        if np.any(motion.errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]):
+            return reason
+    return Failure.SINGULAR if singular_value < _SMALLEST_SINGULAR_VALUE else None

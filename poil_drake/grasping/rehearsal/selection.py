@@ -1,54 +1,26 @@
-"""Chooses the grasp, and the matching where the part is symmetric (POIL section III-B)."""
+"""Selects the grasp, and the matching where the part is symmetric (POIL section III-B)."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import (
     ObjectPath,
     ObjectPathConfig,
-    foresee_object_path,
+    predict_object_path,
 )
 from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
 from poil_drake.robots.collision import SceneCloud
 from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.transfer.matching import Matching
+from poil_drake.transfer.progress import Progress
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction of it that is done."""
-
-
-class PartMatching(Protocol):
-    """One way in which the demonstrated part matches the target's."""
-
-    @property
-    def target_points(self) -> np.ndarray:
-        """(N, 3) the part's points before the grasp [m, world]."""
-
-    @property
-    def reference(self) -> PointTrajectory:
-        """Their reference."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelectionConfig:
-    """How grasps are chosen.
-
-    Attributes:
-        path: How the object's motion is foreseen.
-        feasibility: What is checked and how it is weighed.
-        batch: Grasps rehearsed together, which bounds the memory that is needed.
-    """
-
-    path: ObjectPathConfig = field(default_factory=ObjectPathConfig)
-    feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
-    batch: int = 12
+_BATCH = 12  # Grasps rehearsed together, which bounds the memory needed.
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,68 +30,65 @@ class GraspChoice:
     Attributes:
         candidate: The grasp.
         matching: Index of the matching.
-        feasibility: What its rehearsal found.
-        path: The object's foreseen motion.
-        feasible: How many pairs of grasp and matching were feasible.
-        rehearsed: How many were rehearsed.
+        feasibility: Result of its rehearsal.
+        path: The object's predicted motion.
     """
 
     candidate: GraspCandidate
     matching: int
     feasibility: Feasibility
     path: ObjectPath
-    feasible: int
-    rehearsed: int
 
 
 def rank_grasps(
     candidates: Sequence[GraspCandidate],
-    matchings: Sequence[PartMatching],
+    matchings: Sequence[Matching],
     *,
     model: PandaModel,
     scene: SceneCloud,
     object_points: np.ndarray,
     part_points: np.ndarray,
-    config: SelectionConfig | None = None,
+    path: ObjectPathConfig | None = None,
+    feasibility: FeasibilityConfig | None = None,
     progress: Progress | None = None,
 ) -> list[GraspChoice]:
     """Rehearses grasps under every matching and returns the feasible pairs by cost.
 
     Args:
         candidates: Grasps, best first.
-        matchings: The ways in which the part may be matched: more than one where it is symmetric.
+        matchings: The ways in which the part matches: several where it is symmetric.
         model: The arm.
-        scene: What must not be touched, without the object and the robot.
+        scene: The obstacles, without the object and the robot.
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        config: What is checked.
-        progress: Told how far the search is.
+        path: How the object's motion is predicted, None for the defaults.
+        feasibility: Requirements, None for the defaults.
+        progress: Receives the progress.
 
     Raises:
-        NoFeasibleGraspError: No pair is feasible; the message counts why.
+        NoFeasibleGraspError: No pair is feasible; the message counts the reasons.
     """
-    config = config or SelectionConfig()
+    path, feasibility = path or ObjectPathConfig(), feasibility or FeasibilityConfig()
     paths = [
-        foresee_object_path(
-            matching.target_points,
-            matching.reference,
+        predict_object_path(
+            matching,
             object_points=object_points,
             part_points=part_points,
             scene=scene,
-            config=config.path,
-            collision=config.feasibility.collision,
+            config=path,
+            collision=feasibility.collision,
         )
         for matching in matchings
     ]
-    checker = FeasibilityChecker(model=model, scene=scene, config=config.feasibility)
+    checker = FeasibilityChecker(model=model, scene=scene, config=feasibility)
     best: dict[tuple[int, int], Feasibility | None] = {}
-    for start in range(0, len(candidates), config.batch):
+    for start in range(0, len(candidates), _BATCH):
         if progress:
             progress("rehearsing grasps", start / len(candidates))
-        batch = candidates[start : start + config.batch]
+        batch = candidates[start : start + _BATCH]
         configurations = checker.configurations(batch)
-        for number, path in enumerate(paths):
-            findings = checker.rehearse(batch, configurations, path)
+        for number, object_path in enumerate(paths):
+            findings = checker.rehearse(batch, configurations, object_path)
             for index in range(len(batch)):
                 own = [f for f in findings if f.candidate == index]
                 best[start + index, number] = min(own, key=_rank) if own else None
@@ -129,37 +98,9 @@ def rank_grasps(
     if progress:
         progress("rehearsing grasps", 1.0)
     return [
-        GraspChoice(candidates[index], number, finding, paths[number], len(feasible), len(best))
+        GraspChoice(candidates[index], number, finding, paths[number])
         for (index, number), finding in sorted(feasible.items(), key=lambda item: item[1].cost)
     ]
-
-
-def select_grasp(
-    candidates: Sequence[GraspCandidate],
-    matchings: Sequence[PartMatching],
-    *,
-    model: PandaModel,
-    scene: SceneCloud,
-    object_points: np.ndarray,
-    part_points: np.ndarray,
-    config: SelectionConfig | None = None,
-    progress: Progress | None = None,
-) -> GraspChoice:
-    """Returns the pair of grasp and matching of least cost; see `rank_grasps`.
-
-    Raises:
-        NoFeasibleGraspError: No pair is feasible; the message counts why.
-    """
-    return rank_grasps(
-        candidates,
-        matchings,
-        model=model,
-        scene=scene,
-        object_points=object_points,
-        part_points=part_points,
-        config=config,
-        progress=progress,
-    )[0]
 
 
 _FAILURES = list(Failure)
@@ -180,16 +121,14 @@ _REMEDIES = {
 
 
 def _rank(finding: Feasibility) -> tuple[float, int, float]:
-    """Orders findings: by cost, and infeasible ones by how far they came."""
-    came = -_FAILURES.index(finding.failure) if finding.failure else 0
+    """Sort key: the cost; for infeasible findings, how late in the checks they failed."""
+    passed = -_FAILURES.index(finding.failure) if finding.failure else 0
     outside = finding.failure is Failure.WORKSPACE
-    return finding.cost, came, -finding.workspace_clearance if outside else 0.0
+    return finding.cost, passed, -finding.workspace_clearance if outside else 0.0
 
 
 def _no_feasible_grasp(
-    candidates: int,
-    matchings: int,
-    findings: list[Feasibility | None],
+    candidates: int, matchings: int, findings: list[Feasibility | None]
 ) -> NoFeasibleGraspError:
     if not candidates:
         return NoFeasibleGraspError(

@@ -1,7 +1,6 @@
 """How well one placed cloud covers another: a truncated Chamfer distance and its gradient."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,14 +12,15 @@ from poil_drake.transfer.alignment.nearest_neighbours import NearestNeighbours, 
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
 
 PART_CLOUD, CONTEXT_CLOUD = 0, 1
-"""Which scales and translation of an AlignmentState a term is about."""
+"""Which scales and translation of an AlignmentState a term uses."""
 
 _OWN_COLUMNS = (np.r_[0:3, 3:9], np.r_[0:3, 9:15])
+_MAX_POINTS = 1500  # Of each cloud.
 
 
 @dataclass(frozen=True, eq=False)
 class CloudFrame:
-    """How a demonstrated cloud and a target cloud are made comparable.
+    """Centres, unit of length and axes that make a demonstrated and a target cloud comparable.
 
     Attributes:
         source_center: (3,) centroid of the demonstrated cloud [m].
@@ -45,35 +45,24 @@ class CloudFrame:
         return cls(*centers, float(np.mean(radii)), axes)
 
 
-class Placement(NamedTuple):
-    """Source points under K candidates.
-
-    Attributes:
-        points: (K, n, 3) in units of the frame's length, about the target's centre.
-        jacobian: (K, n, 3, 9) of the points: by rotation, logarithmic scales and translation.
-    """
-
-    points: np.ndarray
-    jacobian: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class CloudTerm:
     """Compares a demonstrated cloud, placed by a candidate, with a target cloud.
 
-    The energy is the mean over both directions of 1 - exp(-d^2 / 2 w^2), d the distance to the
-    nearest neighbour: a Chamfer distance in which what has no counterpart, because only one of the
-    scenes shows it, counts a constant. With normals, two points are also the farther apart the more
-    their normals differ, so that the inside of a wall does not pass for its outside.
+    The energy is the mean over both directions of 1 - exp(-d^2 / 2 w^2), where d is the distance to
+    the nearest neighbour. In this Chamfer distance, points without a counterpart, which only one of
+    the scenes shows, cost a constant. With normals, d also grows with the difference between two
+    points' normals, so that the inside of a wall is not taken for its outside.
 
     Attributes:
         frame: Makes the clouds comparable.
-        source: (n, 3) demonstrated points in the frame's units, spread over the cloud best first.
+        source: (n, 3) demonstrated points in the frame's units; the first k are spread evenly over
+            the cloud, for every k.
         target: (m, 3) target points, likewise.
         source_normals: (n, 3) unit normals times their weight; zeros if they do not count.
         target_normals: (m, 3) likewise.
-        metric: (m, 3, 3) what part of an offset from a target point counts in the descent:
-            everything across its surface, little along it, where the clouds may slide.
+        metric: (m, 3, 3) weights of the offset from a target point in the descent: full across its
+            surface, small along it, so that clouds can slide along each other.
         cloud: PART_CLOUD or CONTEXT_CLOUD.
     """
 
@@ -92,9 +81,8 @@ class CloudTerm:
         target: PointCloud,
         *,
         cloud: int,
-        max_points: int,
-        normal_weight: float,
-        tangential_weight: float,
+        normal_weight: float = 0.0,
+        tangential_weight: float = 0.3,
     ) -> "CloudTerm":
         """Returns the term of two clouds.
 
@@ -102,24 +90,30 @@ class CloudTerm:
             source: The demonstrated cloud.
             target: The target cloud.
             cloud: PART_CLOUD or CONTEXT_CLOUD.
-            max_points: At most this many points of each are used.
-            normal_weight: Distance of opposite normals, over twice the unit of length. 0: not used.
-            tangential_weight: What offsets along the surface count in the descent, of 1.
+            normal_weight: Distance of opposite normals, over twice the unit of length; 0 ignores
+                normals.
+            tangential_weight: Weight of offsets along the surface in the descent, relative to those
+                across it.
         """
         frame = CloudFrame.between(source.points, target.points)
-        chosen, sides = [], [(source, frame.source_center), (target, frame.target_center)]
-        for side, center in sides:
-            order = farthest_point_sampling(side.points, min(max_points, len(side)))
-            normals = np.zeros((len(order), 3))
-            if normal_weight > 0.0 and side.normals is not None:
-                normals = normal_weight * side.normals[order]
-            chosen += [(side.points[order] - center) / frame.length, normals]
+
+        def sampled(side: PointCloud, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            order = farthest_point_sampling(side.points, min(_MAX_POINTS, len(side)))
+            points = (side.points[order] - center) / frame.length
+            if side.normals is None:
+                return points, np.zeros_like(points)
+            return points, normal_weight * side.normals[order]
+
+        source_points, source_normals = sampled(source, frame.source_center)
+        target_points, target_normals = sampled(target, frame.target_center)
         everything = (target.points - frame.target_center) / frame.length
-        metric = _surface_metric(chosen[2], everything, tangential_weight)
-        return cls(frame, chosen[0], chosen[2], chosen[1], chosen[3], metric, cloud)
+        metric = _surface_metric(target_points, everything, tangential_weight)
+        return cls(
+            frame, source_points, target_points, source_normals, target_normals, metric, cloud
+        )
 
     def thinned(self, count: int) -> "CloudTerm":
-        """Returns the term of the first points of both clouds, which are spread evenly."""
+        """Returns the term of `count` points of both clouds, spread evenly."""
         return replace(
             self,
             source=self.source[:count],
@@ -129,14 +123,17 @@ class CloudTerm:
             metric=self.metric[:count],
         )
 
-    def place(self, state: AlignmentState, points: np.ndarray | None = None) -> Placement:
-        """Returns where candidates put source points, and the derivatives.
+    def place(self, state: AlignmentState, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places source points by K candidates.
 
         Args:
             state: K candidates.
-            points: (n, 3) in the frame's units about the source's centre; None for `source`.
+            points: (n, 3) in the frame's units about the source's centre.
+
+        Returns:
+            The points (K, n, 3) in the frame's units about the target's centre, and their Jacobian
+            (K, n, 3, 9) by rotation, logarithmic scales and translation.
         """
-        points = self.source if points is None else points
         turned_axes = state.R @ self.frame.axes
         scaled = np.exp(state.log_scales[:, self.cloud])[:, None, :] * (points @ self.frame.axes)
         arms = scaled @ np.swapaxes(turned_axes, 1, 2)
@@ -144,11 +141,11 @@ class CloudTerm:
         jacobian[..., 0:3] = -skew(arms)
         jacobian[..., 3:6] = turned_axes[:, None] * scaled[:, :, None, :]
         jacobian[..., 6:9] = np.eye(3)
-        return Placement(arms + state.translations[:, None, self.cloud], jacobian)
+        return arms + state.translations[:, None, self.cloud], jacobian
 
     def energy(self, state: AlignmentState, width: float) -> np.ndarray:
         """Returns the energies (K,) in [0, 1]; `width` is w in units of length."""
-        nearest = self._match(state, self.place(state).points)
+        nearest = self._match(state, self.place(state, self.source)[0])
         forward = -np.expm1(-nearest.source_squares / (2.0 * width**2))
         backward = -np.expm1(-nearest.target_squares / (2.0 * width**2))
         return 0.5 * (forward.mean(axis=1) + backward.mean(axis=1))
@@ -157,25 +154,23 @@ class CloudTerm:
         self, state: AlignmentState, width: float, weight: float, equations: NormalEquations
     ) -> None:
         """Adds the Gauss-Newton approximation of weight times the energy."""
-        placement = self.place(state)
-        nearest = self._match(state, placement.points)
+        points, jacobian = self.place(state, self.source)
+        nearest = self._match(state, points)
         j, i = nearest.target_of_source, nearest.source_of_target
-        sides = (
-            (nearest.source_squares, placement, self.target[j], self.metric[j]),
+        nearest_points = np.take_along_axis(points, i[..., None], axis=1)
+        nearest_jacobian = np.take_along_axis(jacobian, i[..., None, None], axis=1)
+        for squares, offset, slope, metric in (
+            (nearest.source_squares, points - self.target[j], jacobian, self.metric[j]),
             (
                 nearest.target_squares,
-                Placement(
-                    np.take_along_axis(placement.points, i[..., None], axis=1),
-                    np.take_along_axis(placement.jacobian, i[..., None, None], axis=1),
-                ),
-                self.target[None],
+                nearest_points - self.target[None],
+                nearest_jacobian,
                 self.metric[None],
             ),
-        )
-        for squares, placed, target, metric in sides:
+        ):
             w = 0.5 * weight / (width**2 * squares.shape[1]) * np.exp(-squares / (2.0 * width**2))
-            residual = (metric @ (placed.points - target)[..., None])[..., 0]
-            equations.add(_OWN_COLUMNS[self.cloud], metric @ placed.jacobian, residual, w)
+            residual = (metric @ offset[..., None])[..., 0]
+            equations.add(_OWN_COLUMNS[self.cloud], metric @ slope, residual, w)
 
     def _match(self, state: AlignmentState, points: np.ndarray) -> NearestNeighbours:
         if not self.target_normals.any():
@@ -188,7 +183,7 @@ class CloudTerm:
 
 
 def _surface_metric(points: np.ndarray, cloud: np.ndarray, tangential: float) -> np.ndarray:
-    """Returns (m, 3, 3) square roots of what offsets count around points, by the local spread."""
+    """Returns (m, 3, 3) square roots of the weights of offsets from points, by the local spread."""
     _, nearest = cKDTree(cloud).query(points, k=min(20, len(cloud)))
     arms = cloud[nearest] - cloud[nearest].mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.swapaxes(arms, 1, 2) @ arms)

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class NearestNeighbours(NamedTuple):
-    """Who is nearest to whom.
+    """Nearest neighbours in both directions.
 
     Attributes:
         target_of_source: (K, n) index of the target nearest to each source point.
@@ -22,11 +22,11 @@ class NearestNeighbours(NamedTuple):
 
 
 def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbours:
-    """Returns the nearest neighbours in both directions.
+    """Returns the nearest neighbours in both directions, by brute force.
 
-    By brute force, as matrix products: |a - b|^2 is least where a . b - |b|^2 / 2 is greatest. For
-    some hundred points that is several times as fast as building a tree for each placement.
-    Neighbours are found in single precision; distances to them are exact.
+    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products do the search. For a
+    few hundred points this is several times as fast as building a tree for each placement.
+    Neighbours are found in single precision; the distances to them are exact.
 
     Args:
         sources: (K, n, d) K placements of one cloud.
@@ -47,5 +47,6 @@ def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbo
 
 
 def _with(points: np.ndarray, last: np.ndarray | float) -> np.ndarray:
+    """Returns the points (..., d + 1) with one more coordinate."""
     column = np.broadcast_to(np.float32(last), points.shape[:-1])[..., None]
     return np.concatenate([points, column.astype(np.float32)], axis=-1)

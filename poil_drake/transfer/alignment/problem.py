@@ -12,10 +12,11 @@ from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
 from poil_drake.transfer.registration.join_term import JoinTerm
 
 _SCALES = np.r_[3:6, 9:12]
+_SCALE_DEVIATION = 0.25  # Of the logarithmic scales: mugs differ by 25 percent.
+_NORMAL_WEIGHT = 0.25  # Distinguishes the inside of a wall from its outside.
+_JOIN_WEIGHT = 0.3
 _DAMPING = 1e-4
-
-_MIN_POINTS = 12
-"""Fewer points have no shape to align."""
+_MIN_POINTS = 12  # Fewer points have no shape to align.
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +24,13 @@ class AlignmentProblem:
     """Aligns a demonstrated part, and the object it belongs to, with a target's.
 
     The cost is E_part + context_weight E_rest + join_weight E_join + priors, with the truncated
-    Chamfer energies of `CloudTerm`. Without the rest of the object it is the paper's: the part's
-    Chamfer distance over rotation, translation and scales along the principal axes.
+    Chamfer energies of `CloudTerm`. Without the rest of the object it is that of the paper: the
+    part's Chamfer distance over rotation, translation and scales along the principal axes.
 
     Attributes:
         part: The part's term.
-        context: The rest of the object's; None where it is not known or does not count.
-        join: What keeps them together; None without a context or a visible joint.
+        context: The term of the rest of the object; None where it is unknown or does not count.
+        join: Keeps the two together; None without a context or a visible joint.
         config: Weights.
     """
 
@@ -44,11 +45,19 @@ class AlignmentProblem:
         source_part: PointCloud,
         target_part: PointCloud,
         *,
-        source_context: PointCloud | None,
-        target_context: PointCloud | None,
+        source_context: PointCloud | None = None,
+        target_context: PointCloud | None = None,
         config: CoarseAlignmentConfig,
     ) -> "AlignmentProblem":
         """Returns the problem of two parts, with the rest of their objects where it is known.
+
+        Args:
+            source_part: The demonstrated part.
+            target_part: The target's part.
+            source_context: The rest of the demonstrated object, with normals. It counts only
+                together with the target's; its transform shares the part's rotation only.
+            target_context: The rest of the target object, with normals.
+            config: Weights.
 
         Raises:
             TransferError: if a part has too few points to align.
@@ -61,73 +70,53 @@ class AlignmentProblem:
                     remedy="Turn the object so that a camera sees more of the part, or bring a "
                     "camera nearer.",
                 )
-        part = CloudTerm.between(
-            source_part,
-            target_part,
-            cloud=PART_CLOUD,
-            max_points=config.score_points,
-            normal_weight=0.0,
-            tangential_weight=config.tangential_weight,
-        )
+        part = CloudTerm.between(source_part, target_part, cloud=PART_CLOUD)
         if source_context is None or target_context is None or config.context_weight == 0.0:
             return cls(part, None, None, config)
         context = CloudTerm.between(
-            source_context,
-            target_context,
-            cloud=CONTEXT_CLOUD,
-            max_points=config.score_points,
-            normal_weight=config.normal_weight,
-            tangential_weight=config.tangential_weight,
+            source_context, target_context, cloud=CONTEXT_CLOUD, normal_weight=_NORMAL_WEIGHT
         )
-        join = JoinTerm.between(
-            part,
-            context,
-            part=source_part,
-            context=source_context,
-            reach=config.join_reach,
-            across=config.join_across,
-            along=config.join_along,
-        )
+        join = JoinTerm.between(part, context, part=source_part, context=source_context)
         return cls(part, context, join, config)
 
     def thinned(self, part_points: int, context_points: int) -> "AlignmentProblem":
-        """Returns the problem with fewer points, which takes less time."""
+        """Returns the problem with at most these numbers of points, which is cheaper."""
         context = self.context and self.context.thinned(context_points)
         return replace(self, part=self.part.thinned(part_points), context=context)
 
     def cost(
         self, state: AlignmentState, width: float, context_width: float | None = None
     ) -> np.ndarray:
-        """Returns the costs (K,); widths are those of the truncation, in units of length."""
+        """Returns the costs (K,).
+
+        Args:
+            state: K candidates.
+            width: Width of the truncation, in units of length.
+            context_width: That of the rest of the object; None for the same.
+        """
         config = self.config
-        cost = self.part.energy(state, width) + self._prior(state)
-        # Things lie on tables: how far the vertical has turned.
+        squares = np.sum(state.log_scales**2, axis=(1, 2))
+        cost = self.part.energy(state, width) + config.scale_weight / _SCALE_DEVIATION**2 * squares
+        # The element of R is the cosine of the angle by which the vertical has turned.
         cost += config.upright_weight * 0.5 * (1.0 - state.R[:, 2, 2])
         if self.context is not None:
             cost += config.context_weight * self.context.energy(state, context_width or width)
         if self.join is not None:
-            cost += config.join_weight * self.join.energy(state)
+            cost += _JOIN_WEIGHT * self.join.energy(state)
         return cost
 
     def descend(self, state: AlignmentState, widths: np.ndarray) -> AlignmentState:
         """Returns the candidates after one Gauss-Newton step for each truncation width."""
         config = self.config
-        bounds = float(np.log(config.scale_bounds[0])), float(np.log(config.scale_bounds[1]))
         for width in widths:
             equations = NormalEquations.zero(len(state))
             self.part.linearize(state, width, 1.0, equations)
             if self.context is not None:
                 self.context.linearize(state, width, config.context_weight, equations)
             if self.join is not None:
-                self.join.linearize(state, config.join_weight, equations)
-            curvature = 2.0 * config.scale_weight / config.scale_deviation**2
+                self.join.linearize(state, _JOIN_WEIGHT, equations)
+            curvature = 2.0 * config.scale_weight / _SCALE_DEVIATION**2
             equations.H[:, _SCALES, _SCALES] += curvature
             equations.g[:, _SCALES] += curvature * state.log_scales.reshape(len(state), 6)
-            state = state.moved(
-                equations.solve(_DAMPING), max_turn=config.max_turn, log_scale_bounds=bounds
-            )
+            state = state.moved(equations.solve(_DAMPING))
         return state
-
-    def _prior(self, state: AlignmentState) -> np.ndarray:
-        squares = np.sum(state.log_scales**2, axis=(1, 2))
-        return self.config.scale_weight / self.config.scale_deviation**2 * squares

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-
 _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the positive root of x^4 = x + 4
 
@@ -11,20 +9,10 @@ _PSI = 1.533751168755204288118041  # the positive root of x^4 = x + 4
 def super_fibonacci_rotations(count: int) -> np.ndarray:
     """Returns rotation matrices (count, 3, 3) spread evenly over SO(3).
 
-    The super-Fibonacci spiral of Alexa (CVPR 2022): deterministic, any count, without the holes of
-    random sampling. With 720, no orientation is more than about 25 degrees from one of them.
-
-    Args:
-        count: How many, at least 1.
-
-    Raises:
-        InvalidValueError: if `count` is less than 1.
+    The super-Fibonacci spiral of Alexa (CVPR 2022) is deterministic, works for any count, and has
+    no holes, unlike random samples. With 720 rotations, each orientation is within about 25 degrees
+    of one of them.
     """
-    if count < 1:
-        raise InvalidValueError(
-            f"super_fibonacci_rotations() should return {count} rotations.",
-            remedy="Ask for at least one.",
-        )
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
     alpha, beta = 2.0 * np.pi * s / _PHI, 2.0 * np.pi * s / _PSI
@@ -41,16 +29,16 @@ def super_fibonacci_rotations(count: int) -> np.ndarray:
 def distinct_rotations(
     rotations: np.ndarray, costs: np.ndarray, *, angle: float, count: int
 ) -> np.ndarray:
-    """Returns indices of the cheapest rotations that differ pairwise by more than an angle.
+    """Returns the indices of the cheapest rotations that differ pairwise by more than an angle.
 
     Args:
         rotations: (K, 3, 3).
-        costs: (K,), the lower the better.
-        angle: Nearer rotations count as the same [rad].
-        count: At most this many are returned.
+        costs: (K,).
+        angle: Rotations closer than this count as the same [rad].
+        count: Largest number of indices.
 
     Returns:
-        (M,) indices, cheapest first; 1 <= M <= count.
+        (M,) indices in order of increasing cost, 1 <= M <= count.
     """
     kept: list[int] = []
     for index in np.argsort(costs, kind="stable"):

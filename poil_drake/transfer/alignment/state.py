@@ -1,31 +1,27 @@
 """The unknowns of the coarse alignment, for many candidates at once."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import rotation_exp
 
-ROTATION = np.arange(0, 3)
-"""Columns of the unknowns that turn both clouds [rad, world]."""
-
-PART = np.arange(3, 9)
-"""Columns of the part's logarithmic scales (3) and translation (3)."""
-
-CONTEXT = np.arange(9, 15)
-"""Columns of the context's logarithmic scales (3) and translation (3)."""
-
 UNKNOWNS = 15
+"""A rotation of both clouds (3) [rad, world], then the logarithmic scales (3) and the translation
+(3) of the part, then those of the context."""
+
+_MAX_TURN = 0.4  # [rad] Largest rotation about an axis in one step.
+_LOG_SCALE_BOUNDS = np.log([0.6, 1.7])  # Of the scale along a principal axis.
 
 
 @dataclass(frozen=True, eq=False)
 class AlignmentState:
-    """K candidates. One rotation turns part and context; each has scales and a translation.
+    """K candidates. Part and context share the rotation; each has scales and a translation.
 
     Attributes:
         R: (K, 3, 3) rotations.
         log_scales: (K, 2, 3) logarithms of the scales, of the part and of the context.
-        translations: (K, 2, 3) translations, each in the length of its own cloud.
+        translations: (K, 2, 3) translations, each in units of its own cloud's length.
     """
 
     R: np.ndarray
@@ -34,7 +30,7 @@ class AlignmentState:
 
     @classmethod
     def start(cls, rotations: np.ndarray) -> "AlignmentState":
-        """Returns candidates that match centroids, without scaling."""
+        """Returns unscaled candidates whose centroids coincide, for rotations (K, 3, 3)."""
         zeros = np.zeros((len(rotations), 2, 3))
         return cls(rotations, zeros, zeros)
 
@@ -42,33 +38,27 @@ class AlignmentState:
         return len(self.R)
 
     def select(self, which: np.ndarray) -> "AlignmentState":
-        """Returns the candidates of these indices."""
+        """Returns the candidates with these indices."""
         return AlignmentState(self.R[which], self.log_scales[which], self.translations[which])
 
-    def moved(
-        self, step: np.ndarray, *, max_turn: float, log_scale_bounds: tuple[float, float]
-    ) -> "AlignmentState":
-        """Returns the candidates after a step.
+    def moved(self, step: np.ndarray) -> "AlignmentState":
+        """Returns the candidates after a step (K, UNKNOWNS).
 
-        Args:
-            step: (K, UNKNOWNS). Longer turns are shortened, and the whole step with them.
-            max_turn: The longest turn about an axis [rad].
-            log_scale_bounds: Scales are clipped to these.
+        A step that turns too far is shortened as a whole, and scales are kept within bounds.
         """
-        largest = np.abs(step[:, ROTATION]).max(axis=1)
-        step = step * np.minimum(1.0, max_turn / np.maximum(largest, 1e-12))[:, None]
-        own = np.stack([step[:, PART], step[:, CONTEXT]], axis=1)
-        return replace(
-            self,
-            R=rotation_exp(step[:, ROTATION]) @ self.R,
-            log_scales=np.clip(self.log_scales + own[..., :3], *log_scale_bounds),
-            translations=self.translations + own[..., 3:],
+        largest = np.abs(step[:, :3]).max(axis=1)
+        step = step * np.minimum(1.0, _MAX_TURN / np.maximum(largest, 1e-12))[:, None]
+        own = step[:, 3:].reshape(-1, 2, 6)
+        return AlignmentState(
+            rotation_exp(step[:, :3]) @ self.R,
+            np.clip(self.log_scales + own[..., :3], *_LOG_SCALE_BOUNDS),
+            self.translations + own[..., 3:],
         )
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Gauss-Newton normal equations H step = -g of K candidates, summed up term by term.
+    """Gauss-Newton normal equations H step = -g of K candidates, summed over the terms.
 
     Attributes:
         H: (K, UNKNOWNS, UNKNOWNS).
@@ -89,7 +79,7 @@ class NormalEquations:
         """Adds sum_i w_i |r_i|^2 / 2.
 
         Args:
-            columns: (c,) which unknowns the Jacobian is about.
+            columns: (c,) the unknowns that the Jacobian refers to.
             jacobian: (K, n, d, c).
             residual: (K, n, d).
             weight: (K, n).
@@ -101,6 +91,6 @@ class NormalEquations:
         self.g[:, columns] += (weighted @ residual.reshape(K, -1, 1))[..., 0]
 
     def solve(self, damping: float) -> np.ndarray:
-        """Returns the step (K, UNKNOWNS); `damping` keeps undetermined unknowns where they are."""
+        """Returns the step (K, UNKNOWNS); damping leaves undetermined unknowns unchanged."""
         H = self.H + damping * np.eye(UNKNOWNS)
         return -np.linalg.solve(H, self.g[..., None])[..., 0]

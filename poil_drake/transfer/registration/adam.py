@@ -8,50 +8,43 @@ from collections.abc import Iterable
 
 import torch
 
+_BETA_1, _BETA_2 = 0.9, 0.999  # Decay rates of the moments.
+_EPSILON = 1e-8  # Keeps the denominator from zero.
+
 
 class Adam:
-    """Adam (Kingma and Ba, ICLR 2015, algorithm 1), as `torch.optim.Adam` does it by default.
+    """Adam (Kingma and Ba, ICLR 2015, algorithm 1), with the defaults of `torch.optim.Adam`.
 
-    That one loads `torch._dynamo` when it is made, and with it, where PyTorch is built for CUDA,
-    Triton and its LLVM. In a process that has rendered with Mesa, which has an LLVM of its own,
-    this crashes.
+    Constructing an optimiser of PyTorch loads `torch._dynamo` and, where PyTorch is built for CUDA,
+    Triton with its LLVM. In a process that has rendered with Mesa, which brings another LLVM, this
+    crashes.
 
     Args:
-        parameters: What to optimise; their gradients are read.
+        parameters: The parameters, with gradients.
         learning_rate: The step size, alpha.
-        decays: Decay rates of the moments, beta_1 and beta_2.
-        epsilon: What keeps the denominator from zero.
     """
 
-    def __init__(
-        self,
-        parameters: Iterable[torch.nn.Parameter],
-        *,
-        learning_rate: float,
-        decays: tuple[float, float] = (0.9, 0.999),
-        epsilon: float = 1e-8,
-    ):
+    def __init__(self, parameters: Iterable[torch.nn.Parameter], *, learning_rate: float):
         self._parameters = list(parameters)
-        self._learning_rate, self._decays, self._epsilon = learning_rate, decays, epsilon
+        self._learning_rate = learning_rate
         self._steps = 0
         self._first = [torch.zeros_like(p) for p in self._parameters]
         self._second = [torch.zeros_like(p) for p in self._parameters]
 
     def zero_grad(self) -> None:
-        """Forgets the gradients."""
+        """Drops the gradients."""
         for parameter in self._parameters:
             parameter.grad = None
 
     @torch.no_grad()
     def step(self) -> None:
-        """Moves the parameters along their gradients; those without one stay."""
+        """Moves the parameters along their gradients; those without a gradient stay."""
         self._steps += 1
-        beta_1, beta_2 = self._decays
-        rate = self._learning_rate / (1.0 - beta_1**self._steps)
-        correction = math.sqrt(1.0 - beta_2**self._steps)
+        rate = self._learning_rate / (1.0 - _BETA_1**self._steps)
+        correction = math.sqrt(1.0 - _BETA_2**self._steps)
         for parameter, m, v in zip(self._parameters, self._first, self._second, strict=True):
             if parameter.grad is None:
                 continue
-            m.lerp_(parameter.grad, 1.0 - beta_1)
-            v.mul_(beta_2).addcmul_(parameter.grad, parameter.grad, value=1.0 - beta_2)
-            parameter.addcdiv_(m, (v.sqrt() / correction).add_(self._epsilon), value=-rate)
+            m.lerp_(parameter.grad, 1.0 - _BETA_1)
+            v.mul_(_BETA_2).addcmul_(parameter.grad, parameter.grad, value=1.0 - _BETA_2)
+            parameter.addcdiv_(m, (v.sqrt() / correction).add_(_EPSILON), value=-rate)

@@ -14,26 +14,24 @@ from torch import nn
 class DisplacementNetwork(nn.Module):
     """SIREN (Sitzmann et al., NeurIPS 2020) with three inputs and three outputs.
 
-    The last layer starts at zero, so that the displacement does, too.
+    The last layer starts at zero, and so do the displacements.
 
     Args:
         hidden_units: Width of the layers.
-        hidden_layers: Sine layers after the first.
+        hidden_layers: Number of sine layers after the first.
         frequency: omega_0: activations are sin(omega_0 (W x + b)).
-        seed: Of the first weights; the global generator is left alone.
+        seed: Seed of the initial weights; they do not depend on the global generator.
     """
 
     def __init__(self, *, hidden_units: int, hidden_layers: int, frequency: float, seed: int):
         super().__init__()
         self._frequency = frequency
         sizes = [3] + [hidden_units] * (hidden_layers + 1)
-        layers = [nn.Linear(a, b) for a, b in itertools.pairwise(sizes)]
-        self._layers = nn.ModuleList(layers)
+        self._layers = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
         self._last = nn.Linear(hidden_units, 3)
         generator = torch.Generator().manual_seed(seed)
         with torch.no_grad():
-            for k, layer in enumerate(layers):
-                inputs = layer.in_features
+            for k, (layer, inputs) in enumerate(zip(self._layers, sizes[:-1], strict=True)):
                 bound = 1.0 / inputs if k == 0 else math.sqrt(6.0 / inputs) / frequency
                 layer.weight.uniform_(-bound, bound, generator=generator)
                 layer.bias.uniform_(
@@ -52,11 +50,3 @@ class DisplacementNetwork(nn.Module):
         """Returns the displacements (P, 3) of points (P, 3) as an array."""
         with torch.no_grad():
             return self(torch.as_tensor(points, dtype=torch.float32)).numpy().astype(float)
-
-    def snapshot(self) -> dict[str, torch.Tensor]:
-        """Returns a copy of all weights."""
-        return {name: value.clone() for name, value in self.state_dict().items()}
-
-    def restore(self, snapshot: dict[str, torch.Tensor]) -> None:
-        """Sets all weights."""
-        self.load_state_dict(snapshot)

@@ -10,11 +10,11 @@ def local_reconstruction_weights(
     """Returns the neighbours of each point and the weights that reconstruct it from them.
 
     Locally linear embedding (Roweis and Saul, Science 2000): minimises |x_i - sum_j w_ij x_j|^2
-    with sum_j w_ij = 1. Affine maps of the cloud keep the reconstruction.
+    with sum_j w_ij = 1. The weights are invariant to affine maps of the cloud.
 
     Args:
         points: (P, 3), at least 2.
-        neighbours: How many, without the point itself; at most P - 1 are used.
+        neighbours: Number of neighbours, without the point itself; at most P - 1 are used.
         regularization: Ridge relative to the trace of the neighbourhood's Gram matrix.
 
     Returns:
@@ -23,7 +23,7 @@ def local_reconstruction_weights(
     """
     k = min(neighbours, len(points) - 1)
     _, indices = cKDTree(points).query(points, k=k + 1)
-    # The point itself is not always first where points coincide.
+    # Where points coincide, the point itself need not be the first.
     is_self = indices == np.arange(len(points))[:, None]
     is_self[~is_self.any(axis=1), -1] = True
     indices = indices[~is_self].reshape(len(points), k)

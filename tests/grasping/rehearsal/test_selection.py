@@ -3,14 +3,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from point_grids import point_grid
 
 from poil_drake.errors import InvalidValueError, NoFeasibleGraspError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import Failure, FeasibilityConfig
-from poil_drake.grasping.rehearsal.object_path import foresee_object_path
+from poil_drake.grasping.rehearsal.object_path import ObjectPathConfig, predict_object_path
 from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
-from poil_drake.grasping.rehearsal.selection import SelectionConfig, rank_grasps, select_grasp
+from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
 from poil_drake.robots.collision import SceneCloud
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
@@ -25,29 +26,29 @@ def top_grasp(place: np.ndarray, score: float = 0.8) -> GraspCandidate:
 
 @pytest.fixture
 def grasps(mug) -> list[GraspCandidate]:
-    """From above, on the rim: across the wall on either side of the mug."""
+    """From above, across the wall of the rim, on either side of the mug."""
     rim = mug.height - 0.006
     return [top_grasp(mug.center + np.array([0.0, y, rim])) for y in (0.038, -0.038)]
 
 
 @pytest.fixture
-def choose(mug, model):
-    def choose(grasps, matchings, obstacles=NOTHING, config=None):
-        return select_grasp(
+def rank(mug, model):
+    def rank(grasps, matchings, obstacles=NOTHING, feasibility=None) -> list[GraspChoice]:
+        return rank_grasps(
             grasps,
             matchings,
             model=model,
             scene=SceneCloud(obstacles),
             object_points=mug.cloud.points,
             part_points=mug.part_points,
-            config=config,
+            feasibility=feasibility,
         )
 
-    return choose
+    return rank
 
 
-def test_chosen_grasp_is_rehearsed_from_pregrasp_to_retreat(choose, grasps, matching, model):
-    dut = choose(grasps, [matching])
+def test_chosen_grasp_is_rehearsed_from_pregrasp_to_retreat(rank, grasps, matching, model):
+    dut = rank(grasps, [matching])[0]
 
     finding = dut.feasibility
     assert finding.failure is None
@@ -64,37 +65,46 @@ def test_chosen_grasp_is_rehearsed_from_pregrasp_to_retreat(choose, grasps, matc
     assert finding.clearance > 0.0
 
 
-def test_better_score_wins_between_like_grasps(choose, grasps, matching):
+def test_better_score_wins_between_like_grasps(rank, grasps, matching):
     worse = replace(grasps[0], score=0.1)
 
-    dut = choose([worse, grasps[0]], [matching])
+    dut = rank([worse, grasps[0]], [matching])[0]
 
     assert dut.candidate is grasps[0]
 
 
-def test_robot_collision_is_counted(choose, grasps, matching):
-    # A shelf over the goal leaves room for the mug, but not for the hand above it.
-    x, y = np.meshgrid(np.arange(0.35, 0.55, 0.01), np.arange(0.06, 0.2, 0.01))
-    shelf = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.33)], axis=1)
-
-    with pytest.raises(NoFeasibleGraspError, match="2 bring the robot into collision"):
-        choose(grasps, [matching], shelf)
+# Under the shelf over the goal there is space for the mug, but not for the hand above it.
+SHELF = point_grid(np.arange(0.35, 0.55, 0.01), np.arange(0.06, 0.2, 0.01), 0.33)
+WALL = point_grid(np.arange(0.35, 0.55, 0.004), 0.0, np.arange(0.01, 0.2, 0.004))
 
 
-def within(**box) -> SelectionConfig:
-    return SelectionConfig(feasibility=FeasibilityConfig(posture=PostureGuardConfig(**box)))
+@pytest.mark.parametrize(
+    ("obstacle", "says", "remedy"),
+    [
+        (SHELF, "2 bring the robot into collision", "Clear the space"),
+        (WALL, "2 bring the object into collision", "fixture"),
+    ],
+)
+def test_collisions_are_counted(rank, grasps, matching, obstacle, says, remedy):
+    with pytest.raises(NoFeasibleGraspError, match=says) as info:
+        rank(grasps, [matching], obstacle)
+    assert remedy in info.value.remedy
 
 
-def test_a_grasp_that_stays_in_the_box_is_chosen(choose, grasps, matching):
+def within(**box) -> FeasibilityConfig:
+    return FeasibilityConfig(posture=PostureGuardConfig(**box))
+
+
+def test_a_grasp_that_stays_in_the_box_is_chosen(rank, grasps, matching):
     # 0.2 m to the left, the grasps end at y = 0.138 m and y = 0.062 m; 2 cm are kept.
-    dut = choose(grasps, [matching], config=within(gripper_upper=(0.85, 0.1, 1.2)))
+    dut = rank(grasps, [matching], feasibility=within(gripper_upper=(0.85, 0.1, 1.2)))[0]
 
     assert dut.candidate is grasps[1]
 
 
-def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(choose, grasps, matching):
+def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(rank, grasps, matching):
     with pytest.raises(NoFeasibleGraspError, match="2 come too near to a face of the box") as info:
-        choose(grasps, [matching], config=within(gripper_upper=(0.85, 0.07, 1.2)))
+        rank(grasps, [matching], feasibility=within(gripper_upper=(0.85, 0.07, 1.2)))
 
     found = re.search(
         r"at best, posture.gripper_upper\[1\] is 0.07 m, .* (\S+) mm", str(info.value)
@@ -104,100 +114,67 @@ def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(choose, gra
     assert "poil.safety.posture" in info.value.remedy
 
 
-def test_the_best_configuration_of_the_arm_is_told(choose, mug, model, grasps, matching):
-    # The left elbow leaves the box by less in one of the arm's configurations than in others.
-    config = within(body_upper=(1.1, 0.1, 1.5))
-    checker = FeasibilityChecker(model=model, scene=SceneCloud(NOTHING), config=config.feasibility)
-    path = foresee_object_path(
-        matching.target_points,
-        matching.reference,
+def test_the_error_is_about_the_best_configuration_of_the_arm(rank, mug, model, grasps, matching):
+    # In one of the arm's configurations, the elbow leaves the box by less than in others.
+    feasibility = within(body_upper=(1.1, 0.1, 1.5))
+    checker = FeasibilityChecker(model=model, scene=SceneCloud(NOTHING), config=feasibility)
+    path = predict_object_path(
+        matching,
         object_points=mug.cloud.points,
         part_points=mug.part_points,
         scene=SceneCloud(NOTHING),
-        config=config.path,
-        collision=config.feasibility.collision,
+        config=ObjectPathConfig(),
+        collision=feasibility.collision,
     )
     findings = checker.rehearse(grasps, checker.configurations(grasps), path)
     outside = [f.workspace_clearance for f in findings if f.failure is Failure.WORKSPACE]
     assert len(set(outside)) > 2
 
     with pytest.raises(NoFeasibleGraspError, match="2 come too near") as info:
-        choose(grasps, [matching], config=config)
+        rank(grasps, [matching], feasibility=feasibility)
 
     assert f"passed by {-1e3 * max(outside):.1f} mm" in str(info.value)
 
 
 @pytest.mark.parametrize("margin", [-0.01, np.nan, np.inf])
-def test_a_margin_must_be_a_distance(margin: float) -> None:
+def test_rejects_a_margin_that_is_no_distance(margin: float) -> None:
     with pytest.raises(InvalidValueError, match="workspace_margin is"):
         FeasibilityConfig(workspace_margin=margin)
 
 
-def test_feasible_matching_is_chosen(choose, grasps, matching, mug, make_matching):
+def test_feasible_matching_is_chosen(rank, grasps, matching, mug, make_matching):
     away = make_matching(mug.part_points[::6], [0.6, 0.0, 0.2])
 
-    dut = choose(grasps, [away, matching])
-
-    assert dut.matching == 1
-    assert dut.rehearsed == 4
+    assert {choice.matching for choice in rank(grasps, [away, matching])} == {1}
 
 
-def test_pairs_are_ranked_by_cost(mug, model, grasps, matching):
-    choices = rank_grasps(
-        grasps,
-        [matching],
-        model=model,
-        scene=SceneCloud(NOTHING),
-        object_points=mug.cloud.points,
-        part_points=mug.part_points,
-    )
-
-    costs = [choice.feasibility.cost for choice in choices]
-    assert len(costs) == 2
-    assert costs == sorted(costs)
-
-
-def test_goal_out_of_reach_is_counted(choose, grasps, mug, make_matching):
+@pytest.mark.parametrize(
+    ("count", "says"),
+    [(1, "None of the 2 grasps is feasible: 2 leave"), (2, "None of the 2 grasps under 2 match")],
+)
+def test_goal_out_of_reach_is_counted(rank, grasps, mug, make_matching, count: int, says: str):
     away = make_matching(mug.part_points[::6], [0.6, 0.0, 0.2])
 
-    with pytest.raises(NoFeasibleGraspError, match="None of the 2 grasps is feasible: 2 leave"):
-        choose(grasps, [away])
+    with pytest.raises(NoFeasibleGraspError, match=says):
+        rank(grasps, [away] * count)
 
 
-def test_grasps_out_of_reach_are_counted(choose, matching):
+def test_grasps_out_of_reach_are_counted(rank, matching):
     far = [top_grasp(np.array([1.4, 0.1 * k, 0.1])) for k in range(3)]
 
     with pytest.raises(NoFeasibleGraspError, match="3 are out of the arm's reach") as info:
-        choose(far, [matching])
+        rank(far, [matching])
     assert "Move the object" in info.value.remedy
 
 
-def test_object_collision_is_counted(choose, grasps, matching):
-    x, z = np.meshgrid(np.arange(0.35, 0.55, 0.004), np.arange(0.01, 0.2, 0.004))
-    wall = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
-
-    with pytest.raises(NoFeasibleGraspError, match="2 bring the object into collision") as info:
-        choose(grasps, [matching], wall)
-    assert "fixture" in info.value.remedy
-
-
-def test_matchings_are_counted_too(choose, grasps, mug, make_matching):
-    away = make_matching(mug.part_points[::6], [0.6, 0.0, 0.2])
-
-    with pytest.raises(NoFeasibleGraspError, match="None of the 2 grasps under 2 matchings"):
-        choose(grasps, [away, away])
-
-
-def test_no_grasp_at_all_is_explained(choose, matching):
+def test_no_grasp_at_all_is_explained(rank, matching):
     with pytest.raises(NoFeasibleGraspError, match="No grasp was found on the object"):
-        choose([], [matching])
+        rank([], [matching])
 
 
-def test_every_grasp_is_rehearsed_whatever_the_batches(choose, grasps, matching):
-    few, all_at_once = (
-        choose(grasps * 4, [matching], config=SelectionConfig(batch=batch)) for batch in (3, 100)
-    )
+def test_grasps_of_all_batches_are_rehearsed_and_ranked_by_cost(rank, grasps, matching):
+    # 14 grasps make two batches.
+    costs = [choice.feasibility.cost for choice in rank(grasps * 7, [matching])]
 
-    assert few.rehearsed == all_at_once.rehearsed == 4 * len(grasps)
-    assert few.feasible == all_at_once.feasible
-    assert few.feasibility.cost == all_at_once.feasibility.cost
+    pair = [choice.feasibility.cost for choice in rank(grasps, [matching])]
+    np.testing.assert_array_equal(costs, np.repeat(sorted(pair), 7))

@@ -1,4 +1,4 @@
-"""The optimiser, against the formulas of its paper."""
+"""Compares the optimiser with the formulas of its paper."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def test_steps_are_those_of_the_paper() -> None:
-    # Torch is not imported before the test runs: others in this process may do without.
+    # Imported here: other tests in this process may not need torch.
     import torch
 
     from poil_drake.transfer.registration.adam import Adam
@@ -39,7 +39,7 @@ def test_the_registration_loads_no_compiler() -> None:
         "import sys, numpy as np\n"
         "from poil_drake.transfer.registration.non_rigid import *\n"
         "x = np.random.default_rng(0).normal(size=(60, 3))\n"
-        "register_non_rigid(x, 1.01 * x, config=NonRigidConfig(max_steps=3)).apply(x)\n"
+        "register_non_rigid(x, 1.01 * x, config=NonRigidConfig(max_steps=3))(x)\n"
         "print(*sorted({'torch._dynamo', 'triton'} & sys.modules.keys()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
