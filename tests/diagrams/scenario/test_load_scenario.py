@@ -133,12 +133,12 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ),
         ("{model_drivers: {panda: {hand_speed: 0}}}", "model_drivers.panda: .*hand_speed is 0"),
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but !PandaDriver"),
+        ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but a mapping .PandaDriver."),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
             "{cameras: {left: {X_PB: {translation: [1, 2]}}}}",
-            r"'cameras.left.X_PB.*' is .*\[1, 2\]",
+            r"'cameras.left.X_PB.translation' is \[1, 2\], but a list of 3 numbers",
         ),
         (
             "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
@@ -147,7 +147,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ),
         (
             "{cameras: {left: {X_PB: {translation: !UniformVector {min: [1, 2], max: [3, 4]}}}}}",
-            r"X_PB.translation' is .*\[3, 4\].*, but !UniformVector",
+            r"X_PB.translation.min' is \[1, 2\], but a list of 3 numbers",
         ),
         (
             "{cameras: {left: {renderer_class: 3}}}",
@@ -178,7 +178,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
         ("{poil: {parts: {'': body}}}", "a key of poil.parts, is empty"),
-        ("{directives: [{add_model: mug}]}", r"'directives\[0\].add_model' is 'mug', but AddModel"),
+        ("{directives: [{add_model: mug}]}", r"add_model' is 'mug', but a mapping \(AddModel\)"),
         ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),
         ("{simulator_config: {integration_scheme: euler}}", "'euler'.*runge_kutta3"),
         ("{simulator_config: {max_step_size: -1}}", "max_step_size is -1"),
