@@ -116,8 +116,8 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("[1", "not valid YAML"),
         ("[1]", "mapping"),
         ("mug", "'the scenario' is 'mug'.*mapping"),
-        ("{3: 4}", "a key that is no text, in line 1"),
-        ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' twice in one place, again in line 1"),
+        ("{3: 4}", "a key is not text.* at line 1"),
+        ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
         ("{random_seed: -1}", "random_seed is -1.*0 or a positive number"),
         ("{simulation_duration: .nan}", "simulation_duration is nan"),
         ("{poil: {rates: {tracker: .inf}}}", "rates: the period 'tracker' is inf s"),
@@ -235,8 +235,8 @@ def test_which_scenario_must_be_said_where_there_are_several() -> None:
         (b"HangMug: \x00", "not valid YAML"),
         (b"directives: []\npoil: {}\n", "begins with the keys of a scenario"),
         (b"HangMug: [1]\n", "mapping"),
-        (b"HangMug: {}\nHangMug: {}\n", "'HangMug' twice.*line 2"),
-        (b"1: {}\n", "no text, in line 1"),
+        (b"HangMug: {}\nHangMug: {}\n", "'HangMug' occurs twice at line 2"),
+        (b"1: {}\n", "not text.* at line 1"),
     ],
 )
 def test_a_file_that_is_no_scenario_file_is_refused(
@@ -271,28 +271,6 @@ def test_anchors_may_be_used_again_and_overridden() -> None:
     )
 
     assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
-
-
-def test_a_text_that_is_too_long_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "long.yaml"
-    path.write_text("HangMug:\n" + "# nothing\n" * 110_000)
-
-    with pytest.raises(ScenarioError, match="more than 1000000 characters"):
-        LoadScenario(filename=path)
-
-
-def test_anchors_that_unfold_to_too_much_are_refused() -> None:
-    # Ten lines of ten aliases each stand for 10^10 values.
-    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
-
-    with pytest.raises(ScenarioError, match="unfolds to more than 100000 values"):
-        LoadScenario(data="\n".join(lines))
-
-
-def test_an_anchor_within_itself_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="unfolds to more than"):
-        LoadScenario(data="directives: &a [*a]")
 
 
 def test_the_file_of_a_recording_is_relative_to_the_scenario(tmp_path: Path) -> None:
