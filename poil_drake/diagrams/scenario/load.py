@@ -141,7 +141,9 @@ def _with_absolute_paths(node: Any, directory: Path) -> Any:
     """Returns a scenario's node in which the relative paths of files start at a directory."""
 
     def url(path: str) -> str:
-        return path if "://" in path else f"file://{(directory / Path(path).expanduser()).resolve()}"
+        return (
+            path if "://" in path else f"file://{(directory / Path(path).expanduser()).resolve()}"
+        )
 
     def file(path: str) -> str:
         return str(directory / Path(path).expanduser()) if path else path

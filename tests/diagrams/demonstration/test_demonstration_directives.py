@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from pydrake.multibody.parsing import PackageMap
 
-from poil_drake.diagrams.demonstration.directives import demonstration_directives, models_left_out
+from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -25,7 +25,7 @@ def with_more(more: str) -> Scenario:
 
 
 def directives(scenario: Scenario) -> list:
-    return demonstration_directives(scenario, PackageMap.MakeEmpty())
+    return demonstration_directives(scenario, PackageMap.MakeEmpty())[0]
 
 
 def models(scenario: Scenario) -> dict[str, str]:
@@ -63,7 +63,8 @@ def test_what_the_robot_carries_is_left_out_with_it(tmp_path: Path) -> None:
         "{add_weld: {parent: 'probe::base', child: 'tip::base'}}]"
     )
 
-    assert models_left_out(scenario, PackageMap.MakeEmpty()) == {"panda", "probe", "tip"}
+    removed = demonstration_directives(scenario, PackageMap.MakeEmpty())[1]
+    assert removed == {"panda", "probe", "tip"}
     assert set(models(scenario)) == {"table", "rack", "mug"}
     DemonstrationScene(scenario, cameras=False)
 
@@ -83,21 +84,10 @@ def test_what_the_robot_stands_on_stays(tmp_path: Path) -> None:
     assert set(models(scenario)) == {"table", "rack", "mug", "base"}
 
 
-def test_collision_filters_lose_members_that_are_gone() -> None:
-    scenario = with_more(
-        "[{add_collision_filter_group: {name: arm, members: ['panda::panda_hand'],"
-        " ignored_collision_filter_groups: [mixed]}},"
-        "{add_collision_filter_group: {name: more, member_groups: [arm]}},"
-        "{add_collision_filter_group: {name: mixed, members: ['panda::panda_link0',"
-        " 'mug::handle', 'rack::rod'], ignored_collision_filter_groups: [more, mixed]}}]"
-    )
+def test_collision_filters_are_left_out() -> None:
+    scenario = with_more("[{add_collision_filter_group: {name: arm, members: ['panda::hand']}}]")
 
-    groups = [d.add_collision_filter_group for d in directives(scenario)]
-
-    [group] = [group for group in groups if group is not None]
-    assert (group.name, group.members) == ("mixed", ["rack::rod"])
-    assert group.ignored_collision_filter_groups == ["mixed"]
-    DemonstrationScene(scenario, cameras=False)
+    assert all(d.add_collision_filter_group is None for d in directives(scenario))
 
 
 def test_files_of_directives_are_read(tmp_path: Path) -> None:

@@ -21,13 +21,10 @@ def at(x, y, z):
     return X
 
 
-def test_how_deep_the_object_is_in_the_table(dut):
-    assert dut.penetration(at(0.4, 0.0, 0.01)) == 0.0
-    assert dut.penetration(at(0.4, 0.0, -0.004)) == pytest.approx(0.004, abs=1e-4)
-
-
-def test_parts_of_the_object_do_not_count_as_obstacles(dut):
-    assert dut.penetration(at(0.4, 0.0, 0.5)) == 0.0
+def test_the_distance_to_the_table_is_negative_within_it(dut):
+    assert dut.distance(at(0.4, 0.0, -0.004), ".*", "table", ".*") == pytest.approx(
+        -0.004, abs=1e-4
+    )
 
 
 def test_the_distance_between_links(dut):

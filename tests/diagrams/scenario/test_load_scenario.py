@@ -133,7 +133,10 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ),
         ("{model_drivers: {panda: {hand_speed: 0}}}", "model_drivers.panda: .*hand_speed is 0"),
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but a mapping .PandaDriver."),
+        (
+            "{model_drivers: {panda: !IiwaDriver {}}}",
+            "'!IiwaDriver', but a mapping .PandaDriver.",
+        ),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
