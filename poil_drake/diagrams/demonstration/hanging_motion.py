@@ -1,4 +1,4 @@
-"""The default demonstration: something with a handle is hung on a rod."""
+"""The default demonstration: an object with a handle is hung on a rod."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,18 @@ from poil_drake.diagrams.scenario.demonstration_config import HangingMotionConfi
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
 
-_STEEPEST_ROD = 0.9  # sine of the angle to the horizontal; handles slide off long before
+_STEEPEST_ROD = 0.9  # Sine of the angle from the horizontal; handles slide off steeper rods.
+
+_REST = 0.5  # [s] at the start and at the end, as people rest
+_LIFT = 1.0  # [s]
+_CARRY = 3.0  # [s]; keeps turning and tilting below 1 rad/s
+_SLIDE = 1.5  # [s]; the handle over the rod
+_LOWER = 0.75  # [s]; the handle onto the rod
 
 
 @dataclass(frozen=True)
 class _Rod:
-    """A rod: the middles of its two ends [m, world]."""
+    """A rod: the centres of its two ends [m, world]."""
 
     base: np.ndarray
     tip: np.ndarray
@@ -26,7 +32,7 @@ class _Rod:
 
 @dataclass(frozen=True)
 class _Handle:
-    """A handle in the object's frame: the middle of its opening [m], and where it points."""
+    """A handle in the object's frame: the centre of its opening [m] and its unit direction."""
 
     opening: np.ndarray
     direction: np.ndarray
@@ -37,17 +43,18 @@ def hanging_keyframes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns keyframes that hang the scene's object on the rod of its fixture.
 
-    The object's z axis is its upright, the handle is the scenario's functional part. The object
-    is lifted, carried before the rod's tip, slid onto the rod and lowered.
+    The object's z axis points up at the start; its handle is the scenario's functional part. The
+    object is lifted, carried to the rod's tip, slid onto the rod and lowered.
 
     Returns:
         (K,) times [s] and (K, 4, 4) poses of the object in the world [m].
 
     Raises:
-        ScenarioError: if the fixture has no such rod, or the object no such handle.
+        ScenarioError: The fixture has no suitable rod, or the object no suitable handle.
     """
     rod, handle = _find_rod(scene, config), _find_handle(scene)
-    turn = _turn_about_z(np.radians(config.start_yaw) - _heading(handle.direction))
+    heading = np.arctan2(handle.direction[1], handle.direction[0])
+    turn = _turn_about_z(np.radians(config.start_yaw) - heading)
     start = make_transform(turn, np.array(config.start))
     lifted = make_transform(turn, start[:3, 3] + np.array([0.0, 0.0, config.lift]))
     R = _hanging_rotation(rod.direction, handle, config.tilt)
@@ -56,13 +63,9 @@ def hanging_keyframes(
     before = over.copy()
     before[:3, 3] += rod.tip + config.approach * rod.direction - seat
     hung = over.copy()
-    hung[:3, 3] += _way_down(scene, over, rod, config)
-    durations = [
-        *(config.rest, config.lift_time, config.carry_time),
-        *(config.slide_time, config.settle_time, config.rest),
-    ]
-    poses = [start, start, lifted, before, over, hung, hung]
-    return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
+    hung[:3, 3] += _descent(scene, over, rod, config)
+    times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
+    return times, np.array([start, start, lifted, before, over, hung, hung])
 
 
 def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
@@ -70,14 +73,14 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
         raise ScenarioError(
-            f"The fixture '{fixture}' has no link, and no geometries, named '{config.rod}' that "
-            "collide.",
+            f"The fixture '{fixture}' has no link or geometry named '{config.rod}' with a "
+            "collision shape.",
             remedy="Name the rod's link or geometries in "
             "poil.demonstration_motion.hanging.rod, or give poil.demonstration_motion.keyframes.",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
-    # A rounded end is no place to hang: the axis ends a radius before it.
+    # Nothing hangs on a rounded end: the axis ends a radius before it.
     reach = (half[axis] - np.min(half)) * X_WB[:3, axis]
     ends = [X_WB[:3, 3] - reach, X_WB[:3, 3] + reach]
     foot = scene.model_position(fixture)
@@ -85,7 +88,7 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     rod = _Rod(*ends)
     if abs(rod.direction[2]) > _STEEPEST_ROD:
         raise ScenarioError(
-            f"The rod '{config.rod}' of '{fixture}' stands upright, so nothing hangs on it.",
+            f"The rod '{config.rod}' of '{fixture}' is upright, so nothing can hang on it.",
             remedy="Name another link in poil.demonstration_motion.hanging.rod, or give "
             "poil.demonstration_motion.keyframes.",
         )
@@ -96,8 +99,8 @@ def _find_handle(scene: DemonstrationScene) -> _Handle:
     boxes = scene.object_boxes(scene.part_link)
     if not boxes:
         raise ScenarioError(
-            f"The object of the demonstration has no link, and no geometries, named "
-            f"'{scene.part_link}' to collide with.",
+            f"The demonstration's object has no link or geometry named '{scene.part_link}' with "
+            "a collision shape.",
             remedy="Name a link or geometries as the part in poil.parts, or give "
             "poil.demonstration_motion.keyframes.",
         )
@@ -107,8 +110,8 @@ def _find_handle(scene: DemonstrationScene) -> _Handle:
     outward = np.array([middle[0], middle[1], 0.0])
     if np.linalg.norm(outward) < 1e-3:
         raise ScenarioError(
-            f"The part '{scene.part_link}' of the demonstration's object is not beside its z axis, "
-            "so it is no handle.",
+            f"The part '{scene.part_link}' of the demonstration's object lies on the object's z "
+            "axis, so it is no handle.",
             remedy="Give poil.demonstration_motion.keyframes.",
         )
     direction = outward / np.linalg.norm(outward)
@@ -118,10 +121,10 @@ def _find_handle(scene: DemonstrationScene) -> _Handle:
 
 
 def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarray:
-    """Returns the object's orientation (3, 3): the handle's opening faces along the rod.
+    """Returns the object's orientation (3, 3) in which the handle's opening faces the rod.
 
-    In the plane across the rod the handle points upwards by `tilt` [deg] from the horizontal, on
-    the side of the world's +x, away from the robot.
+    In the plane perpendicular to the rod, the handle points up by `tilt` [deg] from the horizontal,
+    on the side of the world's +x axis, away from the robot.
     """
     up = np.array([0.0, 0.0, 1.0]) - rod[2] * rod
     up /= np.linalg.norm(up)
@@ -136,12 +139,13 @@ def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarr
     return world @ own.T
 
 
-def _way_down(
+def _descent(
     scene: DemonstrationScene, over: np.ndarray, rod: _Rod, config: HangingMotionConfig
 ) -> np.ndarray:
-    """Returns how the object moves [m] until the handle is `clearance` above the rod.
+    """Returns the displacement [m] down to where the handle is `clearance` above the rod.
 
-    Across the rod, downwards; found by bisection of the distance between handle and rod.
+    It is perpendicular to the rod; its length is found by bisection of the distance between handle
+    and rod.
     """
     down = rod.direction[2] * rod.direction - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down)
@@ -153,7 +157,7 @@ def _way_down(
 
     if gap(0.0) < config.clearance:
         raise ScenarioError(
-            f"The rod passes the handle with only {1000 * gap(0.0):.1f} mm to spare.",
+            f"The rod fits through the handle with a gap of only {1000 * gap(0.0):.1f} mm.",
             remedy="Use a thinner rod or a larger handle, or give "
             "poil.demonstration_motion.keyframes.",
         )
@@ -162,17 +166,13 @@ def _way_down(
         low, high = high, high + 0.002
         if high > 0.2:
             raise ScenarioError(
-                "The part has no opening that could hang on the rod.",
+                "The functional part has no opening that can hang on the rod.",
                 remedy="Give poil.demonstration_motion.keyframes.",
             )
     for _ in range(30):
         middle = (low + high) / 2
         low, high = (middle, high) if gap(middle) > config.clearance else (low, middle)
     return low * down
-
-
-def _heading(direction: np.ndarray) -> float:
-    return float(np.arctan2(direction[1], direction[0]))
 
 
 def _turn_about_z(angle: float) -> np.ndarray:

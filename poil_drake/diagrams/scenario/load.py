@@ -155,9 +155,9 @@ def _with_absolute_paths(node: Any, directory: Path) -> Any:
 
 
 def _replaced(node: Any, place: Sequence[str], change: Callable[[str], str]) -> Any:
-    """Returns a node whose texts at a place are changed; what has another form stays as it is."""
+    """Returns a node with the texts at a place changed; nodes of another form stay the same."""
     if not place:
-        return change(node) if isinstance(node, str) else node
+        return change(node) if node and isinstance(node, str) else node
     head, *rest = place
     if isinstance(node, dict):
         return {k: _replaced(v, rest, change) if head in ("*", k) else v for k, v in node.items()}

@@ -38,7 +38,10 @@ def test_values_that_make_no_sense_are_named(field: str, value: float) -> None:
             f"hardware: {{cameras: {{left: !LcmImages {{channel: {'A' * 64}}}}}}}",
             "LcmImages.channel",
         ),
-        ("hardware: {command_expiry: 0.05}", "stall_limit is 0.08 s, and .*command_expiry 0.05 s"),
+        (
+            "hardware: {command_expiry: 0.05}",
+            "stall_limit is 0.08 s and .*expiry is 0.05 s",
+        ),
         ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05, but poil.table_height"),
     ],
 )
