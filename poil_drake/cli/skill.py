@@ -1,0 +1,247 @@
+"""The verbs that lead from a demonstration to a skill: run, demo, transfer, execute, driver."""
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from poil_drake.cli.options import (
+    Detector,
+    DryRun,
+    Hardware,
+    Html,
+    Json,
+    Mcap,
+    NoMeshcat,
+    Png,
+    RealtimeRate,
+    ScenarioArgument,
+    ScenarioFile,
+    ScenarioName,
+    ScenarioText,
+    Seed,
+    Speed,
+    TimeScale,
+    Tracker,
+    choose_scenario,
+    positive,
+    require_hardware,
+)
+
+if TYPE_CHECKING:
+    from poil_drake.reports.run_summary import RunSummary
+
+
+def run(
+    scenario: ScenarioArgument = None,
+    scenario_file: ScenarioFile = None,
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    hardware: Hardware = False,
+    seed: Seed = None,
+    tracker: Tracker = None,
+    detector: Detector = None,
+    html: Html = None,
+    mcap: Mcap = None,
+    png: Png = None,
+    json: Json = None,
+    no_meshcat: NoMeshcat = False,
+    realtime_rate: RealtimeRate = None,
+    speed: Speed = None,
+    time_scale: TimeScale = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Do the whole job: demonstration, transfer, grasp, closed loop.
+
+    The outputs are out/run.html, out/run.mcap (with the plan), out/run.png and out/run.json, or
+    where the options say; a list of them is printed at the end. The built-in demonstration is
+    recorded to demo.mcap beside run.json.
+    """
+    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.skill_run import RunSkill
+
+    chosen = choose_scenario(
+        scenario,
+        scenario_name,
+        scenario_text,
+        file=scenario_file,
+        seed=seed,
+        tracker=tracker,
+        detector=detector,
+        speed=speed,
+        time_scale=time_scale,
+    )
+    summary = RunSkill(
+        chosen,
+        outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
+        hardware=hardware,
+        dry_run=dry_run,
+        show=not no_meshcat,
+        realtime_rate=realtime_rate,
+    )
+    _end(summary)
+
+
+def demo_record(
+    scenario: ScenarioArgument = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The recording.")] = Path(
+        "out/demo.mcap"
+    ),
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    seed: Seed = None,
+) -> None:
+    """Simulate and record a demonstration: the object moves without a robot."""
+    from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
+    from poil_drake.runtime.output_files import require_writable
+
+    chosen = choose_scenario(scenario, scenario_name, scenario_text, seed=seed)
+    require_writable(output, inputs=(chosen.source.file,))
+    frames = RecordScenarioDemonstration(chosen, output)
+    typer.echo(f"recorded {frames} frames to {output}")
+
+
+def demo_show(
+    demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Default: its name under out/, ending in .png."),
+    ] = None,
+) -> None:
+    """Draw a demonstration's contact sheet as PNG."""
+    from poil_drake.recording.demonstration.demonstration import load_demonstration
+    from poil_drake.reports.contact_sheet import contact_sheet
+    from poil_drake.runtime.output_files import require_writable
+
+    frames = load_demonstration(demonstration)
+    picture = output or Path("out") / demonstration.with_suffix(".png").name
+    require_writable(picture, inputs=(demonstration,))
+    contact_sheet(frames, picture)
+    typer.echo(f"drew {picture}")
+
+
+def transfer(
+    demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
+    scenario: ScenarioArgument = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The plan (npz).")] = Path(
+        "out/plan.npz"
+    ),
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    seed: Seed = None,
+    detector: Detector = None,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Look at the real scene, through the real cameras.")
+    ] = False,
+) -> None:
+    """Make a plan from a demonstration for the scenario's object."""
+    from poil_drake.diagrams.run.planning import PlanScenario
+    from poil_drake.runtime.output_files import require_writable
+
+    chosen = choose_scenario(scenario, scenario_name, scenario_text, seed=seed, detector=detector)
+    require_writable(output, inputs=(demonstration, chosen.source.file))
+    plan = PlanScenario(chosen, demonstration, hardware=hardware)
+    plan.save(output)
+    typer.echo(f"wrote the plan to {output}")
+
+
+def execute(
+    plan: Annotated[Path, typer.Argument(help="A plan (npz) of `poil transfer`.")],
+    scenario: ScenarioArgument = None,
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    hardware: Hardware = False,
+    seed: Seed = None,
+    tracker: Tracker = None,
+    html: Html = None,
+    mcap: Mcap = None,
+    png: Png = None,
+    json: Json = None,
+    no_meshcat: NoMeshcat = False,
+    realtime_rate: RealtimeRate = None,
+    speed: Speed = None,
+    time_scale: TimeScale = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Execute a plan in closed loop.
+
+    The outputs are those of `poil run`.
+    """
+    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.skill_run import ExecutePlan
+    from poil_drake.grasping.execution_plan import ExecutionPlan
+
+    chosen = choose_scenario(
+        scenario,
+        scenario_name,
+        scenario_text,
+        seed=seed,
+        tracker=tracker,
+        speed=speed,
+        time_scale=time_scale,
+    )
+    summary = ExecutePlan(
+        ExecutionPlan.load(plan),
+        chosen,
+        outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
+        hardware=hardware,
+        dry_run=dry_run,
+        show=not no_meshcat,
+        realtime_rate=realtime_rate,
+        inputs=(plan,),
+    )
+    _end(summary)
+
+
+def _end(summary: "RunSummary") -> None:
+    """Prints where a run's outputs are, then its outcome, which is also the exit status."""
+    titles = {"html": "recording", "mcap": "log", "png": "picture", "json": "figures"}
+    for kind, title in titles.items():
+        if kind in summary.outputs:
+            typer.echo(f"{title:<10} {summary.outputs[kind]}")
+    if "mcap" in summary.outputs:
+        typer.echo(f"plan       plan.npz in {summary.outputs['mcap']}")
+    typer.echo(summary.closing_line())
+    raise typer.Exit(0 if summary.success else 1)
+
+
+def driver(
+    scenario: ScenarioArgument = None,
+    scenario_name: ScenarioName = None,
+    scenario_text: ScenarioText = None,
+    seed: Seed = None,
+    time_scale: TimeScale = None,
+    duration: Annotated[
+        float,
+        typer.Option(
+            "--duration",
+            callback=positive,
+            help="End after this time (seconds of the robot's time). Default: never.",
+        ),
+    ] = math.inf,
+    json: Annotated[
+        Path | None, typer.Option("--json", help="A summary (JSON). Default: none.")
+    ] = None,
+    meshcat: Annotated[
+        bool, typer.Option("--meshcat", help="Serve a page that shows the simulated scene.")
+    ] = False,
+) -> None:
+    """Simulate a Franka's driver and cameras, for `poil run --hardware`."""
+    from poil_drake.diagrams.run.driver_run import RunDriver
+    from poil_drake.runtime.output_files import require_writable
+
+    chosen = choose_scenario(
+        scenario, scenario_name, scenario_text, seed=seed, time_scale=time_scale
+    )
+    if json is not None:
+        require_writable(json, inputs=(chosen.source.file,))
+    RunDriver(chosen, duration=duration, json=json, show=meshcat, say=_say)
+
+
+def _say(line: str) -> None:
+    typer.echo(line)
+    sys.stdout.flush()
