@@ -230,15 +230,6 @@ def test_a_group_of_verbs_alone_shows_its_help(
     assert "poil:" not in said.err
 
 
-def test_help_lists_the_verbs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, ["--help"]) == 0
-    text = capsys.readouterr().out
-    for verb in ("run", "demo", "transfer", "execute", "bench", "doctor"):
-        assert verb in text
-
-
 def test_options_of_the_control_study_arrive(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -98,6 +98,5 @@ def test_make_lists_every_target() -> None:
     ]
 
     assert told[0] == told[1]
-    assert sorted(re.findall(r"^make (\w+)", told[0], flags=re.MULTILINE)) == sorted(
-        targets.split()
-    )
+    listed = re.findall(r"^make (\w+)", told[0], flags=re.MULTILINE)
+    assert sorted(listed) == sorted(targets.split())
