@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from poil_drake.errors import InvalidValueError
 
 HANDLE_SHAPES = ("c", "d", "square", "ear")
-"""Handle outlines: half circle, flat-sided half circle, rounded square, ear (wide at the top)."""
+"""Handle outlines: half circle, flat-sided half circle, rounded square, ear (wider at the top)."""
 
 TEXTURES = ("plain", "stripes", "dots", "checks", "noise", "logo")
-"""Surface decorations; "plain" has one colour and nothing to track but its outline."""
+"""Surface decorations. "plain" has one colour, so a tracker sees only the outline."""
 
 ROD_CLEARANCE = (0.026, 0.040)
-"""Smallest hole of a handle, radially and upwards [m], that an 11 mm rod passes with ease."""
+"""Smallest opening of a handle, radial and vertical [m], through which an 11 mm rod fits easily."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,16 +23,16 @@ class MugParameters:
         radius: Outer radius of the body at the rim [m].
         taper: Radius at the bottom over the radius at the rim.
         height: Height of the body [m].
-        wall: Thickness of the wall [m]; a gripper's opening must admit it.
+        wall: Thickness of the wall [m]; it must fit between the gripper's fingers.
         handle_shape: One of HANDLE_SHAPES.
-        handle_clearance: Radial opening between the body and the handle's inside [m].
-        handle_opening: Opening of the handle in the direction of the mug's axis [m].
-        handle_height: Height of the handle's centre over the underside [m].
+        handle_clearance: Radial opening between the body and the inside of the handle [m].
+        handle_opening: Opening of the handle along the mug's axis [m].
+        handle_height: Height of the handle's centre above the underside [m].
         handle_radius: Half the thickness of the handle's tube [m].
         texture: One of TEXTURES.
         color: Base colour, RGB in [0, 1].
         accent: Colour of the decoration, RGB in [0, 1].
-        seed: Makes the decoration of a "noise", "dots" or "logo" texture its own.
+        seed: Seed of the decoration.
         mass: Mass of body and handle together [kg].
     """
 
