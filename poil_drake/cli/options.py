@@ -70,24 +70,15 @@ RealtimeRate = Annotated[
 ]
 TimeScale = Annotated[
     float | None,
-    typer.Option(
-        "--time-scale",
-        callback=finite,
-        help="Seconds of the robot's time per second, the same for run and simulated driver.",
-    ),
+    typer.Option("--time-scale", help="Robot's seconds per second; for run and driver the same."),
 ]
 Speed = Annotated[
     float | None,
-    typer.Option(
-        "--speed", callback=finite, help="On hardware: factor on the simulated speed, in (0, 1]."
-    ),
+    typer.Option("--speed", help="On hardware: factor on the simulated speed, in (0, 1]."),
 ]
 DryRun = Annotated[
     bool,
-    typer.Option(
-        "--dry-run",
-        help="On hardware: show the motion from the robot's posture; send no commands.",
-    ),
+    typer.Option("--dry-run", help="On hardware: show the motion, but send no commands."),
 ]
 
 

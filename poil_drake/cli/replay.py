@@ -9,12 +9,6 @@ from typer.exceptions import TyperException
 from poil_drake.errors import PoilError
 
 
-class _NotReplayed(TyperException):
-    """The log cannot be replayed, so its commands are neither the same nor different."""
-
-    exit_code = 2
-
-
 def replay(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")],
     json: Annotated[Path | None, typer.Option("--json", help="All figures.")] = None,
@@ -45,10 +39,9 @@ def replay(
             scenario_text=scenario_text,
             outputs=OutputPaths(mcap=mcap, png=png, json=json),
         )
-    except PoilError as error:
-        raise _NotReplayed(str(error)) from error
-    except OSError as error:
-        where = "" if error.filename is None else f"'{error.filename}': "
-        raise _NotReplayed(f"{where}{error.strerror or error}.") from error
+    except (PoilError, OSError) as error:
+        failure = TyperException(str(error))
+        failure.exit_code = 2
+        raise failure from error
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.same else 1)

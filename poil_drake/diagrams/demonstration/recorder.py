@@ -1,6 +1,6 @@
 """Simulates a demonstration: the object moves as if held by a hand, and the cameras record it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ def RecordDemonstration(
     scenario: Scenario,
     path: str | Path,
     *,
-    metadata: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> int:
     """Records the scenario's built-in demonstration.
@@ -33,7 +32,6 @@ def RecordDemonstration(
     Args:
         scenario: The scenario.
         path: The MCAP file to write; it appears when the recording is complete.
-        metadata: Further entries for the file's metadata.
         progress: Called with the activity and its completed fraction in [0, 1].
 
     Returns:
@@ -58,7 +56,6 @@ def RecordDemonstration(
         "fixture": scenario.poil.fixture,
         "part": scenario.poil.part,
         "seed": str(scenario.random_seed),
-        **(metadata or {}),
     }
     text = DumpScenario(scenario)
     with DemonstrationWriter(path, scene.camera_names, contents, scenario_text=text) as writer:

@@ -25,13 +25,6 @@ class Keyframe:
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        if not np.isfinite([self.time, *self.translation, *self.rpy]).all():
-            raise ScenarioError(
-                f"The keyframe at {self.time} s holds a value that is not finite.",
-                remedy="Correct it in poil.demonstration_motion.keyframes.",
-            )
-
     @property
     def pose(self) -> np.ndarray:
         """The (4, 4) pose of the object in the world [m]."""
@@ -74,11 +67,6 @@ class HangingMotionConfig:
         place = "poil.demonstration_motion.hanging"
         for name in ("clearance", "lift", "approach"):
             require_positive(f"{place}.{name}", getattr(self, name))
-        if not np.isfinite([*self.start, self.start_yaw, self.tilt]).all():
-            raise ScenarioError(
-                f"{place} has a start, start_yaw or tilt that is not finite.",
-                remedy="Write finite numbers.",
-            )
         if not 0.0 <= self.seat <= 1.0:
             raise ScenarioError(
                 f"{place}.seat is {self.seat}.",

@@ -114,11 +114,6 @@ class PoilConfig:
             raise ScenarioError(
                 "poil.part, or a key of poil.parts, is empty.", remedy="Give each part a name."
             )
-        if not math.isfinite(self.table_height):
-            raise ScenarioError(
-                f"poil.table_height is {self.table_height}.",
-                remedy="It must be a finite height in metres.",
-            )
         for role, other in (("object", "fixture"), ("object", "robot"), ("fixture", "robot")):
             if getattr(self, role) == getattr(self, other):
                 raise ScenarioError(

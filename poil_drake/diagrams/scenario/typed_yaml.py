@@ -80,7 +80,9 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
         wanted = f"a list of {len(arguments)} values"
     elif base not in (list, tuple, dict, Mapping):
         try:
-            return _scalar_or_array(node, schema)
+            value = _scalar_or_array(node, schema)
+            if schema not in (float, np.ndarray) or not np.isnan(value).any():
+                return value
         except (ValueError, TypeError, ZeroDivisionError):
             pass
     given = node.get("_tag", node) if isinstance(node, Mapping) else node

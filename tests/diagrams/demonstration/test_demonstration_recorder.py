@@ -28,7 +28,6 @@ def recording(tmp_path_factory):
     count = RecordDemonstration(
         load(),
         path,
-        metadata={"occasion": "a test"},
         progress=lambda what, share: said.append((what, share)),
     )
     return path, count, said
@@ -47,7 +46,6 @@ def test_frames_come_at_the_trackers_rate(recording):
     assert dut.metadata["scenario"] == "HangMug"
     assert dut.metadata["object"] == "mug_demo"
     assert dut.metadata["seed"] == "0"
-    assert dut.metadata["occasion"] == "a test"
 
 
 @pytest.mark.render
@@ -100,7 +98,6 @@ def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
     RecordDemonstration(
         load(),
         tmp_path / "again.mcap",
-        metadata={"occasion": "a test"},
     )
 
     assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()

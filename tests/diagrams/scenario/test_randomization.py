@@ -105,14 +105,14 @@ def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
 @pytest.mark.parametrize(
     ("pose", "says"),
     [
-        ("{}", "'mug' names 0 default poses.*leave out the ranges"),
+        ("{}", "'mug' has 0 default poses.*remove the ranges"),
         (
             "{body: {translation: [0, 0, 0]}, lid: {translation: [0, 0, 0]}}",
-            "names 2 default poses",
+            "has 2 default poses",
         ),
         (
             "{body: {translation: !UniformVector {min: [0, 0, 0], max: [1, 1, 0]}}}",
-            "'mug' is random already",
+            "'mug' is already random",
         ),
     ],
 )
