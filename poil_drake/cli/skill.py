@@ -1,57 +1,37 @@
 """The verbs that lead from a demonstration to a skill: run, demo, transfer, execute, driver."""
 
 import math
-import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from poil_drake.cli.options import (
-    Detector,
-    DryRun,
-    Hardware,
-    Html,
-    Json,
-    Mcap,
-    NoMeshcat,
-    Png,
-    RealtimeRate,
-    ScenarioArgument,
-    ScenarioFile,
-    ScenarioName,
-    ScenarioText,
-    Seed,
-    Speed,
-    TimeScale,
-    Tracker,
-    choose_scenario,
-    positive,
-    require_hardware,
-)
+from poil_drake.cli import options
+from poil_drake.cli.options import choose_scenario, positive, require_hardware
 
 if TYPE_CHECKING:
     from poil_drake.reports.run_summary import RunSummary
 
 
 def run(
-    scenario: ScenarioArgument = None,
-    scenario_file: ScenarioFile = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    hardware: Hardware = False,
-    seed: Seed = None,
-    tracker: Tracker = None,
-    detector: Detector = None,
-    html: Html = None,
-    mcap: Mcap = None,
-    png: Png = None,
-    json: Json = None,
-    no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = None,
-    speed: Speed = None,
-    time_scale: TimeScale = None,
-    dry_run: DryRun = False,
+    scenario: options.ScenarioArgument = None,
+    scenario_file: options.ScenarioFile = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+    hardware: options.Hardware = False,
+    seed: options.Seed = None,
+    tracker: options.Tracker = None,
+    detector: options.Detector = None,
+    html: options.Html = None,
+    mcap: options.Mcap = None,
+    png: options.Png = None,
+    json: options.Json = None,
+    no_meshcat: options.NoMeshcat = False,
+    realtime_rate: options.RealtimeRate = None,
+    speed: options.Speed = None,
+    time_scale: options.TimeScale = None,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Do the whole job: demonstration, transfer, grasp, closed loop.
 
@@ -86,13 +66,13 @@ def run(
 
 
 def demo_record(
-    scenario: ScenarioArgument = None,
+    scenario: options.ScenarioArgument = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="The recording.")] = Path(
         "out/demo.mcap"
     ),
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+    seed: options.Seed = None,
 ) -> None:
     """Simulate and record a demonstration: the object moves without a robot."""
     from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
@@ -125,14 +105,14 @@ def demo_show(
 
 def transfer(
     demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
-    scenario: ScenarioArgument = None,
+    scenario: options.ScenarioArgument = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan (npz).")] = Path(
         "out/plan.npz"
     ),
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
-    detector: Detector = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+    seed: options.Seed = None,
+    detector: options.Detector = None,
     hardware: Annotated[
         bool, typer.Option("--hardware", help="Look at the real scene, through the real cameras.")
     ] = False,
@@ -150,21 +130,21 @@ def transfer(
 
 def execute(
     plan: Annotated[Path, typer.Argument(help="A plan (npz) of `poil transfer`.")],
-    scenario: ScenarioArgument = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    hardware: Hardware = False,
-    seed: Seed = None,
-    tracker: Tracker = None,
-    html: Html = None,
-    mcap: Mcap = None,
-    png: Png = None,
-    json: Json = None,
-    no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = None,
-    speed: Speed = None,
-    time_scale: TimeScale = None,
-    dry_run: DryRun = False,
+    scenario: options.ScenarioArgument = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+    hardware: options.Hardware = False,
+    seed: options.Seed = None,
+    tracker: options.Tracker = None,
+    html: options.Html = None,
+    mcap: options.Mcap = None,
+    png: options.Png = None,
+    json: options.Json = None,
+    no_meshcat: options.NoMeshcat = False,
+    realtime_rate: options.RealtimeRate = None,
+    speed: options.Speed = None,
+    time_scale: options.TimeScale = None,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Execute a plan in closed loop.
 
@@ -210,11 +190,11 @@ def _end(summary: "RunSummary") -> None:
 
 
 def driver(
-    scenario: ScenarioArgument = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
-    time_scale: TimeScale = None,
+    scenario: options.ScenarioArgument = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+    seed: options.Seed = None,
+    time_scale: options.TimeScale = None,
     duration: Annotated[
         float,
         typer.Option(
@@ -239,9 +219,5 @@ def driver(
     )
     if json is not None:
         require_writable(json, inputs=(chosen.source.file,))
-    RunDriver(chosen, duration=duration, json=json, show=meshcat, say=_say)
-
-
-def _say(line: str) -> None:
-    typer.echo(line)
-    sys.stdout.flush()
+    say = partial(print, flush=True)
+    RunDriver(chosen, duration=duration, json=json, show=meshcat, say=say)

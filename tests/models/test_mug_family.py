@@ -113,8 +113,6 @@ def test_the_family_has_plain_members_and_a_demonstrator() -> None:
     ("field", "value", "says"),
     [
         ("radius", 0.2, "between 0.032 and 0.045"),
-        ("handle_shape", "round", "c, d, square, ear"),
-        ("texture", "lace", "plain, stripes"),
         ("handle_opening", 0.08, "does not fit"),
         ("handle_clearance", 0.01, "between 0.026"),
     ],

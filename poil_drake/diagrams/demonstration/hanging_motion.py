@@ -72,11 +72,9 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     fixture = scene.fixture_name
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
-        raise ScenarioError(
-            f"The fixture '{fixture}' has no link or geometry named '{config.rod}' with a "
-            "collision shape.",
-            remedy="Name the rod's link or geometries in "
-            "poil.demonstration_motion.hanging.rod, or give poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The fixture '{fixture}' has no link or geometry '{config.rod}' that collides.",
+            "Name the rod's link or geometries in poil.demonstration_motion.hanging.rod",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
@@ -87,10 +85,9 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     ends.sort(key=lambda end: float(np.linalg.norm((end - foot)[:2])))
     rod = _Rod(*ends)
     if abs(rod.direction[2]) > _STEEPEST_ROD:
-        raise ScenarioError(
+        raise _unsuitable(
             f"The rod '{config.rod}' of '{fixture}' is upright, so nothing can hang on it.",
-            remedy="Name another link in poil.demonstration_motion.hanging.rod, or give "
-            "poil.demonstration_motion.keyframes.",
+            "Name another link in poil.demonstration_motion.hanging.rod",
         )
     return rod
 
@@ -98,26 +95,29 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
 def _find_handle(scene: DemonstrationScene) -> _Handle:
     boxes = scene.object_boxes(scene.part_link)
     if not boxes:
-        raise ScenarioError(
-            f"The demonstration's object has no link or geometry named '{scene.part_link}' with "
-            "a collision shape.",
-            remedy="Name a link or geometries as the part in poil.parts, or give "
-            "poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The demonstration's object has no link or geometry '{scene.part_link}' that "
+            "collides.",
+            "Name a link or geometries as the part in poil.parts",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     outward = np.array([middle[0], middle[1], 0.0])
     if np.linalg.norm(outward) < 1e-3:
-        raise ScenarioError(
+        raise _unsuitable(
             f"The part '{scene.part_link}' of the demonstration's object lies on the object's z "
             "axis, so it is no handle.",
-            remedy="Give poil.demonstration_motion.keyframes.",
+            "Choose another poil.part",
         )
     direction = outward / np.linalg.norm(outward)
     along = corners @ direction
     opening = direction * (along.min() + along.max()) / 2 + [0.0, 0.0, middle[2]]
     return _Handle(opening, direction)
+
+
+def _unsuitable(problem: str, remedy: str) -> ScenarioError:
+    return ScenarioError(problem, remedy=f"{remedy}, or give poil.demonstration_motion.keyframes.")
 
 
 def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarray:
@@ -156,18 +156,17 @@ def _descent(
         return scene.distance(pose, scene.part_link, scene.fixture_name, config.rod)
 
     if gap(0.0) < config.clearance:
-        raise ScenarioError(
+        raise _unsuitable(
             f"The rod fits through the handle with a gap of only {1000 * gap(0.0):.1f} mm.",
-            remedy="Use a thinner rod or a larger handle, or give "
-            "poil.demonstration_motion.keyframes.",
+            "Use a thinner rod or a larger handle",
         )
     low, high = 0.0, config.clearance
     while gap(high) > config.clearance:
         low, high = high, high + 0.002
         if high > 0.2:
-            raise ScenarioError(
+            raise _unsuitable(
                 "The functional part has no opening that can hang on the rod.",
-                remedy="Give poil.demonstration_motion.keyframes.",
+                "Choose another poil.part",
             )
     for _ in range(30):
         middle = (low + high) / 2

@@ -50,7 +50,7 @@ class DemonstrationScene:
         builder = DiagramBuilder()
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
         parser = Parser(self._plant)
-        AddPackages(parser, ())
+        AddPackages(parser)
         directives, removed = demonstration_directives(scenario, parser.package_map())
         AddModels(parser, directives)
         for role, name in (("object", poil.object), ("fixture", poil.fixture)):
@@ -89,7 +89,8 @@ class DemonstrationScene:
     def put_object(self, X_WO: np.ndarray) -> None:
         """Sets the object's (4, 4) pose in the world [m]."""
         plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
-        self._plant.SetFreeBodyPose(plant_context, self._object_body(), RigidTransform(X_WO))
+        body = self._first_body(self.object_name)
+        self._plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WO))
 
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Returns one image of every camera at a time [s], which seeds the noise."""
@@ -121,17 +122,12 @@ class DemonstrationScene:
 
     def object_boxes(self, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Returns the boxes around a part of the object, in the object's frame."""
-        body = self._object_body()
-        plant_context = self._plant.GetMyContextFromRoot(self._context)
-        X_OW = inverse(body.EvalPoseInWorld(plant_context).GetAsMatrix4())
+        X_OW = inverse(self._pose(self.object_name).GetAsMatrix4())
         return [(X_OW @ X_WB, half) for X_WB, half in self.boxes(self.object_name, part)]
 
     def model_position(self, model: str) -> np.ndarray:
         """Returns the position of a model's first body in the world [m]."""
-        instance = self._plant.GetModelInstanceByName(model)
-        body = self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
-        plant_context = self._plant.GetMyContextFromRoot(self._context)
-        return body.EvalPoseInWorld(plant_context).translation()
+        return self._pose(model).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
         """Returns the signed distance [m] from a part of the object at X_WO to another part."""
@@ -146,9 +142,13 @@ class DemonstrationScene:
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)
 
-    def _object_body(self) -> RigidBody:
-        instance = self._plant.GetModelInstanceByName(self.object_name)
+    def _first_body(self, model: str) -> RigidBody:
+        instance = self._plant.GetModelInstanceByName(model)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+
+    def _pose(self, model: str) -> RigidTransform:
+        plant_context = self._plant.GetMyContextFromRoot(self._context)
+        return self._first_body(model).EvalPoseInWorld(plant_context)
 
     def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)

@@ -44,7 +44,7 @@ def AddScenarioPlant(
     return plant, scene_graph
 
 
-def AddPackages(parser: Parser, package_xmls: Sequence[str | Path]) -> None:
+def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
     """Adds the packages of our models, of the Panda and of `package.xml` files to a parser.
 
     Raises:

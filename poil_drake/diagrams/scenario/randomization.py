@@ -77,17 +77,12 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
 
 def _default_pose(model: AddModel) -> tuple[str, Transform]:
     """Returns the only entry of the model's default poses."""
-    if len(model.default_free_body_pose) != 1:
+    poses = list(model.default_free_body_pose.items())
+    if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
+        kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"
         raise ScenarioError(
-            f"The directive that adds '{model.name}' has "
-            f"{len(model.default_free_body_pose)} default poses.",
-            remedy="Give it one default_free_body_pose, that of the object's base link, or remove "
-            "the ranges of poil.randomization.",
+            f"The directive that adds '{model.name}' has {kind}.",
+            remedy="Give it one default_free_body_pose, that of the object's base link, with a "
+            "deterministic translation, or remove the ranges of poil.randomization.",
         )
-    body, transform = next(iter(model.default_free_body_pose.items()))
-    if not isinstance(transform.translation, np.ndarray):
-        raise ScenarioError(
-            f"The default pose of '{model.name}' is already random.",
-            remedy="Give it a deterministic translation; poil.randomization draws from ranges.",
-        )
-    return body, transform
+    return poses[0]

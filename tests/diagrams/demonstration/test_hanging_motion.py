@@ -144,7 +144,7 @@ def test_a_mug_that_is_let_go_in_the_end_stays_on_the_rod():
 
 
 def test_a_fixture_without_that_rod_is_refused(scene):
-    with pytest.raises(ScenarioError, match="no link or geometry named 'hook'"):
+    with pytest.raises(ScenarioError, match="no link or geometry 'hook'"):
         motion_in(scene, rod="hook")
 
 

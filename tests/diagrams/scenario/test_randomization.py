@@ -112,7 +112,7 @@ def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
         ),
         (
             "{body: {translation: !UniformVector {min: [0, 0, 0], max: [1, 1, 0]}}}",
-            "'mug' is already random",
+            "'mug' has a random default pose",
         ),
     ],
 )
