@@ -101,14 +101,6 @@ def test_textures_differ_and_repeat_themselves() -> None:
     assert np.any(dut != other)
 
 
-def test_the_family_has_plain_members_and_a_demonstrator() -> None:
-    names = [m.name for m in NAMED_MUGS]
-
-    assert len(set(names)) == len(names) >= 7
-    assert "mug_demo" in names
-    assert sum(m.texture == "plain" for m in NAMED_MUGS) >= 2
-
-
 @pytest.mark.parametrize(
     ("field", "value", "says"),
     [

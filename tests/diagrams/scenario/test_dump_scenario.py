@@ -33,10 +33,14 @@ def test_what_is_dumped_is_loaded_again(name: str, tmp_path: Path) -> None:
 
 
 def test_choices_are_part_of_it(tmp_path: Path) -> None:
-    scenario = ChooseScenario(seed=3, tracker="ground_truth", data="{poil: {eta: 1.75}}")
+    cameras = "{cameras: {left: !RealSense {serial: '0123'}}}"
+    scenario = ChooseScenario(
+        seed=3, tracker="ground_truth", data=f"{{poil: {{eta: 1.75, hardware: {cameras}}}}}"
+    )
 
     dut = again(scenario, tmp_path)
 
+    assert dut.poil == scenario.poil
     assert (dut.poil.tracker, dut.poil.eta) == ("ground_truth", 1.75)
     assert dut.random_seed == scenario.random_seed != 0
     mug, drawn = dut.directives[-1].add_model, scenario.directives[-1].add_model

@@ -54,14 +54,16 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
     assert dut.poil.demonstration == str(TEST_FILE.resolve().parent / "own_demo.mcap")
 
 
-def test_paths_in_text_are_relative_to_where_one_is(
+def test_paths_in_text_are_relative_to_the_working_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
-    dut = LoadScenario(data="{poil: {demonstration: a.mcap}}")
+    cameras = "{cameras: {top: !McapPlayback {file: b.mcap}}}"
+    dut = LoadScenario(data=f"{{poil: {{demonstration: a.mcap, hardware: {cameras}}}}}").poil
 
-    assert dut.poil.demonstration == str(tmp_path / "a.mcap")
+    assert dut.demonstration == str(tmp_path / "a.mcap")
+    assert dut.hardware.cameras["top"].file == str(tmp_path / "b.mcap")
 
 
 def test_text_changes_single_values_of_the_file() -> None:
@@ -218,19 +220,20 @@ def test_mistakes_are_named_in_one_line(text: str, says: str) -> None:
     assert "\n" not in str(info.value)
 
 
-def test_a_missing_file_is_named() -> None:
-    with pytest.raises(ScenarioError, match=r"'/no/such.yaml' cannot be read.*hang_mug.yaml"):
-        LoadScenario(filename="/no/such.yaml")
-
-
-def test_an_unknown_scenario_is_answered_with_the_known_ones() -> None:
-    with pytest.raises(ScenarioError, match=r"'HangCup'.*Defaults, OneOfEverything"):
-        LoadScenario(filename=TEST_FILE, scenario_name="HangCup")
-
-
-def test_which_scenario_must_be_said_where_there_are_several() -> None:
-    with pytest.raises(ScenarioError, match=r"'HangMug'.*Defaults, OneOfEverything"):
-        LoadScenario(filename=TEST_FILE)
+@pytest.mark.parametrize(
+    ("filename", "name", "says"),
+    [
+        ("/no/such.yaml", None, r"'/no/such.yaml' cannot be read.*hang_mug.yaml"),
+        (TEST_FILE.parent, None, r"cannot be read.*directory"),
+        (TEST_FILE, "HangCup", r"'HangCup'.*Defaults, OneOfEverything"),
+        (TEST_FILE, None, r"'HangMug'.*Defaults, OneOfEverything"),
+    ],
+)
+def test_a_file_or_scenario_that_does_not_exist_is_named(
+    filename: str | Path, name: str | None, says: str
+) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        LoadScenario(filename=filename, scenario_name=name)
 
 
 @pytest.mark.parametrize(
@@ -268,23 +271,9 @@ def test_the_addresses_that_lcm_knows_are_taken(url: str) -> None:
     assert dut.lcm_buses["lab"].lcm_url == url
 
 
-def test_a_folder_is_no_scenario_file(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"cannot be read.*directory"):
-        LoadScenario(filename=tmp_path)
-
-
 def test_anchors_may_be_used_again_and_overridden() -> None:
     dut = LoadScenario(
         data="cameras: {a: &a {name: a, width: 32}, b: {<<: *a, name: b, height: 24}}"
     )
 
     assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
-
-
-def test_the_file_of_a_recording_is_relative_to_the_scenario(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.yaml"
-    path.write_text("Lab: {poil: {hardware: {cameras: {left: !McapPlayback {file: lab.mcap}}}}}")
-
-    cameras = LoadScenario(filename=path).poil.hardware.cameras
-
-    assert cameras["left"].file == str(tmp_path / "lab.mcap")

@@ -7,6 +7,8 @@ from poil_drake.diagrams.scenario.randomization import ApplyRandomization, Objec
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
+NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
+
 
 @pytest.fixture
 def scenario() -> Scenario:
@@ -54,9 +56,7 @@ def test_the_given_scenario_stays_as_it_is(scenario: Scenario) -> None:
 
 
 def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
-    fixed = LoadScenario(
-        data="{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}", defaults=scenario
-    )
+    fixed = LoadScenario(data=NO_RANGES, defaults=scenario)
 
     file, pose = draw(fixed, 1)
 
@@ -73,9 +73,6 @@ def test_an_object_that_no_directive_adds_is_named(scenario: Scenario) -> None:
 
     with pytest.raises(ScenarioError, match=r"'teapot'.*table, rack, panda, mug"):
         ApplyRandomization(other, 0)
-
-
-NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
 
 
 @pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
