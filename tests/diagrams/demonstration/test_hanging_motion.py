@@ -143,19 +143,17 @@ def test_a_mug_that_is_let_go_in_the_end_stays_on_the_rod():
     assert height == pytest.approx(goal[2, 3], abs=0.03)
 
 
-def test_a_fixture_without_that_rod_is_refused(scene):
-    with pytest.raises(ScenarioError, match="no link or geometry 'hook'"):
-        motion_in(scene, rod="hook")
-
-
-def test_a_rod_that_does_not_fit_is_refused(scene):
-    with pytest.raises(ScenarioError, match="gap of only"):
-        motion_in(scene, clearance=0.05)
-
-
-def test_an_upright_rod_is_refused(scene):
-    with pytest.raises(ScenarioError, match="'stand' of 'rack' is upright"):
-        motion_in(scene, rod="stand")
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"rod": "hook"}, "no link or geometry 'hook'"),
+        ({"clearance": 0.05}, "gap of only"),
+        ({"rod": "stand"}, "'stand' of 'rack' is upright"),
+    ],
+)
+def test_an_unsuitable_rod_is_refused(scene, values, says):
+    with pytest.raises(ScenarioError, match=says):
+        motion_in(scene, **values)
 
 
 def test_an_object_without_a_handle_is_refused():
