@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from test_cli import run
+from command_line import Command
 
 from poil_drake.reports.run_summary import RunSummary, RunTiming
 
@@ -15,30 +15,18 @@ ROOT = Path(__file__).parents[2]
 VERBS = ["doctor", "run", "demo", "transfer", "execute", "replay", "driver", "bench"]
 
 
-def said(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
-) -> str:
-    monkeypatch.setenv("COLUMNS", "400")
-    assert run(monkeypatch, arguments) == 0
-    return capsys.readouterr().out
-
-
-def test_help_lists_the_verbs_in_the_order_of_work_with_a_line_each(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = said(monkeypatch, capsys, "--help")
+def test_help_lists_the_verbs_in_the_order_of_work_with_a_line_each(command: Command) -> None:
+    text = command("--help").out
 
     rows = re.findall(r"^│ (\w+) +([A-Z].*\.) +│$", text, flags=re.MULTILINE)
     assert [verb for verb, _ in rows] == VERBS
     assert "poil --install-completion" in text
 
 
-def test_the_versions_are_printed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    dut = said(monkeypatch, capsys, "--version")
+def test_the_versions_are_printed(command: Command) -> None:
+    dut = command("--version")
 
-    assert dut == f"poil_drake {version('poil-drake')}, Drake {version('drake')}\n"
+    assert dut.out == f"poil_drake {version('poil-drake')}, Drake {version('drake')}\n"
 
 
 def test_the_shell_completes_verbs_without_loading_drake() -> None:
@@ -57,17 +45,15 @@ finally:
     assert done.stdout.split() == ["transfer", "False"], done.stderr
 
 
-def test_the_help_of_a_run_says_where_its_outputs_will_be(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = said(monkeypatch, capsys, "run", "--help")
+def test_the_help_of_a_run_says_where_its_outputs_will_be(command: Command) -> None:
+    text = command("run", "--help").out
 
     for name in ("html", "mcap", "png", "json"):
         assert re.search(rf"--{name} .*Default: out/run\.{name}\.", text)
 
 
 def test_a_run_ends_with_the_places_of_its_outputs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     summary = RunSummary(
         success=True,
@@ -77,7 +63,7 @@ def test_a_run_ends_with_the_places_of_its_outputs(
     )
     monkeypatch.setattr("poil_drake.diagrams.run.skill_run.RunSkill", lambda *_, **__: summary)
 
-    lines = said(monkeypatch, capsys, "run").splitlines()
+    lines = command("run").out.splitlines()
 
     assert [line.split(maxsplit=1) for line in lines[:-1]] == [
         ["recording", "a.html"],

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_cli import run
+from command_line import Command
 
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
@@ -33,70 +33,47 @@ directives:
 """
 
 
-def mistake(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
-) -> str:
-    """Returns the one line that comes after the progress bars."""
-    assert run(monkeypatch, arguments) == 1
-    text = capsys.readouterr().err
-    assert "Traceback" not in text
-    (line,) = [line for line in text.splitlines() if line.startswith("poil: ")]
-    assert text.rstrip().endswith(line)
-    return line
-
-
-def test_a_part_that_no_camera_sees(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    demonstration: Path,
-    tmp_path: Path,
-) -> None:
+def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_path: Path) -> None:
     text = DIRECTIVES.format(x=-0.5, y=-0.3)
-    monkeypatch.chdir(tmp_path)
-    line = mistake(
-        monkeypatch, capsys, ["run", "--no-meshcat", "--scenario_text", _with(text, demonstration)]
-    )
-    assert "'handle'" in line
-    assert "seen" in line
-    assert f"poil: {_only_output(tmp_path)['reason']}" in line
+
+    dut = command("run", "--no-meshcat", "--scenario_text", _with(text, demonstration))
+
+    assert dut.status == 1
+    assert "'handle'" in dut.error
+    assert "seen" in dut.error
+    assert f"poil: {_only_output(tmp_path)['reason']}" in dut.error
 
 
-def test_an_object_out_of_reach(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    demonstration: Path,
-    tmp_path: Path,
-) -> None:
+def test_an_object_out_of_reach(command: Command, demonstration: Path, tmp_path: Path) -> None:
     welded = "child: panda::panda_link0"
     far_back = f"{welded}, X_PC: {{ translation: [-0.9, 0.0, 0.0] }}"
     text = DIRECTIVES.format(x=0.47, y=-0.12).replace(welded, far_back)
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "run.mcap").write_text("of an earlier run")
-    line = mistake(
-        monkeypatch, capsys, ["run", "--no-meshcat", "--scenario_text", _with(text, demonstration)]
-    )
-    assert "feasible" in line
-    assert "reach" in line
+
+    dut = command("run", "--no-meshcat", "--scenario_text", _with(text, demonstration))
+
+    assert dut.status == 1
+    assert "feasible" in dut.error
+    assert "reach" in dut.error
     figures = _only_output(tmp_path)
     assert figures["success"] is False
-    assert f"poil: {figures['reason']}" in line
+    assert f"poil: {figures['reason']}" in dut.error
     assert figures["timing"]["stages"].keys() == {"planning"}
 
 
 def test_a_recording_without_labels_says_what_the_detector_needs(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    demonstration: Path,
-    tmp_path: Path,
+    command: Command, demonstration: Path, tmp_path: Path
 ) -> None:
     with DemonstrationWriter(tmp_path / "unlabelled.mcap", ["left", "right"], {}) as writer:
         for frame in load_demonstration(demonstration).frames[1:3]:
             writer.write(frame)
-    monkeypatch.chdir(tmp_path)
-    line = mistake(monkeypatch, capsys, ["transfer", "unlabelled.mcap"])
-    assert "unlabelled.mcap" in line
-    assert "/camera/<name>/label" in line
+
+    dut = command("transfer", "unlabelled.mcap")
+
+    assert dut.status == 1
+    assert "unlabelled.mcap" in dut.error
+    assert "/camera/<name>/label" in dut.error
 
 
 @pytest.mark.parametrize(
@@ -113,8 +90,7 @@ def test_a_recording_without_labels_says_what_the_detector_needs(
     ids=" ".join,
 )
 def test_no_output_overwrites_an_input(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: Command,
     demonstration: Path,
     plan: ExecutionPlan,
     tmp_path: Path,
@@ -126,11 +102,11 @@ def test_no_output_overwrites_an_input(
     (tmp_path / "kitchen.yaml").write_text("Kitchen: { poil: { demonstration: demo.mcap } }")
     plan.save(tmp_path / "plan.npz")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-    monkeypatch.chdir(tmp_path)
 
-    line = mistake(monkeypatch, capsys, arguments)
+    dut = command(*arguments)
 
-    assert "would overwrite the input" in line
+    assert dut.status == 1
+    assert "would overwrite the input" in dut.error
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
