@@ -39,9 +39,7 @@ def write_mug(mug: MugParameters, directory: Path) -> None:
         )
     (directory / f"{name}.mtl").write_text("\n".join(library) + "\n")
     for part, mesh in (("body", body_mesh(mug)), ("handle", handle_mesh(mug))):
-        (directory / f"{name}_{part}.obj").write_text(
-            mesh.to_obj(material_library=f"{name}.mtl", material=name)
-        )
+        (directory / f"{name}_{part}.obj").write_text(mesh.to_obj(material=name))
     (directory / f"{name}.sdf").write_text(_sdf(mug))
 
 

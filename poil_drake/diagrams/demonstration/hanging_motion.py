@@ -93,7 +93,8 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
 
 
 def _find_handle(scene: DemonstrationScene) -> _Handle:
-    boxes = scene.object_boxes(scene.part_link)
+    scene.put_object(np.eye(4))
+    boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
         raise _unsuitable(
             f"The demonstration's object has no link or geometry '{scene.part_link}' that "

@@ -24,7 +24,6 @@ from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame, ReadImage
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
-from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 
 _OWN_MUGS = "package://poil_drake/mugs/"
@@ -39,6 +38,12 @@ class DemonstrationScene:
     Args:
         scenario: The scenario. Its robot is removed; `demonstration_object` replaces its object.
         cameras: False leaves out cameras and renderer.
+
+    Attributes:
+        object_name: Model instance of the object.
+        fixture_name: Model instance of the fixture.
+        part_link: Link, or pattern on the names of geometries, of the object's functional part.
+        camera_names: Names of the cameras.
 
     Raises:
         ScenarioError: The directives cannot be carried out, a model, part or joint that the
@@ -80,11 +85,7 @@ class DemonstrationScene:
         self._context = self._diagram.CreateDefaultContext()
         self.object_name, self.fixture_name = poil.object, poil.fixture
         self.part_link = parts[poil.part]
-
-    @property
-    def camera_names(self) -> tuple[str, ...]:
-        """The names of the cameras."""
-        return tuple(camera.name for camera in self._cameras)
+        self.camera_names = tuple(camera.name for camera in self._cameras)
 
     def put_object(self, X_WO: np.ndarray) -> None:
         """Sets the object's (4, 4) pose in the world [m]."""
@@ -120,14 +121,10 @@ class DemonstrationScene:
                 found.append(((X_WG @ box.pose()).GetAsMatrix4(), box.half_width()))
         return found
 
-    def object_boxes(self, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Returns the boxes around a part of the object, in the object's frame."""
-        X_OW = inverse(self._pose(self.object_name).GetAsMatrix4())
-        return [(X_OW @ X_WB, half) for X_WB, half in self.boxes(self.object_name, part)]
-
     def model_position(self, model: str) -> np.ndarray:
         """Returns the position of a model's first body in the world [m]."""
-        return self._pose(model).translation()
+        plant_context = self._plant.GetMyContextFromRoot(self._context)
+        return self._first_body(model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
         """Returns the signed distance [m] from a part of the object at X_WO to another part."""
@@ -145,10 +142,6 @@ class DemonstrationScene:
     def _first_body(self, model: str) -> RigidBody:
         instance = self._plant.GetModelInstanceByName(model)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
-
-    def _pose(self, model: str) -> RigidTransform:
-        plant_context = self._plant.GetMyContextFromRoot(self._context)
-        return self._first_body(model).EvalPoseInWorld(plant_context)
 
     def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)

@@ -1,5 +1,6 @@
 """Checks that a scenario's names and initial positions fit its models."""
 
+import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -88,16 +89,11 @@ def _require_holder(
 def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
     for index in plant.GetJointIndices(plant.GetModelInstanceByName(model)):
         joint = plant.get_joint(index)
-        limits = zip(
-            joint.default_positions(),
-            joint.position_lower_limits(),
-            joint.position_upper_limits(),
-            strict=True,
-        )
-        for position, lower, upper in limits:
-            if not lower - _LIMIT_TOLERANCE <= position <= upper + _LIMIT_TOLERANCE:
-                raise ScenarioError(
-                    f"initial_position.{model}.{joint.name()} is {position}, beyond the joint's "
-                    f"limits {lower} and {upper}.",
-                    remedy="Write a value between them, in radians or metres.",
-                )
+        q = joint.default_positions()
+        lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
+        if np.any(q < lower - _LIMIT_TOLERANCE) or np.any(q > upper + _LIMIT_TOLERANCE):
+            raise ScenarioError(
+                f"initial_position.{model}.{joint.name()} is {q.tolist()}, beyond the joint's "
+                f"limits {lower.tolist()} and {upper.tolist()}.",
+                remedy="Write values between them, in radians or metres.",
+            )

@@ -84,8 +84,6 @@ class HardwareConfig:
 
     def clock(self) -> Callable[[], float]:
         """Returns the clock shared with the driver [s since the epoch, times `time_scale`]."""
-        if self.time_scale == 1.0:
-            return time.time
         return lambda: self.time_scale * time.time()
 
     def steady_clock(self) -> Callable[[], float]:

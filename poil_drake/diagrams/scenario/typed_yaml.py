@@ -1,8 +1,8 @@
 """Merges parsed YAML into frozen dataclasses and Drake's own schema types.
 
-One recursion serves both, because `yaml_load_typed` takes neither frozen dataclasses nor tuples,
-and neither it nor pydantic (which cannot fill bound C++ types) reports the place, the valid keys
-and the valid tags of a mistake.
+No library does this: `yaml_load_typed` takes neither frozen dataclasses nor tuples and does not
+locate mistakes, and pydantic ignores unknown keys and tags, takes no bound C++ types and merges
+nothing into defaults.
 """
 
 import copy
@@ -54,7 +54,9 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
     if node is None and type(None) in members:
         return None
     members = tuple(member for member in members if member is not type(None))
-    schema = _chosen_member(node, members)
+    tag = str(node.get("_tag", "")) if isinstance(node, Mapping) else ""
+    tagged = next((member for member in members if f"!{_tag(member)}" == tag), None)
+    schema = tagged if tag else members[0]
     base, arguments = typing.get_origin(schema) or schema, typing.get_args(schema)
     wanted = _wanted(members)
     if isinstance(node, Mapping):
@@ -85,8 +87,7 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
                 return value
         except (ValueError, TypeError, ZeroDivisionError):
             pass
-    given = node.get("_tag", node) if isinstance(node, Mapping) else node
-    raise _wrong(path, given, wanted)
+    raise _wrong(path, tag or node, wanted)
 
 
 def _scalar_or_array(node: Any, schema: type) -> Any:
@@ -144,12 +145,6 @@ def _fields(schema: Any) -> dict[str, Any] | None:
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
     return None if fields is None else {f.name: f.type for f in fields}
-
-
-def _chosen_member(node: Any, members: Sequence[Any]) -> Any:
-    """Returns the member of a union that a node's tag chooses, or None for an unknown tag."""
-    tag = str(node.get("_tag", "")) if isinstance(node, Mapping) else ""
-    return next((m for m in members if f"!{_tag(m)}" == tag), None) if tag else members[0]
 
 
 def _tag(member: type) -> str:

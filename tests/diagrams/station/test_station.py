@@ -167,7 +167,7 @@ def test_a_wrong_robot_is_refused() -> None:
         ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
         ("{initial_position: {panda: {panda_joint1: [1, 2]}}}", r"positions in the input \(2\)"),
         # Degrees, where radians are wanted.
-        ("{initial_position: {panda: {panda_joint6: [92]}}}", "panda_joint6 is 92.0, beyond.*rad"),
+        ("{initial_position: {panda: {panda_joint6: [92]}}}", r"_joint6 is \[92.0\], beyond.*rad"),
         ("{poil: {fixture: rak}}", "poil.fixture is 'rak'.*table, rack, panda, mug"),
         (
             "{poil: {demonstration_motion: {hanging: {rod: hook}}}}",
