@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from poil_drake.cli.options import Tracker
+from poil_drake.runtime.output_files import require_writable
 
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
 
@@ -43,7 +44,6 @@ def bench_pipeline(
     from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
     from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
     from poil_drake.diagrams.scenario.choice import ChooseScenario
-    from poil_drake.runtime.output_files import require_writable
 
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
@@ -91,7 +91,6 @@ def bench_control(
     The first call trains the learned baselines, which takes some minutes, and keeps them.
     """
     from poil_drake.benchmarks.control.study import ControlStudyConfig, run_control_study
-    from poil_drake.runtime.output_files import require_writable
 
     default = ControlStudyConfig()
     config = ControlStudyConfig(
@@ -114,7 +113,6 @@ def bench_stability(
 ) -> None:
     """Measure the controller's stability and draw the figures of docs/control.md."""
     from poil_drake.benchmarks.stability.stability import run_stability_study
-    from poil_drake.runtime.output_files import require_writable
 
     folder = json.parent if pictures is None else pictures
     for path in (json, folder / "control_escape.png"):
@@ -136,8 +134,6 @@ def bench_latency(
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
     """Time the vector field, its baseline on poses, and the whole control path."""
-    from poil_drake.runtime.output_files import require_writable
-
     require_writable(json)
     if hardware:
         from poil_drake.benchmarks.latency.hardware import run_hardware_latency_benchmark
@@ -161,7 +157,6 @@ def bench_hardware(
     """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
     from poil_drake.benchmarks.hardware.hardware import run_hardware_benchmark
     from poil_drake.diagrams.scenario.choice import ChooseScenario
-    from poil_drake.runtime.output_files import require_writable
 
     ChooseScenario(speed=speed, time_scale=time_scale)
     require_writable(json)

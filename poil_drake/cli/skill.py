@@ -9,6 +9,8 @@ import typer
 
 from poil_drake.cli import options
 from poil_drake.cli.options import choose_scenario, positive, require_hardware
+from poil_drake.diagrams.run.output_paths import OutputPaths
+from poil_drake.runtime.output_files import require_writable
 
 if TYPE_CHECKING:
     from poil_drake.reports.run_summary import RunSummary
@@ -40,7 +42,6 @@ def run(
     recorded to demo.mcap beside run.json.
     """
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
     from poil_drake.diagrams.run.skill_run import RunSkill
 
     chosen = choose_scenario(
@@ -76,7 +77,6 @@ def demo_record(
 ) -> None:
     """Simulate and record a demonstration: the object moves without a robot."""
     from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
-    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(scenario, scenario_name, scenario_text, seed=seed)
     require_writable(output, inputs=(chosen.source.file,))
@@ -94,7 +94,6 @@ def demo_show(
     """Draw a demonstration's contact sheet as PNG."""
     from poil_drake.recording.demonstration.demonstration import load_demonstration
     from poil_drake.reports.contact_sheet import contact_sheet
-    from poil_drake.runtime.output_files import require_writable
 
     frames = load_demonstration(demonstration)
     picture = output or Path("out") / demonstration.with_suffix(".png").name
@@ -119,7 +118,6 @@ def transfer(
 ) -> None:
     """Make a plan from a demonstration for the scenario's object."""
     from poil_drake.diagrams.run.planning import PlanScenario
-    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(scenario, scenario_name, scenario_text, seed=seed, detector=detector)
     require_writable(output, inputs=(demonstration, chosen.source.file))
@@ -151,7 +149,6 @@ def execute(
     The outputs are those of `poil run`.
     """
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
     from poil_drake.diagrams.run.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
@@ -212,7 +209,6 @@ def driver(
 ) -> None:
     """Simulate a Franka's driver and cameras, for `poil run --hardware`."""
     from poil_drake.diagrams.run.driver_run import RunDriver
-    from poil_drake.runtime.output_files import require_writable
 
     chosen = choose_scenario(
         scenario, scenario_name, scenario_text, seed=seed, time_scale=time_scale

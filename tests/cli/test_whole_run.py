@@ -70,7 +70,7 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
 ) -> None:
     kitchen = write_kitchen(tmp_path)
 
-    # What cameras see of such models during a run: tests/diagrams/station/cameras/test_camera_process.py.
+    # The images of such models: tests/diagrams/station/cameras/test_camera_process.py.
     dut = command("run", str(kitchen), "--tracker", "ground_truth", "--no-meshcat")
 
     assert dut.status == 0, dut

@@ -21,22 +21,20 @@ class KeyframeMotion:
         poses: (K, 4, 4) poses of the object in the world [m].
         blend: Time by which each movement starts earlier and ends later than its keyframes [s];
             0 stops at each keyframe. The first and last times do not change.
+
+    Attributes:
+        duration: Time of the last keyframe [s].
     """
 
     def __init__(self, times: Sequence[float] | np.ndarray, poses: np.ndarray, *, blend: float):
         times = np.asarray(times)
         self._first = np.array(poses[0], dtype=float)
-        self._duration = float(times[-1])
+        self.duration = float(times[-1])
         self._starts = np.maximum(times[:-1] - blend, 0.0)
-        self._ends = np.minimum(times[1:] + blend, self._duration)
+        self._ends = np.minimum(times[1:] + blend, self.duration)
         rotations, positions = poses[:, :3, :3], poses[:, :3, 3]
         self._steps = np.diff(positions, axis=0)
         self._turns = rotation_log(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:])
-
-    @property
-    def duration(self) -> float:
-        """The time of the last keyframe [s]."""
-        return self._duration
 
     def pose(self, time: float) -> np.ndarray:
         """Returns the (4, 4) pose of the object in the world [m] at a time [s]."""

@@ -65,11 +65,11 @@ def check_simulator(config: SimulatorConfig) -> None:
 
 def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
     """Checks that the two keys for the plant's period do not contradict each other."""
-    step, plant = config.time_step, poil.rates.plant
     # Drake's default stands for an omitted key.
-    if step not in (plant, MultibodyPlantConfig().time_step):
+    if config.time_step not in (poil.rates.plant, MultibodyPlantConfig().time_step):
         raise ScenarioError(
-            f"plant_config.time_step is {step} s, but poil.rates.plant is {plant} s.",
+            f"plant_config.time_step is {config.time_step} s, but poil.rates.plant is "
+            f"{poil.rates.plant} s.",
             remedy="Remove the first; only the second is used.",
         )
 

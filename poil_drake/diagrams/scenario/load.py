@@ -71,15 +71,11 @@ def LoadScenario(
 def _read(path: Path) -> Any:
     try:
         return _parse(path.read_text(encoding="utf-8"), f"'{path}'")
-    except OSError as error:
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
         raise ScenarioError(
-            f"The scenario file '{path}' cannot be read ({error.strerror}).",
-            remedy=f"Give an existing file, e.g. the package's own: {default_scenario_file()}",
-        ) from error
-    except UnicodeDecodeError as error:
-        raise ScenarioError(
-            f"The scenario file '{path}' is not text in UTF-8 (byte {error.start}).",
-            remedy="Give a YAML file, and save it in UTF-8.",
+            f"The scenario file '{path}' cannot be read ({reason}).",
+            remedy=f"Give a YAML file in UTF-8, e.g. the package's: {default_scenario_file()}",
         ) from error
 
 
