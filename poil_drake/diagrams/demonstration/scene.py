@@ -46,7 +46,7 @@ class DemonstrationScene:
         camera_names: Names of the cameras.
 
     Raises:
-        ScenarioError: The directives cannot be carried out, a model, part or joint that the
+        ScenarioError: The directives cannot be processed, a model, part or joint that the
             scenario names does not exist, or a camera cannot be used.
     """
 

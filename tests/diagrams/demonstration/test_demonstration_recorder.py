@@ -59,10 +59,13 @@ def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
         assert dut.metadata[f"{package.replace('-', '_')}_version"] == version(package)
 
 
-@pytest.mark.render
-def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(recording):
-    dut = load_demonstration(recording[0]).frames
+@pytest.fixture(scope="module")
+def dut(recording):
+    return load_demonstration(recording[0]).frames
 
+
+@pytest.mark.render
+def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(dut):
     assert set(dut[0].label_ids) == {"table", "rack", "mug", "mug/handle"}
     for image in dut[0].images:
         assert np.isin(image.label, dut[0].label_ids["mug/handle"]).any()
@@ -70,9 +73,7 @@ def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(recording):
 
 
 @pytest.mark.render
-def test_the_mug_rests_then_moves_in_all_views(recording):
-    dut = load_demonstration(recording[0]).frames
-
+def test_the_mug_rests_then_moves_in_all_views(dut):
     for view in range(2):
         mug = np.isin(dut[0].images[view].label, dut[0].label_ids["mug"])
         first = dut[0].images[view].rgb[mug].astype(float)
@@ -81,8 +82,8 @@ def test_the_mug_rests_then_moves_in_all_views(recording):
 
 
 @pytest.mark.render
-def test_depth_has_the_sensors_noise(recording):
-    depths = [frame.images[0].depth for frame in load_demonstration(recording[0]).frames]
+def test_depth_has_the_sensors_noise(dut):
+    depths = [frame.images[0].depth for frame in dut]
     still = np.all([depth > 0 for depth in depths], axis=0)
     spread = np.std(depths, axis=0)[still]
 
@@ -111,7 +112,5 @@ def test_keyframes_may_be_given(tmp_path):
 
 
 def test_cameras_are_needed(tmp_path):
-    scenario = LoadScenario()
-
     with pytest.raises(ScenarioError, match="no cameras"):
-        RecordDemonstration(scenario, tmp_path / "demo.mcap")
+        RecordDemonstration(LoadScenario(), tmp_path / "demo.mcap")
