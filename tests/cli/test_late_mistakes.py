@@ -12,31 +12,31 @@ from poil_drake.recording.demonstration.demonstration import DemonstrationWriter
 
 pytestmark = pytest.mark.render
 
-DIRECTIVES = """
+OUT_OF_REACH = """
 directives:
-- add_model: {{ name: table, file: package://poil_drake/fixtures/table.sdf }}
-- add_weld: {{ parent: world, child: table::table }}
-- add_model: {{ name: rack, file: package://poil_drake/fixtures/rack.sdf }}
+- add_model: { name: table, file: package://poil_drake/fixtures/table.sdf }
+- add_weld: { parent: world, child: table::table }
+- add_model: { name: rack, file: package://poil_drake/fixtures/rack.sdf }
+- add_weld: { parent: world, child: rack::stand, X_PC: { translation: [0.55, 0.30, 0.0] } }
+- add_model: { name: panda, file: package://poil_drake_panda/panda.urdf }
 - add_weld:
     parent: world
-    child: rack::stand
-    X_PC: {{ translation: [0.55, 0.30, 0.0] }}
-- add_model: {{ name: panda, file: package://poil_drake_panda/panda.urdf }}
-- add_weld: {{ parent: world, child: panda::panda_link0 }}
+    child: panda::panda_link0
+    X_PC: { translation: [-0.9, 0.0, 0.0] }
 - add_model:
     name: mug
     file: package://poil_drake/mugs/mug_a/mug_a.sdf
     default_free_body_pose:
-      body:
-        translation: [{x}, {y}, 0.0]
-        rotation: !Rpy {{ deg: [0, 0, 120] }}
+      body: { translation: [0.47, -0.12, 0.0], rotation: !Rpy { deg: [0, 0, 120] } }
+poil:
 """
 
 
 def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_path: Path) -> None:
-    text = DIRECTIVES.format(x=-0.5, y=-0.3)
+    behind = "randomization: {models: [], x: [-0.5, -0.5], y: [-0.3, -0.3]}"
+    text = f"{{poil: {{demonstration: {demonstration}, {behind}}}}}"
 
-    dut = command("run", "--no-meshcat", "--scenario_text", _with(text, demonstration))
+    dut = command("run", "--no-meshcat", "--seed", "0", "--scenario_text", text)
 
     assert dut.status == 1
     assert "'handle'" in dut.error
@@ -45,13 +45,11 @@ def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_p
 
 
 def test_an_object_out_of_reach(command: Command, demonstration: Path, tmp_path: Path) -> None:
-    welded = "child: panda::panda_link0"
-    far_back = f"{welded}, X_PC: {{ translation: [-0.9, 0.0, 0.0] }}"
-    text = DIRECTIVES.format(x=0.47, y=-0.12).replace(welded, far_back)
+    text = f"{OUT_OF_REACH}  demonstration: {demonstration}"
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "run.mcap").write_text("of an earlier run")
 
-    dut = command("run", "--no-meshcat", "--scenario_text", _with(text, demonstration))
+    dut = command("run", "--no-meshcat", "--scenario_text", text)
 
     assert dut.status == 1
     assert "feasible" in dut.error
@@ -114,7 +112,3 @@ def _only_output(folder: Path) -> dict[str, Any]:
     """Returns the figures of a run that left nothing else."""
     assert [path.name for path in (folder / "out").iterdir()] == ["run.json"]
     return json.loads((folder / "out" / "run.json").read_text())
-
-
-def _with(text: str, demonstration: Path) -> str:
-    return f"{text}\npoil: {{ demonstration: {demonstration} }}\n"
