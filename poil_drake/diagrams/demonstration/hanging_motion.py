@@ -1,7 +1,5 @@
 """The default demonstration: an object with a handle is hung on a rod."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -18,26 +16,6 @@ _SLIDE = 1.5  # [s]; the handle over the rod
 _LOWER = 0.75  # [s]; the handle onto the rod
 
 
-@dataclass(frozen=True)
-class _Rod:
-    """A rod: the centres of its two ends [m, world]."""
-
-    base: np.ndarray
-    tip: np.ndarray
-
-    @property
-    def direction(self) -> np.ndarray:
-        return (self.tip - self.base) / np.linalg.norm(self.tip - self.base)
-
-
-@dataclass(frozen=True)
-class _Handle:
-    """A handle in the object's frame: the centre of its opening [m] and its unit direction."""
-
-    opening: np.ndarray
-    direction: np.ndarray
-
-
 def hanging_keyframes(
     scene: DemonstrationScene, config: HangingMotionConfig
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -52,23 +30,32 @@ def hanging_keyframes(
     Raises:
         ScenarioError: The fixture has no suitable rod, or the object no suitable handle.
     """
-    rod, handle = _find_rod(scene, config), _find_handle(scene)
-    heading = np.arctan2(handle.direction[1], handle.direction[0])
+    base, tip = _find_rod(scene, config)
+    rod = _direction(base, tip)
+    opening, handle = _find_handle(scene)
+    heading = np.arctan2(handle[1], handle[0])
     turn = _turn_about_z(np.radians(config.start_yaw) - heading)
     start = make_transform(turn, np.array(config.start))
     lifted = make_transform(turn, start[:3, 3] + np.array([0.0, 0.0, config.lift]))
-    R = _hanging_rotation(rod.direction, handle, config.tilt)
-    seat = rod.base + config.seat * (rod.tip - rod.base)
-    over = make_transform(R, seat - R @ handle.opening)
+    R = _hanging_rotation(rod, handle, config.tilt)
+    seat = base + config.seat * (tip - base)
+    over = make_transform(R, seat - R @ opening)
     before = over.copy()
-    before[:3, 3] += rod.tip + config.approach * rod.direction - seat
+    before[:3, 3] += tip + config.approach * rod - seat
     hung = over.copy()
     hung[:3, 3] += _descent(scene, over, rod, config)
     times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
     return times, np.array([start, start, lifted, before, over, hung, hung])
 
 
-def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
+def _direction(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    return (tip - base) / np.linalg.norm(tip - base)
+
+
+def _find_rod(
+    scene: DemonstrationScene, config: HangingMotionConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centres of the rod's ends [m, world]: base and tip."""
     fixture = scene.fixture_name
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
@@ -82,17 +69,17 @@ def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
     reach = (half[axis] - np.min(half)) * X_WB[:3, axis]
     ends = [X_WB[:3, 3] - reach, X_WB[:3, 3] + reach]
     foot = scene.model_position(fixture)
-    ends.sort(key=lambda end: float(np.linalg.norm((end - foot)[:2])))
-    rod = _Rod(*ends)
-    if abs(rod.direction[2]) > _STEEPEST_ROD:
+    base, tip = sorted(ends, key=lambda end: float(np.linalg.norm((end - foot)[:2])))
+    if abs(_direction(base, tip)[2]) > _STEEPEST_ROD:
         raise _unsuitable(
             f"The rod '{config.rod}' of '{fixture}' is upright, so nothing can hang on it.",
             "Name another link in poil.demonstration_motion.hanging.rod",
         )
-    return rod
+    return base, tip
 
 
-def _find_handle(scene: DemonstrationScene) -> _Handle:
+def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centre of the handle's opening [m] and its direction, in the object's frame."""
     scene.put_object(np.eye(4))
     boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
@@ -114,14 +101,14 @@ def _find_handle(scene: DemonstrationScene) -> _Handle:
     direction = outward / np.linalg.norm(outward)
     along = corners @ direction
     opening = direction * (along.min() + along.max()) / 2 + [0.0, 0.0, middle[2]]
-    return _Handle(opening, direction)
+    return opening, direction
 
 
 def _unsuitable(problem: str, remedy: str) -> ScenarioError:
     return ScenarioError(problem, remedy=f"{remedy}, or give poil.demonstration_motion.keyframes.")
 
 
-def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarray:
+def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
     """Returns the object's orientation (3, 3) in which the handle's opening faces the rod.
 
     In the plane perpendicular to the rod, the handle points up by `tilt` [deg] from the horizontal,
@@ -136,19 +123,19 @@ def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarr
     upright = np.cos(angle) * up - np.sin(angle) * ahead
     world = np.column_stack([pointing, np.cross(upright, pointing), upright])
     z = np.array([0.0, 0.0, 1.0])
-    own = np.column_stack([handle.direction, np.cross(z, handle.direction), z])
+    own = np.column_stack([handle, np.cross(z, handle), z])
     return world @ own.T
 
 
 def _descent(
-    scene: DemonstrationScene, over: np.ndarray, rod: _Rod, config: HangingMotionConfig
+    scene: DemonstrationScene, over: np.ndarray, rod: np.ndarray, config: HangingMotionConfig
 ) -> np.ndarray:
     """Returns the displacement [m] down to where the handle is `clearance` above the rod.
 
     It is perpendicular to the rod; its length is found by bisection of the distance between handle
     and rod.
     """
-    down = rod.direction[2] * rod.direction - np.array([0.0, 0.0, 1.0])
+    down = rod[2] * rod - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down)
 
     def gap(depth: float) -> float:

@@ -32,9 +32,7 @@ class Randomization:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             value = getattr(self, name)
-            if len(value) not in (0, 2) or (
-                value and not -math.inf < value[0] <= value[1] < math.inf
-            ):
+            if value and not (len(value) == 2 and -math.inf < value[0] <= value[1] < math.inf):
                 raise ScenarioError(
                     f"poil.randomization.{name} is {list(value)}.",
                     remedy="Write [lowest, highest], or [] for no randomization.",
