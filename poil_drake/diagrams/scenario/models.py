@@ -35,13 +35,12 @@ def AddScenarioPlant(
     config = copy.deepcopy(scenario.plant_config)
     config.time_step = scenario.poil.rates.plant
     try:
-        plant, scene_graph = AddMultibodyPlant(config, builder)
+        return AddMultibodyPlant(config, builder)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"plant_config cannot be used: {drake_reason(error)}.",
             remedy="Correct the value; Drake's MultibodyPlantConfig documents the valid ones.",
         ) from error
-    return plant, scene_graph
 
 
 def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
