@@ -107,7 +107,7 @@ def test_mistakes_end_in_one_line(command: Command, arguments: list[str], said: 
         (["missing.mcap", "--mcap", "missing.mcap"], "would overwrite the input"),
     ],
 )
-def test_a_log_that_cannot_be_replayed_is_told_from_one_that_differs(
+def test_an_unusable_log_has_its_own_exit_status(
     command: Command, arguments: list[str], said: str
 ) -> None:
     dut = command("replay", *arguments)
@@ -158,7 +158,7 @@ def test_wrong_values_name_their_option(
         (InvalidValueError("One\nline.", remedy="Is enough."), "poil: One line. Is enough."),
     ],
 )
-def test_errors_of_the_system_end_in_one_line(
+def test_system_errors_end_in_one_line(
     error: Exception, said: str, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(**_: object) -> None:
@@ -180,7 +180,7 @@ def test_a_group_of_verbs_alone_shows_its_help(command: Command) -> None:
     assert "poil:" not in dut.err
 
 
-def test_options_of_the_control_study_arrive(
+def test_options_of_the_control_study_are_passed_on(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: dict[str, object] = {}

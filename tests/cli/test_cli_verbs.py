@@ -37,7 +37,7 @@ def test_a_plan_is_executed(command: Command, tmp_path: Path, plan_file: Path) -
     assert figures["tracking_error"]["maximum"] < 1e-9
 
 
-def test_the_doctor_finds_what_the_tests_run_on(command: Command) -> None:
+def test_the_doctor_finds_nothing_missing(command: Command) -> None:
     dut = command("doctor")
 
     lines = dut.out.splitlines()

@@ -78,11 +78,11 @@ def test_make_lists_every_target() -> None:
     makefile = (ROOT / "Makefile").read_text()
     (targets,) = re.findall(r"^\.PHONY: (.*)$", makefile, flags=re.MULTILINE)
 
-    told = [
+    listings = [
         subprocess.run(["make", *target], cwd=ROOT, capture_output=True, text=True).stdout
         for target in ([], ["help"])
     ]
 
-    assert told[0] == told[1]
-    listed = re.findall(r"^make (\w+)", told[0], flags=re.MULTILINE)
+    assert listings[0] == listings[1]
+    listed = re.findall(r"^make (\w+)", listings[0], flags=re.MULTILINE)
     assert sorted(listed) == sorted(targets.split())

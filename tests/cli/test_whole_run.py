@@ -56,7 +56,7 @@ def test_the_outputs_are_complete(whole_run: Path) -> None:
     }
 
 
-def test_the_time_is_split_among_what_took_it(figures: dict) -> None:
+def test_the_time_of_a_run_is_split_into_parts(figures: dict) -> None:
     timing = figures["timing"]
     assert timing["stages"].keys() == {"demonstration", "planning", "execution", "report"}
     assert timing["concurrent"].keys() == {"rendering", "tracking"}

@@ -19,7 +19,7 @@ EACH_MUG = pytest.mark.parametrize("mug", NAMED_MUGS, ids=lambda mug: mug.name)
 
 
 @EACH_MUG
-def test_the_shipped_files_are_what_the_parameters_make(mug: MugParameters, tmp_path: Path) -> None:
+def test_the_shipped_files_are_up_to_date(mug: MugParameters, tmp_path: Path) -> None:
     import cv2
 
     write_mug(mug, tmp_path)
@@ -92,7 +92,7 @@ def test_the_body_encloses_the_volume_of_its_clay() -> None:
     assert volume == pytest.approx(tube + disc, rel=0.06)
 
 
-def test_textures_differ_and_repeat_themselves() -> None:
+def test_textures_depend_on_the_seed_only() -> None:
     mugs = [m for m in NAMED_MUGS if m.texture == "noise"]
     dut = texture_image(mugs[0])
     other = texture_image(dataclasses.replace(mugs[0], seed=99))

@@ -33,7 +33,7 @@ def models(scenario: Scenario) -> dict[str, str]:
     return {model.name: model.file for model in added if model is not None}
 
 
-def test_the_robot_is_left_out_and_the_object_replaced() -> None:
+def test_the_robot_is_removed_and_the_object_replaced() -> None:
     assert models(load()) == {
         "table": "package://poil_drake/fixtures/table.sdf",
         "rack": "package://poil_drake/fixtures/rack.sdf",
@@ -51,7 +51,7 @@ def test_the_scenario_keeps_its_own_object() -> None:
     assert scenario.directives[-1].add_model.default_free_body_pose
 
 
-def test_what_the_robot_carries_is_left_out_with_it(tmp_path: Path) -> None:
+def test_models_welded_to_the_robot_are_removed(tmp_path: Path) -> None:
     (tmp_path / "tool.urdf").write_text(GRIPPER)
     tool = tmp_path / "tool.urdf"
     scenario = with_more(
@@ -69,7 +69,7 @@ def test_what_the_robot_carries_is_left_out_with_it(tmp_path: Path) -> None:
     DemonstrationScene(scenario, cameras=False)
 
 
-def test_what_the_robot_stands_on_stays(tmp_path: Path) -> None:
+def test_the_robots_base_is_kept(tmp_path: Path) -> None:
     (tmp_path / "base.urdf").write_text(GRIPPER)
     base = tmp_path / "base.urdf"
     scenario = with_more(
@@ -81,7 +81,7 @@ def test_what_the_robot_stands_on_stays(tmp_path: Path) -> None:
     assert set(models(scenario)) == {"table", "rack", "mug", "base"}
 
 
-def test_collision_filters_are_left_out() -> None:
+def test_collision_filters_are_removed() -> None:
     scenario = with_more("[{add_collision_filter_group: {name: arm, members: ['panda::hand']}}]")
 
     assert all(d.add_collision_filter_group is None for d in directives(scenario))

@@ -39,7 +39,7 @@ def test_without_blend_every_keyframe_is_reached(poses):
 
 
 @given(poses=keyframe_poses, blend=st.floats(0.0, 1.0), time=st.floats(-1.0, 6.0))
-def test_with_blend_the_ends_are_kept_and_nothing_is_overshot(poses, blend, time):
+def test_blending_keeps_the_ends_and_does_not_overshoot(poses, blend, time):
     dut = KeyframeMotion(np.arange(len(poses)), poses, blend=blend)
 
     np.testing.assert_allclose(dut.pose(0.0), poses[0], atol=1e-12)

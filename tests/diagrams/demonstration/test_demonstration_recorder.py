@@ -99,7 +99,7 @@ def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
 
 
 @pytest.mark.render
-def test_keyframes_may_be_given(tmp_path):
+def test_keyframes_can_be_given(tmp_path):
     keyframes = """
   demonstration_motion:
     keyframes:

@@ -69,7 +69,7 @@ def test_the_packages_mugs_have_a_part_called_handle(text, parts):
         ("{initial_position: {rak: {elbow: [0]}}}", "initial_position cannot be set: .*'rak'"),
     ],
 )
-def test_wrong_names_are_named(text, says):
+def test_unknown_names_are_named(text, says):
     with pytest.raises(ScenarioError, match=says):
         DemonstrationScene(load(text), cameras=False)
 

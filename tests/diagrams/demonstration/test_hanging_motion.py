@@ -116,7 +116,7 @@ def test_it_goes_at_a_human_pace_and_rests_at_both_ends(dut):
     assert speed[-resting:].max() < 1e-9
 
 
-def test_the_handle_may_stand_anywhere_at_first(scene):
+def test_the_handle_can_start_at_any_angle(scene):
     dut = motion_in(scene, start_yaw=150.0)
 
     np.testing.assert_allclose(
@@ -126,7 +126,7 @@ def test_the_handle_may_stand_anywhere_at_first(scene):
 
 
 @pytest.mark.slow
-def test_a_mug_that_is_let_go_in_the_end_stays_on_the_rod():
+def test_a_mug_released_at_the_end_stays_on_the_rod():
     scenario = LoadScenario(
         filename=default_scenario_file(),
         data="{poil: {demonstration_object: 'package://poil_drake/mugs/mug_a/mug_a.sdf'}}",

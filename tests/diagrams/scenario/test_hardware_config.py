@@ -20,7 +20,7 @@ from poil_drake.perception.capture.config import RealSense
         ("realtime_priority", 100),
     ],
 )
-def test_values_that_make_no_sense_are_named(field: str, value: float) -> None:
+def test_values_out_of_range_are_named(field: str, value: float) -> None:
     with pytest.raises(ScenarioError, match=f"poil.hardware.{field} is"):
         HardwareConfig(**{field: value})
 
@@ -42,18 +42,20 @@ def test_values_that_make_no_sense_are_named(field: str, value: float) -> None:
         ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05, but poil.table_height"),
     ],
 )
-def test_settings_that_would_not_do_what_they_say_are_refused(text: str, says: str) -> None:
+def test_contradictory_settings_are_refused(text: str, says: str) -> None:
     with pytest.raises(PoilError, match=says):
         ChooseScenario(data=f"{{poil: {{{text}}}}}")
 
 
-def test_the_tables_height_may_be_given_twice() -> None:
+def test_the_same_table_height_can_be_given_twice() -> None:
     text = "{poil: {table_height: 0.05, safety: {posture: {table_height: 0.05}}}}"
 
     assert ChooseScenario(data=text).poil.safety.posture.table_height == 0.05
 
 
-def test_the_steady_clock_is_not_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_steady_clock_ignores_changes_of_the_system_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(time, "time", lambda: 2000.0)
     monkeypatch.setattr(time, "monotonic", lambda: 30.0)
     clock = HardwareConfig(time_scale=0.5).steady_clock()
@@ -87,7 +89,7 @@ def test_a_scaled_clock_runs_slower(
     assert -clock() + clock() == duration
 
 
-def test_the_command_line_has_the_last_word() -> None:
+def test_the_command_line_overrides_the_scenario() -> None:
     scenario = ChooseScenario(data="{poil: {hardware: {speed: 0.5}}}", speed=0.3, time_scale=0.25)
 
     assert scenario.poil.hardware.speed == 0.3

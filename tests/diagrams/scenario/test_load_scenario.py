@@ -19,14 +19,14 @@ def test_the_default_file_hangs_a_mug() -> None:
     assert len([d for d in dut.directives if d.add_model]) == 4
 
 
-def test_an_empty_scenario_is_the_default_one() -> None:
+def test_an_empty_scenario_has_the_defaults() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="Defaults")
 
     assert dut.poil == Scenario().poil
     assert dut.directives == []
 
 
-def test_everything_that_can_be_written_is_read() -> None:
+def test_every_key_is_read() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="OneOfEverything")
 
     assert dut.random_seed == 7
@@ -66,7 +66,7 @@ def test_paths_in_text_are_relative_to_the_working_directory(
     assert dut.hardware.cameras["top"].file == str(tmp_path / "b.mcap")
 
 
-def test_text_changes_single_values_of_the_file() -> None:
+def test_text_overrides_single_values_of_the_file() -> None:
     plain = LoadScenario(filename=default_scenario_file())
 
     dut = LoadScenario(
@@ -82,7 +82,7 @@ def test_text_changes_single_values_of_the_file() -> None:
     assert dut.cameras["right"].width == 640
 
 
-def test_defaults_are_merged_with_and_left_alone() -> None:
+def test_defaults_are_merged_but_not_changed() -> None:
     defaults = LoadScenario(data="{random_seed: 5, poil: {eta: 1.5}}")
 
     dut = LoadScenario(data="{poil: {num_points: 12}}", defaults=defaults)
@@ -247,9 +247,7 @@ def test_a_file_or_scenario_that_does_not_exist_is_named(
         (b"1: {}\n", "not text.* at line 1"),
     ],
 )
-def test_a_file_that_is_no_scenario_file_is_refused(
-    content: bytes, says: str, tmp_path: Path
-) -> None:
+def test_an_invalid_scenario_file_is_refused(content: bytes, says: str, tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_bytes(content)
 
@@ -262,13 +260,13 @@ def test_a_file_that_is_no_scenario_file_is_refused(
 @pytest.mark.parametrize(
     "url", ["", "memq://null", "udpm://239.255.76.67:7667?ttl=0", "udpm://", "tcpq://", "memq://"]
 )
-def test_the_addresses_that_lcm_knows_are_taken(url: str) -> None:
+def test_valid_lcm_addresses_are_accepted(url: str) -> None:
     dut = LoadScenario(data=f"{{lcm_buses: {{lab: {{lcm_url: '{url}'}}}}}}")
 
     assert dut.lcm_buses["lab"].lcm_url == url
 
 
-def test_anchors_may_be_used_again_and_overridden() -> None:
+def test_anchors_can_be_reused_and_overridden() -> None:
     dut = LoadScenario(
         data="cameras: {a: &a {name: a, width: 32}, b: {<<: *a, name: b, height: 24}}"
     )

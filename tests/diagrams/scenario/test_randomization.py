@@ -69,7 +69,7 @@ def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
 
 
 @pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
-def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str) -> None:
+def test_a_seed_without_ranges_needs_no_pose(scenario: Scenario, directives: str) -> None:
     fixed = LoadScenario(
         data=f"{{directives: {directives}}}",
         defaults=LoadScenario(data=NO_RANGES, defaults=scenario),
@@ -81,7 +81,7 @@ def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str
     assert dut.random_seed == ApplyRandomization(scenario, 1).random_seed
 
 
-def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
+def test_a_random_model_needs_no_pose(scenario: Scenario) -> None:
     text = (
         "{poil: {randomization: {models: ['package://a/b.sdf'], x: [], y: [], yaw: []}},"
         "directives: [{add_model: {name: mug, file: 'package://a/a.sdf'}}]}"

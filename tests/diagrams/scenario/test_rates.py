@@ -6,7 +6,7 @@ from poil_drake.diagrams.scenario.rates import Rates
 from poil_drake.errors import ScenarioError
 
 
-def test_the_defaults_divide_one_another() -> None:
+def test_the_default_periods() -> None:
     dut = Rates()
 
     assert (dut.plant, dut.control, dut.tracker, dut.logger) == (1 / 512, 1 / 256, 1 / 8, 1 / 32)
@@ -30,7 +30,7 @@ def test_periods_that_do_not_divide_are_refused(periods: dict[str, float], says:
         Rates(**periods)
 
 
-def test_a_run_is_looked_at_with_every_log_and_every_capture() -> None:
+def test_a_report_follows_every_log_and_every_capture() -> None:
     dut = Rates(tracker=3 / 32, logger=1 / 16)
 
     times = [0.0]
