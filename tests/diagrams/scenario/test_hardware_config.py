@@ -53,7 +53,7 @@ def test_the_same_table_height_can_be_given_twice() -> None:
     assert ChooseScenario(data=text).poil.safety.posture.table_height == 0.05
 
 
-def test_the_steady_clock_ignores_changes_of_the_system_time(
+def test_the_steady_clock_ignores_the_system_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(time, "time", lambda: 2000.0)
