@@ -1,30 +1,27 @@
-# `make run` and `make test` do all set-up themselves, on a fresh machine too.
+# Every target does the set-up it needs, also on a fresh machine.
 PYTHON ?= python3
 VENV ?= .venv
 SCENARIO ?=
-# Python keeps its compiled files even if the shell says otherwise: processes start in half the time.
+# Python writes its compiled files even if the shell forbids it: processes start in half the time.
 export PYTHONDONTWRITEBYTECODE :=
-# A test that runs for an hour has hung: it dumps its stack and fails, and a new process runs the rest.
+# A test that runs for an hour hangs: it dumps its stack and fails, and a new process runs the rest.
 PYTEST := $(VENV)/bin/pytest --durations=10 -o faulthandler_timeout=3600 -o faulthandler_exit_on_timeout=true
 
 .PHONY: help setup run test lint bench clean
 
-help:
-	@echo "make run     set up, then hang a novel mug after one demonstration; writes out/run.{html,mcap,png,json}"
-	@echo "make test    set up, then style, types and tests"
-	@echo "make bench   set up, then 20 randomised trials of the main job; writes out/bench_pipeline.json"
-	@echo "make setup   only set up: system libraries, $(VENV), locked dependencies"
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(VENV)/.complete
+setup: $(VENV)/.complete ## install system libraries, the virtual environment and locked dependencies
 
 $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/system_libraries.sh
 	@PYTHON="$(PYTHON)" VENV="$(VENV)" scripts/setup.sh
 
-run: setup
+run: setup ## hang a novel mug after one demonstration; writes out/run.{html,mcap,png,json}
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# One core per process. Tests at the pace of the clock run last, alone.
-test: setup lint
+# One core per process. Tests in real time run last, alone.
+test: setup lint ## check style and types and run all tests
 	@status=0; \
 	echo "tests, part 1 of 2: those that do not depend on the clock"; \
 	OMP_NUM_THREADS=1 LP_NUM_THREADS=0 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal || status=1; \
@@ -32,13 +29,13 @@ test: setup lint
 	$(PYTEST) -m real_time --numprocesses 1 || status=1; \
 	exit $$status
 
-lint: setup
+lint: setup ## check style and types
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
 
-bench: setup
+bench: setup ## run 20 randomized trials of the whole job; writes out/bench_pipeline.json
 	$(VENV)/bin/poil bench pipeline --tasks hang_mug --trials 20 --json out/bench_pipeline.json
 
-clean:
+clean: ## remove the virtual environment and out/
 	rm -rf $(VENV) out

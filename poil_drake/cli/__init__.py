@@ -1,258 +1,70 @@
-"""The `poil` command: parses, calls, prints. Nothing else."""
+"""The `poil` command: it parses the command line, calls the package and prints."""
 
-import math
 import signal
 import sys
-from pathlib import Path
+from importlib.metadata import version
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
+from poil_drake.cli import skill
 from poil_drake.cli.bench import bench_app
-from poil_drake.cli.options import (
-    Detector,
-    DryRun,
-    Html,
-    Json,
-    Mcap,
-    NoMeshcat,
-    Png,
-    RealtimeRate,
-    ScenarioArgument,
-    ScenarioFile,
-    ScenarioName,
-    ScenarioText,
-    Seed,
-    Speed,
-    TimeScale,
-    Tracker,
-    choose_scenario,
-    positive,
-    require_hardware,
-)
 from poil_drake.cli.replay import replay
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
+_VERBS = ("doctor", "run", "demo", "transfer", "execute", "replay", "driver", "bench")
+
+
+class _OrderOfWork(TyperGroup):
+    """Lists the verbs in the order of a user's work."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return sorted(super().list_commands(ctx), key=_VERBS.index)
+
+
 app = typer.Typer(
+    cls=_OrderOfWork,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    help="One RGB-D demonstration in, a closed-loop robot skill out.",
+    epilog="Tab completion: run `poil --install-completion` and open a new terminal.",
 )
-demo_app = typer.Typer(no_args_is_help=True, help="Record and look at demonstrations.")
+demo_app = typer.Typer(no_args_is_help=True, help="Record and show demonstrations.")
 app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
-app.command()(replay)
+demo_app.command("record")(skill.demo_record)
+demo_app.command("show")(skill.demo_show)
+for verb in (skill.run, skill.transfer, skill.execute, skill.driver, replay):
+    app.command()(verb)
 
 
-@app.command()
-def run(
-    scenario: ScenarioArgument = None,
-    scenario_file: ScenarioFile = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    hardware: Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")] = False,
-    seed: Seed = None,
-    tracker: Tracker = None,
-    detector: Detector = None,
-    html: Html = None,
-    mcap: Mcap = None,
-    png: Png = None,
-    json: Json = None,
-    no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = None,
-    speed: Speed = None,
-    time_scale: TimeScale = None,
-    dry_run: DryRun = False,
-) -> None:
-    """Do the main job: demonstration, transfer, grasp, closed loop."""
-    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
-    from poil_drake.diagrams.run.skill_run import RunSkill
-
-    chosen = choose_scenario(
-        scenario,
-        scenario_file,
-        scenario_name,
-        scenario_text,
-        seed,
-        tracker,
-        detector,
-        speed,
-        time_scale,
-    )
-    summary = RunSkill(
-        chosen,
-        outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
-        hardware=hardware,
-        dry_run=dry_run,
-        show=not no_meshcat,
-        realtime_rate=realtime_rate,
-    )
-    typer.echo(summary.closing_line())
-    raise typer.Exit(0 if summary.success else 1)
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"poil_drake {version('poil-drake')}, Drake {version('drake')}")
+        raise typer.Exit
 
 
-@demo_app.command("record")
-def demo_record(
-    scenario: ScenarioArgument = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Where it goes.")] = Path(
-        "out/demo.mcap"
-    ),
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
-) -> None:
-    """Simulate a demonstration: the object moves by itself, the cameras record."""
-    from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
-    from poil_drake.runtime.output_files import require_writable
-
-    chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed)
-    require_writable(output, inputs=(chosen.source.file,))
-    frames = RecordScenarioDemonstration(chosen, output)
-    typer.echo(f"recorded {frames} frames to {output}")
-
-
-@demo_app.command("show")
-def demo_show(
-    demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Default: its name under out/, ending in .png."),
-    ] = None,
-) -> None:
-    """Draw a demonstration's contact sheet as PNG."""
-    from poil_drake.recording.demonstration.demonstration import load_demonstration
-    from poil_drake.reports.contact_sheet import contact_sheet
-    from poil_drake.runtime.output_files import require_writable
-
-    frames = load_demonstration(demonstration)
-    picture = output or Path("out") / demonstration.with_suffix(".png").name
-    require_writable(picture, inputs=(demonstration,))
-    contact_sheet(frames, picture)
-    typer.echo(f"drew {picture}")
-
-
-@app.command()
-def transfer(
-    demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
-    scenario: ScenarioArgument = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Where the plan goes.")] = Path(
-        "out/plan.npz"
-    ),
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
-    detector: Detector = None,
-    hardware: Annotated[
-        bool, typer.Option("--hardware", help="Look at the real scene, through the real cameras.")
-    ] = False,
-) -> None:
-    """Carry a demonstration over to the scenario's object and choose a grasp."""
-    from poil_drake.diagrams.run.planning import PlanScenario
-    from poil_drake.runtime.output_files import require_writable
-
-    chosen = choose_scenario(scenario, None, scenario_name, scenario_text, seed, detector=detector)
-    page = output.with_suffix(".html")
-    require_writable(output, inputs=(demonstration, chosen.source.file))
-    require_writable(page, inputs=(demonstration, chosen.source.file, output))
-    plan = PlanScenario(chosen, demonstration, hardware=hardware, page=page)
-    plan.save(output)
-    typer.echo(f"wrote the plan to {output}")
-    typer.echo(f"wrote a page that shows it to {page}")
-
-
-@app.command()
-def execute(
-    plan: Annotated[Path, typer.Argument(help="A plan (npz) of `poil transfer`.")],
-    scenario: ScenarioArgument = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    hardware: Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")] = False,
-    seed: Seed = None,
-    tracker: Tracker = None,
-    html: Html = None,
-    mcap: Mcap = None,
-    png: Png = None,
-    json: Json = None,
-    no_meshcat: NoMeshcat = False,
-    realtime_rate: RealtimeRate = None,
-    speed: Speed = None,
-    time_scale: TimeScale = None,
-    dry_run: DryRun = False,
-) -> None:
-    """Execute a plan in closed loop."""
-    require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
-    from poil_drake.diagrams.run.skill_run import ExecutePlan
-    from poil_drake.grasping.execution_plan import ExecutionPlan
-
-    summary = ExecutePlan(
-        ExecutionPlan.load(plan),
-        choose_scenario(
-            scenario,
-            None,
-            scenario_name,
-            scenario_text,
-            seed,
-            tracker,
-            speed=speed,
-            time_scale=time_scale,
-        ),
-        outputs=OutputPaths.under(Path("out"), html=html, mcap=mcap, png=png, json=json),
-        hardware=hardware,
-        dry_run=dry_run,
-        show=not no_meshcat,
-        realtime_rate=realtime_rate,
-        inputs=(plan,),
-    )
-    typer.echo(summary.closing_line())
-    raise typer.Exit(0 if summary.success else 1)
-
-
-@app.command()
-def driver(
-    scenario: ScenarioArgument = None,
-    scenario_name: ScenarioName = None,
-    scenario_text: ScenarioText = None,
-    seed: Seed = None,
-    time_scale: TimeScale = None,
-    duration: Annotated[
-        float,
+@app.callback()
+def poil(
+    show_version: Annotated[
+        bool,
         typer.Option(
-            "--duration",
-            callback=positive,
-            help="End after so long (seconds of the robot's time); by default never.",
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the versions of poil_drake and Drake.",
         ),
-    ] = math.inf,
-    json: Annotated[Path | None, typer.Option("--json", help="Where a summary goes.")] = None,
-    meshcat: Annotated[
-        bool, typer.Option("--meshcat", help="Serve a page that shows the simulated scene.")
     ] = False,
 ) -> None:
-    """Simulate a Franka, its driver and cameras on LCM, for `poil run --hardware` to talk to."""
-    from poil_drake.diagrams.run.driver_run import RunDriver
-    from poil_drake.runtime.output_files import require_writable
-
-    chosen = choose_scenario(
-        scenario, None, scenario_name, scenario_text, seed, time_scale=time_scale
-    )
-    if json is not None:
-        require_writable(json, inputs=(chosen.source.file,))
-    RunDriver(chosen, duration=duration, json=json, show=meshcat, say=_say)
-
-
-def _say(line: str) -> None:
-    typer.echo(line)
-    sys.stdout.flush()
+    """One RGB-D demonstration in, a closed-loop robot skill out."""
 
 
 @app.command()
 def doctor() -> None:
-    """Say what this machine has: rendering, LCM, torch, libraries."""
+    """Check this machine, and print how to install what is missing."""
     from poil_drake.reports.doctor import Examine
 
     rows = Examine()
@@ -263,18 +75,18 @@ def doctor() -> None:
     raise typer.Exit(0 if all(row.ok for row in rows) else 1)
 
 
-_WORDS: dict[int, str] = {signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal has gone"}
+_REASONS: dict[int, str] = {signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal was closed"}
 
 
 class Stopped(BaseException):
-    """Somebody asked the process to end; what is unfinished is finished on its way up.
+    """A signal asks the process to end; unfinished work is completed while this propagates.
 
-    No KeyboardInterrupt, which typer would turn into a status without a word.
+    Not a KeyboardInterrupt, which typer turns into an exit status without a message.
     """
 
     def __init__(self, number: int):
         self.number = number
-        super().__init__(_WORDS.get(number, "stopped by the user"))
+        super().__init__(_REASONS.get(number, "stopped by the user"))
 
 
 def main() -> None:
@@ -303,6 +115,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    if message:  # Where only help was shown, there is nothing to add.
+    if message:  # It is empty after a group's help.
         typer.echo(f"poil: {' '.join(message.split())}", err=True)
     sys.exit(status)

@@ -5,10 +5,17 @@ from typing import Annotated
 
 import typer
 
-bench_app = typer.Typer(no_args_is_help=True, help="Studies and measurements.")
+from poil_drake.cli.options import Tracker
+from poil_drake.runtime.output_files import require_writable
 
-Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Trials run side by side.")]
-Json = Annotated[Path, typer.Option("--json", help="Where the figures go.")]
+bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
+
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of trials in parallel.")]
+Json = Annotated[Path, typer.Option("--json", help="All figures.")]
+Pictures = Annotated[
+    Path | None,
+    typer.Option("--pictures", help="Folder of the pictures. Default: that of the figures."),
+]
 Ray = Annotated[
     str | None,
     typer.Option(
@@ -30,17 +37,13 @@ def bench_pipeline(
     trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 20,
     jobs: Jobs = 1,
     ray: Ray = None,
-    tracker: Annotated[
-        str | None,
-        typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
-    ] = None,
+    tracker: Tracker = None,
     json: Json = Path("out/bench_pipeline.json"),
 ) -> None:
-    """Run the main job with object, pose, texture and noise drawn anew in each trial."""
+    """Run the whole job in randomized trials: object, pose, texture and noise."""
     from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
     from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
     from poil_drake.diagrams.scenario.choice import ChooseScenario
-    from poil_drake.runtime.output_files import require_writable
 
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
@@ -72,26 +75,22 @@ def bench_control(
         ),
     ] = None,
     trials: Annotated[
-        int, typer.Option("--trials", min=1, help="In each region of each task.")
+        int, typer.Option("--trials", min=1, help="Trials in each region of each task.")
     ] = 100,
     hard: Annotated[
-        bool, typer.Option(help="Also any orientation, a late tracker, a slip.")
+        bool, typer.Option(help="Add trials with any orientation, a slow tracker, a slip.")
     ] = True,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of starts, slips and noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, slips, noise.")] = 0,
     jobs: Jobs = 1,
     ray: Ray = None,
     json: Json = Path("out/bench_control.json"),
-    pictures: Annotated[
-        Path | None,
-        typer.Option("--pictures", help="Folder for the pictures. Default: that of the figures."),
-    ] = None,
+    pictures: Pictures = None,
 ) -> None:
     """Compare controllers on four tasks with contact, from near and far (POIL, table II).
 
-    The first time, the learned rivals are trained, which takes some minutes; they are kept.
+    The first call trains the learned baselines, which takes some minutes, and keeps them.
     """
     from poil_drake.benchmarks.control.study import ControlStudyConfig, run_control_study
-    from poil_drake.runtime.output_files import require_writable
 
     default = ControlStudyConfig()
     config = ControlStudyConfig(
@@ -110,14 +109,10 @@ def bench_control(
 @bench_app.command("stability")
 def bench_stability(
     json: Json = Path("out/bench_stability.json"),
-    pictures: Annotated[
-        Path | None,
-        typer.Option("--pictures", help="Folder for the pictures. Default: that of the figures."),
-    ] = None,
+    pictures: Pictures = None,
 ) -> None:
-    """Measure what the theory of the controller says, and draw the pictures of docs/control.md."""
+    """Measure the controller's stability and draw the figures of docs/control.md."""
     from poil_drake.benchmarks.stability.stability import run_stability_study
-    from poil_drake.runtime.output_files import require_writable
 
     folder = json.parent if pictures is None else pictures
     for path in (json, folder / "control_escape.png"):
@@ -127,20 +122,18 @@ def bench_stability(
 
 @bench_app.command("latency")
 def bench_latency(
-    ticks: Annotated[int, typer.Option("--ticks", min=1, help="How often each is timed.")] = 5000,
+    ticks: Annotated[int, typer.Option("--ticks", min=1, help="Number of repetitions.")] = 5000,
     hardware: Annotated[
         bool,
-        typer.Option("--hardware", help="The period of the commands to a stand-in robot instead."),
+        typer.Option("--hardware", help="Measure the period of the commands to a simulated robot."),
     ] = False,
     duration: Annotated[
         float,
-        typer.Option("--duration", min=10.0, help="With --hardware: how long to run (seconds)."),
+        typer.Option("--duration", min=10.0, help="With --hardware: its duration (seconds)."),
     ] = 60.0,
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
-    """Time the field, its rival on poses, and the whole control path, side by side."""
-    from poil_drake.runtime.output_files import require_writable
-
+    """Time the vector field, its baseline on poses, and the whole control path."""
     require_writable(json)
     if hardware:
         from poil_drake.benchmarks.latency.hardware import run_hardware_latency_benchmark
@@ -155,7 +148,7 @@ def bench_latency(
 @bench_app.command("hardware")
 def bench_hardware(
     trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 10,
-    speed: Annotated[float, typer.Option("--speed", help="Share of the usual speed.")] = 0.2,
+    speed: Annotated[float, typer.Option("--speed", help="Factor on the simulated speed.")] = 0.2,
     time_scale: Annotated[
         float, typer.Option("--time-scale", help="Seconds of the robot's time per second.")
     ] = 1.0,
@@ -164,7 +157,6 @@ def bench_hardware(
     """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
     from poil_drake.benchmarks.hardware.hardware import run_hardware_benchmark
     from poil_drake.diagrams.scenario.choice import ChooseScenario
-    from poil_drake.runtime.output_files import require_writable
 
     ChooseScenario(speed=speed, time_scale=time_scale)
     require_writable(json)

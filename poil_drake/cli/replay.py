@@ -1,4 +1,4 @@
-"""The verb `poil replay`."""
+"""The verb that replays the log of a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,30 +9,25 @@ from typer.exceptions import TyperException
 from poil_drake.errors import PoilError
 
 
-class _NotReplayed(TyperException):
-    """A log that cannot be replayed, which is neither the same nor different."""
-
-    exit_code = 2
-
-
 def replay(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")],
-    json: Annotated[Path | None, typer.Option("--json", help="Where the figures go.")] = None,
-    png: Annotated[Path | None, typer.Option("--png", help="Where the picture goes.")] = None,
-    mcap: Annotated[Path | None, typer.Option("--mcap", help="Where a log of it goes.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="All figures.")] = None,
+    png: Annotated[Path | None, typer.Option("--png", help="Summary picture.")] = None,
+    mcap: Annotated[Path | None, typer.Option("--mcap", help="Log of the replay.")] = None,
     tracker: Annotated[
         str | None,
-        typer.Option("--tracker", help="Another tracker, or 'recorded': the run's own tracks."),
+        typer.Option("--tracker", help="Another tracker, or recorded: the run's own tracks."),
     ] = None,
     scenario_text: Annotated[
         str | None,
-        typer.Option("--scenario_text", help="YAML laid over the run's scenario."),
+        typer.Option("--scenario_text", help="YAML merged over the run's scenario."),
     ] = None,
 ) -> None:
-    """Feed a run's log through perception and control again, and compare the commands.
+    """Replay the log of a run and compare the commands.
 
-    The exit status is 0 if they are the same, 1 if they differ, and 2 if the log cannot be
-    replayed.
+    Perception and control process the recorded sensor data again. The exit status is 0 if the
+    commands are the same, 1 if they differ, and 2 if the log cannot be replayed. Only the files
+    that options name are written.
     """
     from poil_drake.diagrams.replay.replay import Replay
     from poil_drake.diagrams.run.output_paths import OutputPaths
@@ -44,10 +39,9 @@ def replay(
             scenario_text=scenario_text,
             outputs=OutputPaths(mcap=mcap, png=png, json=json),
         )
-    except PoilError as error:
-        raise _NotReplayed(str(error)) from error
-    except OSError as error:
-        where = "" if error.filename is None else f"'{error.filename}': "
-        raise _NotReplayed(f"{where}{error.strerror or error}.") from error
+    except (PoilError, OSError) as error:
+        failure = TyperException(str(error))
+        failure.exit_code = 2
+        raise failure from error
     typer.echo(summary.closing_line())
     raise typer.Exit(0 if summary.same else 1)

@@ -1,1 +1,1 @@
-"""Robot, objects, fixtures and scenarios."""
+"""Models of robot, objects and fixtures, their generators, and the package's scenarios."""

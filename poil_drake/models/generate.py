@@ -6,16 +6,13 @@ from poil_drake.models.bag_sdf import BagParameters, write_bag
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_sdf import write_mug
 
-MODELS_DIRECTORY = Path(__file__).parent
-"""Where `package://poil_drake` points."""
-
 
 def main() -> None:
     """Writes every named mug to `mugs/<name>/`, and the bag."""
+    directory = Path(__file__).parent
     for mug in NAMED_MUGS:
-        write_mug(mug, MODELS_DIRECTORY / "mugs" / mug.name)
-    bag = BagParameters()
-    write_bag(bag, MODELS_DIRECTORY / "bags" / bag.name)
+        write_mug(mug, directory / "mugs" / mug.name)
+    write_bag(BagParameters(), directory / "bags" / "soft_bag")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,18 @@
 """The mug family: a few parameters describe a mug; some named members are shipped."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from poil_drake.errors import InvalidValueError
 
-HANDLE_SHAPES = ("c", "d", "square", "ear")
-"""Handle outlines: half circle, flat-sided half circle, rounded square, ear (wide at the top)."""
+HandleShape = Literal["c", "d", "square", "ear"]
+"""Handle outlines: half circle, flat-sided half circle, rounded square, ear (wider at the top)."""
 
-TEXTURES = ("plain", "stripes", "dots", "checks", "noise", "logo")
-"""Surface decorations; "plain" has one colour and nothing to track but its outline."""
+Texture = Literal["plain", "stripes", "dots", "checks", "noise", "logo"]
+"""Surface decorations. "plain" has one colour, so a tracker sees only the outline."""
 
 ROD_CLEARANCE = (0.026, 0.040)
-"""Smallest hole of a handle, radially and upwards [m], that an 11 mm rod passes with ease."""
+"""Smallest opening of a handle, radial and vertical [m], through which an 11 mm rod fits easily."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,16 +24,16 @@ class MugParameters:
         radius: Outer radius of the body at the rim [m].
         taper: Radius at the bottom over the radius at the rim.
         height: Height of the body [m].
-        wall: Thickness of the wall [m]; a gripper's opening must admit it.
-        handle_shape: One of HANDLE_SHAPES.
-        handle_clearance: Radial opening between the body and the handle's inside [m].
-        handle_opening: Opening of the handle in the direction of the mug's axis [m].
-        handle_height: Height of the handle's centre over the underside [m].
+        wall: Thickness of the wall [m]; it must fit between the gripper's fingers.
+        handle_shape: Outline of the handle.
+        handle_clearance: Radial opening between the body and the inside of the handle [m].
+        handle_opening: Opening of the handle along the mug's axis [m].
+        handle_height: Height of the handle's centre above the underside [m].
         handle_radius: Half the thickness of the handle's tube [m].
-        texture: One of TEXTURES.
+        texture: Surface decoration.
         color: Base colour, RGB in [0, 1].
         accent: Colour of the decoration, RGB in [0, 1].
-        seed: Makes the decoration of a "noise", "dots" or "logo" texture its own.
+        seed: Seed of the decoration.
         mass: Mass of body and handle together [kg].
     """
 
@@ -41,24 +42,18 @@ class MugParameters:
     taper: float = 0.95
     height: float = 0.095
     wall: float = 0.0035
-    handle_shape: str = "c"
+    handle_shape: HandleShape = "c"
     handle_clearance: float = 0.029
     handle_opening: float = 0.048
     handle_height: float = 0.052
     handle_radius: float = 0.0045
-    texture: str = "plain"
+    texture: Texture = "plain"
     color: tuple[float, float, float] = (0.85, 0.85, 0.82)
     accent: tuple[float, float, float] = (0.15, 0.25, 0.55)
     seed: int = 0
     mass: float = 0.30
 
     def __post_init__(self) -> None:
-        for name, valid in (("handle_shape", HANDLE_SHAPES), ("texture", TEXTURES)):
-            if getattr(self, name) not in valid:
-                raise InvalidValueError(
-                    f"Mug '{self.name}' has {name} '{getattr(self, name)}'.",
-                    remedy=f"Use one of: {', '.join(valid)}.",
-                )
         for name, low, high in (
             ("radius", 0.032, 0.045),
             ("taper", 0.75, 1.1),

@@ -1,4 +1,4 @@
-"""Textured triangle meshes of a mug's body and handle, as .obj text."""
+"""Textured triangle meshes of a mug's body and handle."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,17 @@ from poil_drake.models.mug_family import MugParameters
 from poil_drake.models.mug_shape import handle_center_line, wall_profile
 
 BODY_SEGMENTS = 40
-"""Facets around the body."""
+"""Number of facets around the body."""
 
 HANDLE_SECTIONS = 26
-"""Cross-sections along the handle."""
+"""Number of cross-sections along the handle."""
 
 HANDLE_SEGMENTS = 10
-"""Facets around the handle's tube."""
+"""Number of facets around the handle's tube."""
 
 DECORATED_FRACTION = 0.75
-"""The upper part of the texture image (v from 1 down to 1 - this) wraps the outside of the body;
-the rest holds the plain base colour for the inside and the underside."""
+"""Upper fraction of the texture image, which covers the outside of the body. The rest holds the
+base colour of the inside and the underside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class TexturedMesh:
     uv: np.ndarray
     faces: np.ndarray
 
-    def to_obj(self, *, material_library: str, material: str) -> str:
-        """Returns the mesh in Wavefront .obj format."""
-        lines = [f"mtllib {material_library}", f"usemtl {material}"]
+    def to_obj(self, *, material: str) -> str:
+        """Returns the mesh in Wavefront .obj format; `<material>.mtl` defines the material."""
+        lines = [f"mtllib {material}.mtl", f"usemtl {material}"]
         lines += ["v {:.5f} {:.5f} {:.5f}".format(*v) for v in self.vertices]
         lines += ["vt {:.4f} {:.4f}".format(*t) for t in self.uv]
         lines += ["vn {:.3f} {:.3f} {:.3f}".format(*n) for n in self.normals]
@@ -66,7 +66,7 @@ def handle_mesh(mug: MugParameters) -> TexturedMesh:
     angle = np.linspace(0, 2 * np.pi, HANDLE_SEGMENTS + 1)
     normals = np.cos(angle)[None, :, None] * outward[:, None] + np.sin(angle)[None, :, None] * side
     vertices = line[:, None] + mug.handle_radius * normals
-    # The decoration runs along the handle at the scale that it has around the body.
+    # The decoration has the same scale along the handle as around the body.
     length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
     around = 2 * np.pi * mug.radius
     u = np.linspace(0, length / around, len(line))
@@ -76,7 +76,7 @@ def handle_mesh(mug: MugParameters) -> TexturedMesh:
 
 
 def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
-    """Revolves a polyline of (radius, height), whose right-hand side is outside."""
+    """Revolves a polyline of (radius, height); the outside is on its right."""
     edges = np.diff(profile, axis=0)
     edge_normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     edge_normals /= np.linalg.norm(edge_normals, axis=1, keepdims=True)
@@ -99,7 +99,7 @@ def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
 
 
 def _grid(vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> TexturedMesh:
-    """Joins a (R, C) grid of vertices by triangles, leaving out those without area."""
+    """Joins a (rows, columns) grid of vertices by triangles, without those of zero area."""
     rows, columns = vertices.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()

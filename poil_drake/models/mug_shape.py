@@ -1,13 +1,13 @@
-"""The outline curves of a mug: its wall's profile and its handle's centre line."""
+"""The outlines of a mug: the profile of its wall and the centre line of its handle."""
 
 import numpy as np
 
 from poil_drake.models.mug_family import MugParameters
 
-_EXPONENTS = {"c": 2.0, "d": 3.0, "square": 5.0, "ear": 2.3}  # of the handle's superellipse
-_EAR_SKEW = 0.16  # how much further an ear stands out at its top than at its middle
+_EXPONENTS = {"c": 2.0, "d": 3.0, "square": 5.0, "ear": 2.3}  # Of the handle's superellipse.
+_EAR_SKEW = 0.16  # Relative excess of an ear's reach at its top over that at its middle.
 _RIM_STEPS = 4
-BOTTOM_FACTOR = 1.6  # thickness of the bottom over that of the wall: cups are bottom-heavy
+BOTTOM_FACTOR = 1.6  # Thickness of the bottom over that of the wall: cups are bottom-heavy.
 
 
 def outer_radius(mug: MugParameters, z: float | np.ndarray) -> float | np.ndarray:
@@ -19,8 +19,8 @@ def wall_profile(mug: MugParameters) -> tuple[np.ndarray, np.ndarray]:
     """Returns the body's outline as two polylines of (radius, height) [m].
 
     Returns:
-        (outside, inside): the outside runs from the axis along the underside up to the rim, the
-        inside from the rim down to the axis. They meet at the rim's crest.
+        The outside, from the axis along the underside up to the rim, and the inside, from the rim
+        down to the axis. They meet at the crest of the rim.
     """
     bottom = BOTTOM_FACTOR * mug.wall
     foot = float(outer_radius(mug, 0.0))
@@ -52,13 +52,13 @@ def wall_profile(mug: MugParameters) -> tuple[np.ndarray, np.ndarray]:
 
 
 def handle_center_line(mug: MugParameters, count: int) -> np.ndarray:
-    """Returns points along the middle of the handle's tube, from its top end to its lower end.
+    """Returns points along the centre of the handle's tube, from its upper to its lower end.
 
-    A superellipse |x/a|^n + |z/b|^n = 1 for x >= 0, standing on the body's wall; a and b leave
-    the wanted opening inside of the tube. The ends reach into the wall.
+    The curve is a superellipse |x/a|^n + |z/b|^n = 1 for x >= 0 on the body's wall; a and b include
+    the opening and the tube's radius. The ends reach into the wall.
 
     Returns:
-        (count, 3) positions in the mug's frame [m], at even distances along the curve.
+        (count, 3) positions in the mug's frame [m], equidistant along the curve.
     """
     exponent = 2 / _EXPONENTS[mug.handle_shape]
     reach = mug.handle_clearance + mug.handle_radius

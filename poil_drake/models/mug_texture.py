@@ -8,14 +8,13 @@ from poil_drake.models.mug_mesh import DECORATED_FRACTION
 TEXTURE_SIZE = (256, 512)
 """Height and width of a texture image [px]."""
 
-_SHADES = 6  # a noise texture has this many colours, so that the image file stays small
+_SHADES = 6  # Number of colours of a noise texture; few keep the image file small.
 
 
 def texture_image(mug: MugParameters) -> np.ndarray:
-    """Returns the texture of a mug: decoration above, a plain strip of base colour below.
+    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug, below it a strip of base colour.
 
-    Returns:
-        (H, W, 3) uint8 RGB, the same for the same parameters.
+    The same parameters give the same image.
     """
     height, width = TEXTURE_SIZE
     rows = round(height * DECORATED_FRACTION)
@@ -28,19 +27,15 @@ def texture_image(mug: MugParameters) -> np.ndarray:
     return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
 
 
-def _plain(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    return np.zeros((rows, columns))
-
-
 def _stripes(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Slanted stripes of changing width, so that every place around the mug looks different."""
+    """Slanted stripes of varying width, so that all sides of the mug look different."""
     y, x = np.mgrid[:rows, :columns]
     phase = 2 * np.pi * (6 * x / columns + 2.0 * y / rows)
     return (np.sin(phase) > 0.6 * np.sin(2 * np.pi * x / columns)).astype(float)
 
 
 def _checks(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """A chessboard whose dark fields come in four shades, so that they can be told apart."""
+    """A chessboard whose dark fields have four shades, so that they can be distinguished."""
     rng = np.random.default_rng(mug.seed)
     shades = rng.choice([0.4, 0.6, 0.8, 1.0], size=(8, 16))
     y, x = np.mgrid[:rows, :columns]
@@ -75,7 +70,7 @@ def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 def _logo(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Two framed signs on opposite sides, each of random blocks that mirror themselves."""
+    """Two framed signs on opposite sides, each with a random pattern of mirrored blocks."""
     rng = np.random.default_rng(mug.seed)
     pattern = np.zeros((rows, columns))
     cells, size = 9, rows * 3 // 4 // 9
@@ -91,7 +86,6 @@ def _logo(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 _PATTERNS = {
-    "plain": _plain,
     "stripes": _stripes,
     "checks": _checks,
     "dots": _dots,

@@ -1,8 +1,9 @@
-"""What this machine has of what poil_drake needs."""
+"""Checks whether this machine has what poil_drake needs."""
 
 import importlib
 import importlib.metadata
 import platform
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ class Finding:
         name: What was checked.
         ok: Whether the main job can rely on it.
         found: What was found.
-        remedy: What to do if it is not ok.
+        remedy: The command that installs what is missing, or another remedy.
     """
 
     name: str
@@ -28,25 +29,45 @@ class Finding:
 
 def Examine() -> list[Finding]:
     """Checks Python, libraries, rendering, LCM and the torch device, in that order."""
+    multicast = "ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo"
     checks: list[tuple[str, Callable[[], str], str]] = [
-        ("python", platform.python_version, "Use Python 3.11 or newer."),
-        ("drake", lambda: _version("drake", "pydrake"), "Run `make setup`."),
-        ("robot", _robot, "Run `make setup`; the Panda comes with example-robot-data."),
-        ("pinocchio", lambda: _version("pin", "pinocchio"), "Run `make setup`."),
-        ("ompl", lambda: _version("ompl", "ompl.geometric"), "Run `make setup`."),
-        ("open3d", lambda: _version("open3d", "open3d"), "Install Debian's libusb-1.0-0."),
-        ("torch", _torch, "Run `make setup`."),
-        ("rendering", _rendering, "Install Debian's libegl1 and libgl1-mesa-dri."),
-        ("lcm", _lcm, "Allow UDP multicast on loopback; only hardware diagrams need it."),
+        ("python", platform.python_version, "make setup PYTHON=python3.12"),
+        ("drake", lambda: _version("drake", "pydrake"), _pip("drake")),
+        ("robot", _robot, _pip("example-robot-data")),
+        ("pinocchio", lambda: _version("pin", "pinocchio"), _pip("pin")),
+        ("ompl", lambda: _version("ompl", "ompl.geometric"), _pip("ompl")),
+        ("open3d", lambda: _version("open3d", "open3d"), _pip("open3d")),
+        ("torch", _torch, _pip("torch")),
+        ("rendering", _rendering, _apt("libegl1", "libgl1", "libgl1-mesa-dri")),
+        ("lcm", _lcm, f"Only for hardware: sudo sh -c '{multicast}'"),
     ]
     return [_finding(name, check, remedy) for name, check, remedy in checks]
+
+
+def _pip(*packages: str) -> str:
+    return f"{sys.executable} -m pip install {' '.join(packages)}"
+
+
+def _apt(*packages: str) -> str:
+    return f"sudo apt-get install {' '.join(packages)}"
+
+
+# System libraries that Python packages load: library -> package of Debian and Ubuntu.
+_LIBRARIES = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libgomp.so.1": "libgomp1",
+}
 
 
 def _finding(name: str, check: Callable[[], str], remedy: str) -> Finding:
     try:
         return Finding(name, True, check(), remedy)
     except (ImportError, RuntimeError, OSError, PoilError) as error:
-        return Finding(name, False, str(error).splitlines()[0], remedy)
+        found = str(error).splitlines()[0]
+        missing = [_apt(package) for library, package in _LIBRARIES.items() if library in found]
+        return Finding(name, False, found, missing[0] if missing else remedy)
 
 
 def _version(distribution: str, module: str) -> str:

@@ -1,29 +1,16 @@
 """User mistakes on the command line end in one readable line and a non-zero status."""
 
-from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from command_line import Command
 
-from poil_drake import cli
 from poil_drake.benchmarks.control import study
 from poil_drake.diagrams.run.report import OutputPaths
 from poil_drake.errors import InvalidValueError
 
 NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_timeout: 0.1}}}"
-
-
-def run(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
-    monkeypatch.setattr("sys.argv", ["poil", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return int(stop.value.code or 0)
-
-
-def one_line(capsys: pytest.CaptureFixture[str]) -> str:
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1, lines
-    return lines[0]
 
 
 @pytest.mark.parametrize(
@@ -40,8 +27,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
             "'mug'",
         ),
         (["run", "--scenario_text", "{poil: {part: spout}}"], "'spout'"),
-        (["run", "--scenario_text", "{poil: {eta: -1}}"], "eta"),
-        (["run", "--scenario_text", "{poil: ["], "not valid YAML"),
         (
             ["run", "--hardware", "--scenario_text", NO_ROBOT],
             "still missing: the robot's status on PANDA_STATUS, the hand's status on",
@@ -50,10 +35,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         (["driver", "--time-scale", "0"], "poil.hardware.time_scale is 0.0"),
         (["driver", "missing.yaml"], "'missing.yaml' cannot be read"),
         (["driver", "--json", "."], "The output '.' is a folder"),
-        (
-            ["run", "--scenario_text", "{poil: {hardware: {cameras: {left: !Leica {}}}}}"],
-            "Leica",
-        ),
         (
             [
                 *("run", "--hardware", "--scenario_text"),
@@ -68,10 +49,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
             ],
             "which camera 'left' does not give",
         ),
-        (
-            ["driver", "--scenario_text", "{lcm_buses: {robot: {lcm_url: 'udpm://no'}}}"],
-            "udpm://no",
-        ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
         (["transfer", "missing.mcap"], "missing.mcap"),
         (["execute", "missing.npz"], "missing.npz"),
@@ -82,8 +59,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         ),
         (["run", "."], "'.' cannot be read (Is a directory)"),
         (["run", "a.yaml", "--scenario_file", "b.yaml"], "'a.yaml' and 'b.yaml'"),
-        (["run", "--scenario_text", "mug"], "a mapping (Scenario) is needed"),
-        (["run", "--scenario_text", "{random_seed: -1}"], "random_seed is -1"),
         (["run", "--scenario_text", "{poil: {fixture: rak}}"], "poil.fixture is 'rak'"),
         (["run", "--scenario_text", "{cameras: {left: {width: 0}}}"], "cameras.left"),
         (["run", "--scenario_text", "{plant_config: {contact_model: soft}}"], "'soft'"),
@@ -114,21 +89,12 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
-def test_mistakes_end_in_one_line(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    arguments: list[str],
-    said: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_mistakes_end_in_one_line(command: Command, arguments: list[str], said: str) -> None:
+    dut = command(*arguments)
 
-    status = run(monkeypatch, arguments)
-
-    assert status == 1
-    line = one_line(capsys)
-    assert line.startswith("poil: ")
-    assert said in line
+    assert dut.status == 1
+    assert dut.err.strip() == dut.error
+    assert said in dut.error
 
 
 @pytest.mark.parametrize(
@@ -141,32 +107,19 @@ def test_mistakes_end_in_one_line(
         (["missing.mcap", "--mcap", "missing.mcap"], "would overwrite the input"),
     ],
 )
-def test_a_log_that_cannot_be_replayed_is_told_from_one_that_differs(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    arguments: list[str],
-    said: str,
+def test_an_unusable_log_has_its_own_exit_status(
+    command: Command, arguments: list[str], said: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
+    dut = command("replay", *arguments)
 
-    assert run(monkeypatch, ["replay", *arguments]) == 2
-
-    line = one_line(capsys)
-    assert line.startswith("poil: ")
-    assert said in line
-
-
-def test_unknown_options_name_the_usage(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, ["run", "--haste", "9"]) == 2
-    assert "No such option" in one_line(capsys)
+    assert dut.status == 2
+    assert said in dut.error
 
 
 @pytest.mark.parametrize(
     ("arguments", "option"),
     [
+        (["run", "--haste", "9"], "No such option: --haste"),
         (["run", "--realtime-rate", "nan"], "--realtime-rate"),
         (["run", "--realtime-rate", "inf"], "--realtime-rate"),
         (["run", "--realtime-rate", "-1"], "--realtime-rate"),
@@ -188,13 +141,12 @@ def test_unknown_options_name_the_usage(
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
 def test_wrong_values_name_their_option(
-    arguments: list[str],
-    option: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: Command, arguments: list[str], option: str
 ) -> None:
-    assert run(monkeypatch, arguments) == 2
-    assert option in one_line(capsys)
+    dut = command(*arguments)
+
+    assert dut.status == 2
+    assert option in dut.error
 
 
 @pytest.mark.parametrize(
@@ -206,51 +158,39 @@ def test_wrong_values_name_their_option(
         (InvalidValueError("One\nline.", remedy="Is enough."), "poil: One line. Is enough."),
     ],
 )
-def test_errors_of_the_system_end_in_one_line(
-    error: Exception,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_system_errors_end_in_one_line(
+    error: Exception, said: str, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(**_: object) -> None:
         raise error
 
     monkeypatch.setattr("poil_drake.reports.doctor.Examine", fail)
 
-    assert run(monkeypatch, ["doctor"]) == 1
-    assert one_line(capsys).startswith(said)
+    dut = command("doctor")
+
+    assert dut.status == 1
+    assert dut.error.startswith(said)
 
 
-def test_a_group_of_verbs_alone_shows_its_help(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, ["demo"]) == 2
-    said = capsys.readouterr()
-    assert "record" in said.out + said.err
-    assert "poil:" not in said.err
+def test_a_group_of_verbs_alone_shows_its_help(command: Command) -> None:
+    dut = command("demo")
+
+    assert dut.status == 2
+    assert "record" in dut.out + dut.err
+    assert "poil:" not in dut.err
 
 
-def test_help_lists_the_verbs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, ["--help"]) == 0
-    text = capsys.readouterr().out
-    for verb in ("run", "demo", "transfer", "execute", "bench", "doctor"):
-        assert verb in text
-
-
-def test_options_of_the_control_study_arrive(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_options_of_the_control_study_are_passed_on(
+    command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: dict[str, object] = {}
     monkeypatch.setattr(
         study, "run_control_study", lambda config, **options: seen.update(options, config=config)
     )
-    monkeypatch.chdir(tmp_path)
     arguments = "--tasks pnp_cube,reshelving --policies field --trials 3 --no-hard --seed 5"
     others = "--jobs 2 --ray local --json a/b.json --pictures c"
 
-    assert run(monkeypatch, ["bench", "control", *arguments.split(), *others.split()]) == 0
+    assert command("bench", "control", *arguments.split(), *others.split()).status == 0
 
     assert seen["config"] == study.ControlStudyConfig(
         tasks=("pnp_cube", "reshelving"), policies=("field",), trials=3, hard=False, seed=5
@@ -261,42 +201,30 @@ def test_options_of_the_control_study_arrive(
     }  # fmt: skip
 
 
-def test_help_names_every_task_and_policy(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "400")
+def test_help_names_every_task_and_policy(command: Command) -> None:
+    said = command("bench", "control", "--help").out
 
-    assert run(monkeypatch, ["bench", "control", "--help"]) == 0
-
-    said = capsys.readouterr().out
     default = study.ControlStudyConfig()
-    assert all(f"{name}" in said for name in (*default.tasks, *default.policies))
+    assert all(name in said for name in (*default.tasks, *default.policies))
 
 
 @pytest.mark.parametrize(("same", "status"), [(True, 0), (False, 1)])
 def test_a_replay_ends_with_its_verdict(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], same: bool, status: int
+    command: Command, monkeypatch: pytest.MonkeyPatch, same: bool, status: int
 ) -> None:
     asked: list[tuple[Path, dict[str, object]]] = []
 
-    class Summary:
-        def __init__(self) -> None:
-            self.same = same
-
-        def closing_line(self) -> str:
-            return "SAME OR NOT: a line."
-
-    def replay(path: Path, **options: object) -> Summary:
+    def replay(path: Path, **options: object) -> SimpleNamespace:
         asked.append((path, options))
-        return Summary()
+        return SimpleNamespace(same=same, closing_line=lambda: "SAME OR NOT: a line.")
 
     monkeypatch.setattr("poil_drake.diagrams.replay.replay.Replay", replay)
     options = ["--json", "a.json", "--png", "a.png", "--mcap", "a.mcap"]
     settings = ["--tracker", "recorded", "--scenario_text", "{poil: {eta: 2}}"]
 
-    assert run(monkeypatch, ["replay", "run.mcap", *options, *settings]) == status
+    dut = command("replay", "run.mcap", *options, *settings)
 
-    assert capsys.readouterr().out == "SAME OR NOT: a line.\n"
+    assert (dut.status, dut.out) == (status, "SAME OR NOT: a line.\n")
     ((path, given),) = asked
     assert path == Path("run.mcap")
     assert given["outputs"] == OutputPaths(

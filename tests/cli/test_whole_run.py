@@ -5,10 +5,9 @@ from pathlib import Path
 
 import cv2
 import pytest
+from command_line import Command
 from mcap.reader import make_reader
 from mjcf_kitchen import write_kitchen
-
-from poil_drake import cli
 
 pytestmark = [pytest.mark.slow, pytest.mark.render]
 
@@ -57,7 +56,7 @@ def test_the_outputs_are_complete(whole_run: Path) -> None:
     }
 
 
-def test_the_time_is_split_among_what_took_it(figures: dict) -> None:
+def test_the_time_of_a_run_is_split_into_parts(figures: dict) -> None:
     timing = figures["timing"]
     assert timing["stages"].keys() == {"demonstration", "planning", "execution", "report"}
     assert timing["concurrent"].keys() == {"rendering", "tracking"}
@@ -67,15 +66,13 @@ def test_the_time_is_split_among_what_took_it(figures: dict) -> None:
 
 
 def test_a_users_own_mjcf_models_run_through_the_whole_chain(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: Command, tmp_path: Path
 ) -> None:
     kitchen = write_kitchen(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    # What cameras see of such models during a run: tests/diagrams/test_camera_process.py.
-    arguments = [str(kitchen), "--tracker", "ground_truth", "--no-meshcat"]
-    monkeypatch.setattr("sys.argv", ["poil", "run", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    assert stop.value.code == 0, capsys.readouterr()
-    assert "SUCCESS" in capsys.readouterr().out
+
+    # The images of such models: tests/diagrams/station/cameras/test_camera_process.py.
+    dut = command("run", str(kitchen), "--tracker", "ground_truth", "--no-meshcat")
+
+    assert dut.status == 0, dut
+    assert "SUCCESS" in dut.out
     assert (tmp_path / "out" / "run.json").exists()

@@ -158,7 +158,7 @@ def was_told_to_rest(run: Run) -> bool:
     [
         (signal.SIGINT, 130, "stopped by the user"),
         (signal.SIGTERM, 143, "terminated"),
-        (signal.SIGHUP, 129, "the terminal has gone"),
+        (signal.SIGHUP, 129, "the terminal was closed"),
     ],
 )
 def test_a_signal_brings_the_arm_to_rest(

@@ -18,7 +18,7 @@ def load(path):
     return plant, model
 
 
-def test_the_shipped_file_is_what_the_parameters_make(tmp_path):
+def test_the_shipped_file_is_up_to_date(tmp_path):
     assert write_bag(BagParameters(), tmp_path).read_text() == SHIPPED.read_text()
 
 
@@ -44,7 +44,7 @@ def test_links_of_the_file_meet_at_the_vertices(tmp_path):
         np.testing.assert_allclose(X_BW @ X_WH.translation(), vertex, atol=1e-6)
 
 
-def test_file_weighs_what_the_parameters_say(tmp_path):
+def test_the_file_has_the_parameters_mass(tmp_path):
     bag = BagParameters(mass=0.5, handle_mass=0.06)
     plant, _ = load(write_bag(bag, tmp_path))
 

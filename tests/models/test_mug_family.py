@@ -19,7 +19,7 @@ EACH_MUG = pytest.mark.parametrize("mug", NAMED_MUGS, ids=lambda mug: mug.name)
 
 
 @EACH_MUG
-def test_the_shipped_files_are_what_the_parameters_make(mug: MugParameters, tmp_path: Path) -> None:
+def test_the_shipped_files_are_up_to_date(mug: MugParameters, tmp_path: Path) -> None:
     import cv2
 
     write_mug(mug, tmp_path)
@@ -92,7 +92,7 @@ def test_the_body_encloses_the_volume_of_its_clay() -> None:
     assert volume == pytest.approx(tube + disc, rel=0.06)
 
 
-def test_textures_differ_and_repeat_themselves() -> None:
+def test_textures_depend_on_the_seed_only() -> None:
     mugs = [m for m in NAMED_MUGS if m.texture == "noise"]
     dut = texture_image(mugs[0])
     other = texture_image(dataclasses.replace(mugs[0], seed=99))
@@ -101,20 +101,10 @@ def test_textures_differ_and_repeat_themselves() -> None:
     assert np.any(dut != other)
 
 
-def test_the_family_has_plain_members_and_a_demonstrator() -> None:
-    names = [m.name for m in NAMED_MUGS]
-
-    assert len(set(names)) == len(names) >= 7
-    assert "mug_demo" in names
-    assert sum(m.texture == "plain" for m in NAMED_MUGS) >= 2
-
-
 @pytest.mark.parametrize(
     ("field", "value", "says"),
     [
         ("radius", 0.2, "between 0.032 and 0.045"),
-        ("handle_shape", "round", "c, d, square, ear"),
-        ("texture", "lace", "plain, stripes"),
         ("handle_opening", 0.08, "does not fit"),
         ("handle_clearance", 0.01, "between 0.026"),
     ],

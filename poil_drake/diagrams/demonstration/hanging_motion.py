@@ -1,6 +1,4 @@
-"""The default demonstration: something with a handle is hung on a rod."""
-
-from dataclasses import dataclass
+"""The default demonstration: an object with a handle is hung on a rod."""
 
 import numpy as np
 
@@ -9,27 +7,13 @@ from poil_drake.diagrams.scenario.demonstration_config import HangingMotionConfi
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
 
-_STEEPEST_ROD = 0.9  # sine of the angle to the horizontal; handles slide off long before
+_STEEPEST_ROD = 0.9  # Sine of the angle from the horizontal; handles slide off steeper rods.
 
-
-@dataclass(frozen=True)
-class _Rod:
-    """A rod: the middles of its two ends [m, world]."""
-
-    base: np.ndarray
-    tip: np.ndarray
-
-    @property
-    def direction(self) -> np.ndarray:
-        return (self.tip - self.base) / np.linalg.norm(self.tip - self.base)
-
-
-@dataclass(frozen=True)
-class _Handle:
-    """A handle in the object's frame: the middle of its opening [m], and where it points."""
-
-    opening: np.ndarray
-    direction: np.ndarray
+_REST = 0.5  # [s] at the start and at the end, as people rest
+_LIFT = 1.0  # [s]
+_CARRY = 3.0  # [s]; keeps turning and tilting below 1 rad/s
+_SLIDE = 1.5  # [s]; the handle over the rod
+_LOWER = 0.75  # [s]; the handle onto the rod
 
 
 def hanging_keyframes(
@@ -37,91 +21,98 @@ def hanging_keyframes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns keyframes that hang the scene's object on the rod of its fixture.
 
-    The object's z axis is its upright, the handle is the scenario's functional part. The object
-    is lifted, carried before the rod's tip, slid onto the rod and lowered.
+    The object's z axis points up at the start; its handle is the scenario's functional part. The
+    object is lifted, carried to the rod's tip, slid onto the rod and lowered.
 
     Returns:
         (K,) times [s] and (K, 4, 4) poses of the object in the world [m].
 
     Raises:
-        ScenarioError: if the fixture has no such rod, or the object no such handle.
+        ScenarioError: The fixture has no suitable rod, or the object no suitable handle.
     """
-    rod, handle = _find_rod(scene, config), _find_handle(scene)
-    turn = _turn_about_z(np.radians(config.start_yaw) - _heading(handle.direction))
+    base, tip = _find_rod(scene, config)
+    rod = _direction(base, tip)
+    opening, handle = _find_handle(scene)
+    heading = np.arctan2(handle[1], handle[0])
+    turn = _turn_about_z(np.radians(config.start_yaw) - heading)
     start = make_transform(turn, np.array(config.start))
     lifted = make_transform(turn, start[:3, 3] + np.array([0.0, 0.0, config.lift]))
-    R = _hanging_rotation(rod.direction, handle, config.tilt)
-    seat = rod.base + config.seat * (rod.tip - rod.base)
-    over = make_transform(R, seat - R @ handle.opening)
+    R = _hanging_rotation(rod, handle, config.tilt)
+    seat = base + config.seat * (tip - base)
+    over = make_transform(R, seat - R @ opening)
     before = over.copy()
-    before[:3, 3] += rod.tip + config.approach * rod.direction - seat
+    before[:3, 3] += tip + config.approach * rod - seat
     hung = over.copy()
-    hung[:3, 3] += _way_down(scene, over, rod, config)
-    durations = [
-        *(config.rest, config.lift_time, config.carry_time),
-        *(config.slide_time, config.settle_time, config.rest),
-    ]
-    poses = [start, start, lifted, before, over, hung, hung]
-    return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
+    hung[:3, 3] += _descent(scene, over, rod, config)
+    times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
+    return times, np.array([start, start, lifted, before, over, hung, hung])
 
 
-def _find_rod(scene: DemonstrationScene, config: HangingMotionConfig) -> _Rod:
+def _direction(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    return (tip - base) / np.linalg.norm(tip - base)
+
+
+def _find_rod(
+    scene: DemonstrationScene, config: HangingMotionConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centres of the rod's ends [m, world]: base and tip."""
     fixture = scene.fixture_name
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
-        raise ScenarioError(
-            f"The fixture '{fixture}' has no link, and no geometries, named '{config.rod}' that "
-            "collide.",
-            remedy="Name the rod's link or geometries in "
-            "poil.demonstration_motion.hanging.rod, or give poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The fixture '{fixture}' has no link or geometry '{config.rod}' that collides.",
+            "Name the rod's link or geometries in poil.demonstration_motion.hanging.rod",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
-    # A rounded end is no place to hang: the axis ends a radius before it.
+    # Nothing hangs on a rounded end: the axis ends a radius before it.
     reach = (half[axis] - np.min(half)) * X_WB[:3, axis]
     ends = [X_WB[:3, 3] - reach, X_WB[:3, 3] + reach]
     foot = scene.model_position(fixture)
-    ends.sort(key=lambda end: float(np.linalg.norm((end - foot)[:2])))
-    rod = _Rod(*ends)
-    if abs(rod.direction[2]) > _STEEPEST_ROD:
-        raise ScenarioError(
-            f"The rod '{config.rod}' of '{fixture}' stands upright, so nothing hangs on it.",
-            remedy="Name another link in poil.demonstration_motion.hanging.rod, or give "
-            "poil.demonstration_motion.keyframes.",
+    base, tip = sorted(ends, key=lambda end: float(np.linalg.norm((end - foot)[:2])))
+    if abs(_direction(base, tip)[2]) > _STEEPEST_ROD:
+        raise _unsuitable(
+            f"The rod '{config.rod}' of '{fixture}' is upright, so nothing can hang on it.",
+            "Name another link in poil.demonstration_motion.hanging.rod",
         )
-    return rod
+    return base, tip
 
 
-def _find_handle(scene: DemonstrationScene) -> _Handle:
-    boxes = scene.object_boxes(scene.part_link)
+def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centre of the handle's opening [m] and its direction, in the object's frame."""
+    scene.put_object(np.eye(4))
+    boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
-        raise ScenarioError(
-            f"The object of the demonstration has no link, and no geometries, named "
-            f"'{scene.part_link}' to collide with.",
-            remedy="Name a link or geometries as the part in poil.parts, or give "
-            "poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The demonstration's object has no link or geometry '{scene.part_link}' that "
+            "collides.",
+            "Name a link or geometries as the part in poil.parts",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     outward = np.array([middle[0], middle[1], 0.0])
     if np.linalg.norm(outward) < 1e-3:
-        raise ScenarioError(
-            f"The part '{scene.part_link}' of the demonstration's object is not beside its z axis, "
-            "so it is no handle.",
-            remedy="Give poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The part '{scene.part_link}' of the demonstration's object lies on the object's z "
+            "axis, so it is no handle.",
+            "Choose another poil.part",
         )
     direction = outward / np.linalg.norm(outward)
     along = corners @ direction
     opening = direction * (along.min() + along.max()) / 2 + [0.0, 0.0, middle[2]]
-    return _Handle(opening, direction)
+    return opening, direction
 
 
-def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarray:
-    """Returns the object's orientation (3, 3): the handle's opening faces along the rod.
+def _unsuitable(problem: str, remedy: str) -> ScenarioError:
+    return ScenarioError(problem, remedy=f"{remedy}, or give poil.demonstration_motion.keyframes.")
 
-    In the plane across the rod the handle points upwards by `tilt` [deg] from the horizontal, on
-    the side of the world's +x, away from the robot.
+
+def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
+    """Returns the object's orientation (3, 3) in which the handle's opening faces the rod.
+
+    In the plane perpendicular to the rod, the handle points up by `tilt` [deg] from the horizontal,
+    on the side of the world's +x axis, away from the robot.
     """
     up = np.array([0.0, 0.0, 1.0]) - rod[2] * rod
     up /= np.linalg.norm(up)
@@ -132,18 +123,19 @@ def _hanging_rotation(rod: np.ndarray, handle: _Handle, tilt: float) -> np.ndarr
     upright = np.cos(angle) * up - np.sin(angle) * ahead
     world = np.column_stack([pointing, np.cross(upright, pointing), upright])
     z = np.array([0.0, 0.0, 1.0])
-    own = np.column_stack([handle.direction, np.cross(z, handle.direction), z])
+    own = np.column_stack([handle, np.cross(z, handle), z])
     return world @ own.T
 
 
-def _way_down(
-    scene: DemonstrationScene, over: np.ndarray, rod: _Rod, config: HangingMotionConfig
+def _descent(
+    scene: DemonstrationScene, over: np.ndarray, rod: np.ndarray, config: HangingMotionConfig
 ) -> np.ndarray:
-    """Returns how the object moves [m] until the handle is `clearance` above the rod.
+    """Returns the displacement [m] down to where the handle is `clearance` above the rod.
 
-    Across the rod, downwards; found by bisection of the distance between handle and rod.
+    It is perpendicular to the rod; its length is found by bisection of the distance between handle
+    and rod.
     """
-    down = rod.direction[2] * rod.direction - np.array([0.0, 0.0, 1.0])
+    down = rod[2] * rod - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down)
 
     def gap(depth: float) -> float:
@@ -152,27 +144,22 @@ def _way_down(
         return scene.distance(pose, scene.part_link, scene.fixture_name, config.rod)
 
     if gap(0.0) < config.clearance:
-        raise ScenarioError(
-            f"The rod passes the handle with only {1000 * gap(0.0):.1f} mm to spare.",
-            remedy="Use a thinner rod or a larger handle, or give "
-            "poil.demonstration_motion.keyframes.",
+        raise _unsuitable(
+            f"The rod fits through the handle with a gap of only {1000 * gap(0.0):.1f} mm.",
+            "Use a thinner rod or a larger handle",
         )
     low, high = 0.0, config.clearance
     while gap(high) > config.clearance:
         low, high = high, high + 0.002
         if high > 0.2:
-            raise ScenarioError(
-                "The part has no opening that could hang on the rod.",
-                remedy="Give poil.demonstration_motion.keyframes.",
+            raise _unsuitable(
+                "The functional part has no opening that can hang on the rod.",
+                "Choose another poil.part",
             )
     for _ in range(30):
         middle = (low + high) / 2
         low, high = (middle, high) if gap(middle) > config.clearance else (low, middle)
     return low * down
-
-
-def _heading(direction: np.ndarray) -> float:
-    return float(np.arctan2(direction[1], direction[0]))
 
 
 def _turn_about_z(angle: float) -> np.ndarray:

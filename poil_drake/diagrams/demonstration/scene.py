@@ -1,8 +1,5 @@
 """The scene of a simulated demonstration: the scenario's, without its robot."""
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 from pydrake.geometry import CalcObb, GeometryId, QueryObject
 from pydrake.lcm import DrakeLcmParams
@@ -12,10 +9,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
-from poil_drake.diagrams.demonstration.directives import (
-    demonstration_directives,
-    models_left_out,
-)
+from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.scenario.checks import NO_NETWORK
 from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries
 from poil_drake.diagrams.scenario.fit import RequireFreeObject
@@ -30,7 +24,6 @@ from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame, ReadImage
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
-from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 
 _OWN_MUGS = "package://poil_drake/mugs/"
@@ -40,35 +33,35 @@ _OWN_MUGS_PART = "handle"
 class DemonstrationScene:
     """The scenario's table, fixture and cameras, and the demonstration's object; no robot.
 
-    Nothing is simulated: the object is put where it shall be, and pictures are taken.
+    Nothing is simulated: the caller sets the object's pose and captures images.
 
     Args:
-        scenario: Its robot is left out, and its object is replaced by `demonstration_object`.
+        scenario: The scenario. Its robot is removed; `demonstration_object` replaces its object.
         cameras: False leaves out cameras and renderer.
-        package_xmls: Further `package.xml` files, for directives with `package://...`.
+
+    Attributes:
+        object_name: Model instance of the object.
+        fixture_name: Model instance of the fixture.
+        part_link: Link, or pattern on the names of geometries, of the object's functional part.
+        camera_names: Names of the cameras.
 
     Raises:
-        ScenarioError: when the scenario does not fit together.
+        ScenarioError: The directives cannot be processed, a model, part or joint that the
+            scenario names does not exist, or a camera cannot be used.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        cameras: bool = True,
-        package_xmls: Sequence[str | Path] = (),
-    ):
+    def __init__(self, scenario: Scenario, *, cameras: bool = True):
         poil = scenario.poil
         builder = DiagramBuilder()
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
         parser = Parser(self._plant)
-        AddPackages(parser, package_xmls)
-        AddModels(parser, demonstration_directives(scenario, parser.package_map()))
+        AddPackages(parser)
+        directives, removed = demonstration_directives(scenario, parser.package_map())
+        AddModels(parser, directives)
         for role, name in (("object", poil.object), ("fixture", poil.fixture)):
             RequireModel(self._plant, name, role)
-        # The object is another one, whose joints may have other names.
-        others = {*models_left_out(scenario, parser.package_map()), poil.object}
-        SetInitialPositions(self._plant, scenario, without=others)
+        # The demonstration's object may have other joints.
+        SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
         parts = demonstrated_parts(poil)
         self._label_ids = AssignLabels(
             plant=self._plant, scene_graph=self._scene_graph, parts={poil.object: parts}
@@ -77,7 +70,7 @@ class DemonstrationScene:
         RequireFreeObject(self._plant, poil.object)
         self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
-            # The cameras' configuration names buses, but a recording is nobody else's business.
+            # The cameras' configuration names buses, but a recording is not published.
             silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
             self._cameras = AddCameras(
                 builder=builder,
@@ -92,19 +85,16 @@ class DemonstrationScene:
         self._context = self._diagram.CreateDefaultContext()
         self.object_name, self.fixture_name = poil.object, poil.fixture
         self.part_link = parts[poil.part]
-
-    @property
-    def camera_names(self) -> tuple[str, ...]:
-        """The names of the cameras."""
-        return tuple(camera.name for camera in self._cameras)
+        self.camera_names = tuple(camera.name for camera in self._cameras)
 
     def put_object(self, X_WO: np.ndarray) -> None:
-        """Puts the object at a (4, 4) pose in the world [m]."""
+        """Sets the object's (4, 4) pose in the world [m]."""
         plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
-        self._plant.SetFreeBodyPose(plant_context, self._object_body(), RigidTransform(X_WO))
+        body = self._first_body(self.object_name)
+        self._plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WO))
 
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
-        """Takes a picture with every camera at a time [s], which seeds the noise."""
+        """Returns one image of every camera at a time [s], which seeds the noise."""
         self._context.SetTime(time)
         images = tuple(
             ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
@@ -113,15 +103,15 @@ class DemonstrationScene:
         return MakeFrame(self._cameras, images, self._label_ids)
 
     def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Returns the boxes around a part's collision geometries, wherever they are now.
+        """Returns the oriented boxes around a part's collision geometries.
 
         Args:
             model: The model instance.
             part: A link, or a regular expression on the names of geometries.
 
         Returns:
-            For each the (4, 4) pose of its middle in the world and its (3,) half sizes [m]. Empty
-            where there is no such part.
+            The (4, 4) pose of each box's centre in the world [m] and its (3,) half sizes [m];
+            empty if the model has no such part.
         """
         found = []
         for geometry_id in self._collision_geometries(model, part):
@@ -131,22 +121,13 @@ class DemonstrationScene:
                 found.append(((X_WG @ box.pose()).GetAsMatrix4(), box.half_width()))
         return found
 
-    def object_boxes(self, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Returns the boxes around a part of the object, in the object's frame."""
-        body = self._object_body()
-        plant_context = self._plant.GetMyContextFromRoot(self._context)
-        X_OW = inverse(body.EvalPoseInWorld(plant_context).GetAsMatrix4())
-        return [(X_OW @ X_WB, half) for X_WB, half in self.boxes(self.object_name, part)]
-
     def model_position(self, model: str) -> np.ndarray:
         """Returns the position of a model's first body in the world [m]."""
-        instance = self._plant.GetModelInstanceByName(model)
-        body = self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
         plant_context = self._plant.GetMyContextFromRoot(self._context)
-        return body.EvalPoseInWorld(plant_context).translation()
+        return self._first_body(model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
-        """Returns the distance [m] between a part of the object, put at X_WO, and another."""
+        """Returns the signed distance [m] from a part of the object at X_WO to another part."""
         self.put_object(X_WO)
         query = self._query()
         return min(
@@ -155,25 +136,11 @@ class DemonstrationScene:
             for b in self._collision_geometries(model, part)
         )
 
-    def penetration(self, X_WO: np.ndarray) -> float:
-        """Returns how deep the object, put at X_WO, intersects anything else [m]; 0 if nowhere."""
-        self.put_object(X_WO)
-        instance = self._plant.GetModelInstanceByName(self.object_name)
-        own = {
-            geometry_id
-            for index in self._plant.GetBodyIndices(instance)
-            for geometry_id in self._plant.GetCollisionGeometriesForBody(
-                self._plant.get_body(index)
-            )
-        }
-        pairs = self._query().ComputePointPairPenetration()
-        return max((p.depth for p in pairs if (p.id_A in own) != (p.id_B in own)), default=0.0)
-
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)
 
-    def _object_body(self) -> RigidBody:
-        instance = self._plant.GetModelInstanceByName(self.object_name)
+    def _first_body(self, model: str) -> RigidBody:
+        instance = self._plant.GetModelInstanceByName(model)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
 
     def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
@@ -181,9 +148,9 @@ class DemonstrationScene:
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
-    """Returns the parts of the demonstration's object, as `AssignLabels` takes them.
+    """Returns part -> link or pattern of the demonstration's object.
 
-    The scenario's patterns are those of its own object. The package's mugs have their own names.
+    `poil.parts` describes the scenario's object. The package's mugs have the link "handle".
     """
     if poil.demonstration_object.startswith(_OWN_MUGS):
         return {poil.part: _OWN_MUGS_PART}

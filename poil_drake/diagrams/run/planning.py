@@ -46,7 +46,7 @@ def PlanScenario(
     demonstration: str | Path,
     *,
     hardware: bool = False,
-    page: str | Path | None = None,
+    output: str | Path | None = None,
     config: PlanningConfig | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
@@ -58,7 +58,7 @@ def PlanScenario(
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
         hardware: Whether the station is the real robot, which is looked at and not moved.
-        page: Where an HTML page that shows the plan is written; None for none.
+        output: Where to save the plan, and beside it an HTML page that shows it; None: nowhere.
         config: All parameters; of table, boxes and field, the scenario's values are taken.
         progress: Told what is being done and which share of it, in [0, 1].
 
@@ -108,10 +108,11 @@ def PlanScenario(
         },
         progress=progress,
     )
-    if page is not None:
+    if output is not None:
         from poil_drake.grasping.plan_page import write_plan_page
 
-        write_plan_page(page, result, X_WB=model.X_WB)
+        result.plan.save(output)
+        write_plan_page(Path(output).with_suffix(".html"), result, X_WB=model.X_WB)
     return result.plan
 
 

@@ -1,1 +1,1 @@
-"""The scenario: its schema, and how it is read and checked."""
+"""Scenarios: their schema, and how they are read, checked, drawn and written."""

@@ -1,126 +1,95 @@
-"""What can be wrong with a scenario's values before anything is built."""
+"""Checks of a scenario's values that concern several keys, or that Drake would make too late."""
 
 import ipaddress
-import math
 from collections.abc import Mapping, Sequence
 from urllib.parse import urlsplit
 
 from pydrake.lcm import DrakeLcmParams
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
-from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 from pydrake.systems.sensors import CameraConfig
 from pydrake.visualization import VisualizationConfig
 
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.value_ranges import require_not_negative, require_positive
 from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 GROUND_TRUTH = "ground_truth"
-"""The tracker's name that stands for the simulator's own poses: a labelled baseline."""
+"""The name of the tracker that gives the simulator's own poses: a labelled baseline."""
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
 
-_ROUNDING = 1e-9  # of what is written in decimals
-_MULTICAST_SCHEMES = ("udpm", "mpudpm")
-_OTHER_SCHEMES = ("memq", "tcpq", "file")
-
-# "cenic" integrates the plant as a continuous system, which ours is not.
-_INTEGRATION_SCHEMES = (
-    "bogacki_shampine3",
-    "explicit_euler",
-    "implicit_euler",
-    "radau1",
-    "radau3",
-    "runge_kutta2",
-    "runge_kutta3",
-    "runge_kutta5",
-    "semi_explicit_euler",
-    "velocity_implicit_euler",
-)
-
-
-def require_positive(name: str, value: float, *, infinite: bool = False) -> None:
-    """Rejects non-positive values, and infinity unless it is allowed."""
-    if not value > 0.0 or (math.isinf(value) and not infinite):
-        raise ScenarioError(
-            f"{name} is {value}.",
-            remedy="It must be positive." if infinite else "It must be positive and finite.",
-        )
+_ROUNDING = 1e-9  # Relative error of numbers written in decimals.
 
 
 def check_directives(directives: Sequence[ModelDirective]) -> None:
-    """Checks that each directive says one thing, completely."""
+    """Checks that each directive has exactly one key, and a name, file, parent and child."""
     for index, directive in enumerate(directives):
-        _check_directive(directive, f"directives[{index}]")
-
-
-def _check_directive(directive: ModelDirective, path: str) -> None:
-    fields = {f.name: getattr(directive, f.name) for f in directive.__fields__}
-    given = [name for name, value in fields.items() if value is not None]
-    if len(given) != 1:
-        raise ScenarioError(
-            f"'{path}' holds {' and '.join(given) or 'nothing'}.",
-            remedy=f"Begin each directive with a dash of its own, and one of: {', '.join(fields)}.",
-        )
-    directive_ = fields[given[0]]
-    for key in ("name", "file", "parent", "child"):
-        if getattr(directive_, key, None) == "":
+        path = f"directives[{index}]"
+        fields = {f.name: getattr(directive, f.name) for f in directive.__fields__}
+        given = [name for name, value in fields.items() if value is not None]
+        if len(given) != 1:
             raise ScenarioError(
-                f"'{path}.{given[0]}' has no '{key}'.", remedy=f"Add '{key}: ...' to it."
+                f"'{path}' holds {' and '.join(given) or 'nothing'}.",
+                remedy=f"Begin each directive with its own dash and one of: {', '.join(fields)}.",
             )
+        for key in ("name", "file", "parent", "child"):
+            if getattr(fields[given[0]], key, None) == "":
+                raise ScenarioError(
+                    f"'{path}.{given[0]}' has no '{key}'.", remedy=f"Add '{key}: ...' to it."
+                )
 
 
 def check_simulator(config: SimulatorConfig) -> None:
-    """Checks the values that Drake would not, or only later."""
+    """Checks values that Drake does not check, or only when the simulation starts."""
     path = "simulator_config"
     require_positive(f"{path}.max_step_size", config.max_step_size)
     require_positive(f"{path}.accuracy", config.accuracy)
-    if config.integration_scheme not in _INTEGRATION_SCHEMES:
+    require_not_negative(f"{path}.target_realtime_rate", config.target_realtime_rate)
+    # "cenic" integrates the plant as a continuous system, but ours is discrete.
+    schemes = [scheme for scheme in GetIntegrationSchemes() if scheme != "cenic"]
+    if config.integration_scheme not in schemes:
         raise ScenarioError(
             f"{path}.integration_scheme is '{config.integration_scheme}'.",
-            remedy=f"Choose one of: {', '.join(_INTEGRATION_SCHEMES)}.",
-        )
-    if not 0.0 <= config.target_realtime_rate < math.inf:
-        raise ScenarioError(
-            f"{path}.target_realtime_rate is {config.target_realtime_rate}.",
-            remedy="It must be finite and not negative; 0 runs as fast as it can.",
+            remedy=f"Choose one of: {', '.join(schemes)}.",
         )
     if config.start_time != 0.0:
         raise ScenarioError(
             f"{path}.start_time is {config.start_time} s, but every run starts at 0.",
-            remedy="Leave it out.",
+            remedy="Remove it.",
         )
 
 
 def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
-    """Checks that the plant's period is not given twice, differently."""
-    step, plant = config.time_step, poil.rates.plant
-    # Drake's default is what an unset field holds.
-    if step not in (plant, MultibodyPlantConfig().time_step):
+    """Checks that the two keys for the plant's period do not contradict each other."""
+    # Drake's default stands for an omitted key.
+    if config.time_step not in (poil.rates.plant, MultibodyPlantConfig().time_step):
         raise ScenarioError(
-            f"plant_config.time_step is {step} s, but poil.rates.plant is {plant} s.",
-            remedy="Leave the first out; the second is what counts.",
+            f"plant_config.time_step is {config.time_step} s, but poil.rates.plant is "
+            f"{poil.rates.plant} s.",
+            remedy="Remove the first; only the second is used.",
         )
 
 
 def check_safety(poil: PoilConfig) -> None:
-    """Checks that the supervisor's limits agree with the rest of the stanza."""
+    """Checks that the supervisor's limits agree with the other keys of `poil`."""
     height = poil.safety.posture.table_height
     if height not in (poil.table_height, PostureGuardConfig().table_height):
         raise ScenarioError(
             f"poil.safety.posture.table_height is {height}, but poil.table_height is "
             f"{poil.table_height}.",
-            remedy="Leave the first out; the second is what counts. What more is to be kept from "
-            "the table is poil.safety.posture.table_margin.",
+            remedy="Remove the first; only the second is used. The arm's distance from the table "
+            "is poil.safety.posture.table_margin.",
         )
     stall, expiry = poil.safety.stall_limit, poil.hardware.command_expiry
     if not stall < expiry:
         raise ScenarioError(
-            f"poil.safety.stall_limit is {stall} s, and poil.hardware.command_expiry {expiry} s: "
-            "the driver would stop the arm before the supervisor knew of it.",
-            remedy="Make the first smaller, and the second the driver's --expire_sec.",
+            f"poil.safety.stall_limit is {stall} s and poil.hardware.command_expiry is {expiry} "
+            "s, so the driver would stop the arm before the supervisor detects the stall.",
+            remedy="Make the first smaller than the second, which is the driver's --expire_sec.",
         )
 
 
@@ -142,14 +111,14 @@ def check_delays(
                 remedy="Delayed images are not published: set its rgb, depth and label to false, "
                 "or its output_delay to 0.",
             )
-        # The tracker looks one control period after the images have appeared.
+        # The tracker reads the images one control period after they appear.
         least = camera.output_delay + poil.rates.control
         if poil.tracker != GROUND_TRUTH and poil.latency < least * (1.0 - _ROUNDING):
             raise ScenarioError(
                 f"poil.latency is {poil.latency} s, but cameras.{name}.output_delay is "
                 f"{camera.output_delay} s.",
-                remedy=f"poil.latency holds the cameras' delay: make it at least {least:.6g} s, or "
-                "the delay shorter.",
+                remedy=f"poil.latency includes the cameras' delay: make it at least {least:.6g} s, "
+                "or make the delay shorter.",
             )
 
 
@@ -158,7 +127,7 @@ def check_buses(
     cameras: Mapping[str, CameraConfig],
     visualization: VisualizationConfig,
 ) -> None:
-    """Checks that LCM can use the buses' addresses, and that those in use are defined."""
+    """Checks that LCM can use the addresses of the buses, and that the buses in use exist."""
     for name, params in lcm_buses.items():
         if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
@@ -176,12 +145,12 @@ def check_buses(
 
 
 def _is_lcm_url(url: str) -> bool:
-    """Returns whether LCM can use an address; it would only print that it cannot."""
+    """Returns whether LCM can use an address; LCM itself only prints that it cannot."""
     parts = urlsplit(url)
-    if parts.scheme not in _MULTICAST_SCHEMES:
-        return parts.scheme in _OTHER_SCHEMES
+    if parts.scheme not in ("udpm", "mpudpm"):
+        return parts.scheme in ("memq", "tcpq", "file")
     try:
-        # An empty one stands for LCM's defaults.
+        # LCM has a default for an omitted host.
         address = parts.hostname or "239.255.76.67"
         return ipaddress.IPv4Address(address).is_multicast and parts.port != 0
     except ValueError:

@@ -1,7 +1,8 @@
-"""From what the command line says to a scenario."""
+"""Chooses a scenario by the options of the command line."""
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.randomization import ApplyRandomization
@@ -19,37 +20,31 @@ def ChooseScenario(
     speed: float | None = None,
     time_scale: float | None = None,
 ) -> Scenario:
-    """Returns the scenario that a user asked for.
+    """Returns a scenario with the values that a user chose; None keeps the scenario's.
 
     Args:
-        filename: The scenario file; None is the package's own.
-        scenario_name: Which document of it.
-        data: YAML text laid over it.
-        seed: Draws the trial of this seed from the scenario's `randomization`: object, pose,
-            noise. None leaves the scenario as it is written.
-        tracker: In place of the scenario's.
-        detector: In place of the scenario's.
-        speed: On hardware, in place of the scenario's.
-        time_scale: On hardware, in place of the scenario's.
+        filename: The scenario file; None stands for the package's.
+        scenario_name: The scenario of the file.
+        data: YAML text merged over it.
+        seed: Draws object, pose and noise from the scenario's `randomization`; None draws nothing.
+        tracker: Name of the tracker.
+        detector: Name of the detector.
+        speed: Speed on hardware, see `HardwareConfig`.
+        time_scale: Time scale on hardware, see `HardwareConfig`.
 
     Raises:
-        ScenarioError: in one line, what is wrong and what would be right.
+        ScenarioError: The scenario cannot be read, or a value is wrong.
     """
     scenario = LoadScenario(
         filename=filename or default_scenario_file(), data=data, scenario_name=scenario_name
     )
     if seed is not None:
         scenario = ApplyRandomization(scenario, seed)
-    hardware = scenario.poil.hardware
-    hardware = dataclasses.replace(
-        hardware,
-        speed=hardware.speed if speed is None else speed,
-        time_scale=hardware.time_scale if time_scale is None else time_scale,
-    )
-    poil = dataclasses.replace(
-        scenario.poil,
-        hardware=hardware,
-        tracker=scenario.poil.tracker if tracker is None else tracker,
-        detector=scenario.poil.detector if detector is None else detector,
-    )
+    hardware = _changed(scenario.poil.hardware, speed=speed, time_scale=time_scale)
+    poil = _changed(scenario.poil, hardware=hardware, tracker=tracker, detector=detector)
     return dataclasses.replace(scenario, poil=poil)
+
+
+def _changed(config: Any, **values: Any) -> Any:
+    """Returns a config with the values that are not None."""
+    return dataclasses.replace(config, **{k: v for k, v in values.items() if v is not None})

@@ -12,26 +12,25 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 
 
 def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
-    """Returns a scenario as a YAML document of its own, under its name.
+    """Returns a scenario as a YAML document under its name.
 
-    Every value is written out, defaults too, and choices such as a drawn pose or another tracker
-    are in it: loaded again, also by a version with other defaults, the text gives this very
-    scenario. Models are named, not copied.
+    The text holds every value, including defaults and choices such as a drawn pose, so that loading
+    it gives the same scenario even if defaults change. It names the models' files.
 
     Args:
         scenario: The scenario.
-        named: False leaves out the name, as in the text (not file) that `LoadScenario` takes.
+        named: False omits the name, for the `data` of `LoadScenario`.
     """
     node = _node(scenario)
     return yaml_dump({scenario.source.name or "Scenario": node} if named else node)
 
 
 def _node(value: Any) -> Any:
-    """Returns a value as mappings, lists and scalars."""
+    """Converts a value to mappings, lists and scalars."""
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
         node = {field.name: _node(getattr(value, field.name)) for field in written}
-        if isinstance(value, CameraSource):  # Of several kinds, the tag tells which.
+        if isinstance(value, CameraSource):  # A union needs the member's tag.
             node = {"_tag": f"!{type(value).__name__}", **node}
         return node
     if isinstance(value, Mapping):

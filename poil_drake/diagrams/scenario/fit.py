@@ -1,5 +1,6 @@
-"""Whether a scenario's names and start fit its models."""
+"""Checks that a scenario's names and initial positions fit its models."""
 
+import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -10,23 +11,22 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import BASE_LINK
 
-_LIMIT_TOLERANCE = 1e-6  # [rad or m]: what decimals in a file lose of a limit
+_LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 
 
 def CheckScenarioFits(
     plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: Scenario
 ) -> None:
-    """Checks what would otherwise show only after minutes, or not at all.
+    """Checks names and positions that a run would use minutes later, or never.
 
     Args:
-        plant: The plant with the scenario's models, finalized.
+        plant: The finalized plant with the scenario's models.
         inspector: Its scene graph's inspector.
         scenario: The scenario.
 
     Raises:
-        ScenarioError: when the object cannot move or the robot's base can, the fixture or what
-            holds the object there is missing, a driver drives nothing, or a joint starts beyond
-            its limits.
+        ScenarioError: The object is welded, the robot's base is not, the fixture or its rod does
+            not exist, a driver belongs to no robot, or a joint starts outside its limits.
     """
     poil = scenario.poil
     RequireModel(plant, poil.fixture, "fixture")
@@ -36,28 +36,24 @@ def CheckScenarioFits(
     for name in scenario.model_drivers:
         if name != poil.robot:
             raise ScenarioError(
-                f"model_drivers names '{name}', but only the robot '{poil.robot}' is driven.",
-                remedy=f"Name it '{poil.robot}', or leave it out.",
+                f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
+                remedy=f"Name it '{poil.robot}', or remove it.",
             )
     for name in scenario.initial_position:
         _require_start_within_limits(plant, name)
 
 
 def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
-    """Checks that a model can be moved as a whole.
-
-    Args:
-        plant: The plant, finalized.
-        name: The model's name.
+    """Checks that a model of a finalized plant is not welded.
 
     Raises:
-        ScenarioError: when it is joined to something.
+        ScenarioError: It is welded.
     """
     bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
     if not plant.get_body(bodies[0]).is_floating_base_body():
         raise ScenarioError(
             f"The object '{name}' is welded to something.",
-            remedy="Do not weld the object in the directives: it shall move.",
+            remedy="Do not weld the object in the directives: it must be able to move.",
         )
 
 
@@ -65,7 +61,7 @@ def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:
     robot = plant.GetModelInstanceByName(poil.robot)
     if not plant.IsAnchored(plant.GetBodyByName(BASE_LINK, robot)):
         raise ScenarioError(
-            f"The base '{poil.robot}::{BASE_LINK}' of the robot is not fixed to the world.",
+            f"The robot's base '{poil.robot}::{BASE_LINK}' is not fixed to the world.",
             remedy="Weld it in the directives: add_weld: {parent: world, child: "
             f"{poil.robot}::{BASE_LINK}}}.",
         )
@@ -82,27 +78,22 @@ def _require_holder(
     links = sorted({name.split("::")[1] for name in names})
     geometries = sorted(name.split("::")[2] for name in names)
     raise ScenarioError(
-        f"The fixture '{poil.fixture}' has no link, and no geometries, named '{rod}' for the "
-        "object to hang on.",
+        f"The fixture '{poil.fixture}' has no link or geometry named '{rod}' on which the object "
+        "can hang.",
         remedy="Set poil.demonstration_motion.hanging.rod to one of the links "
-        f"({', '.join(links)}) or to a regular expression on the names of the geometries that "
-        f"collide ({', '.join(geometries)}).",
+        f"({', '.join(links)}) or to a regular expression on the names of the collision geometries "
+        f"({', '.join(geometries)}).",
     )
 
 
 def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
     for index in plant.GetJointIndices(plant.GetModelInstanceByName(model)):
         joint = plant.get_joint(index)
-        limits = zip(
-            joint.default_positions(),
-            joint.position_lower_limits(),
-            joint.position_upper_limits(),
-            strict=True,
-        )
-        for position, lower, upper in limits:
-            if not lower - _LIMIT_TOLERANCE <= position <= upper + _LIMIT_TOLERANCE:
-                raise ScenarioError(
-                    f"initial_position.{model}.{joint.name()} is {position}, beyond the joint's "
-                    f"limits {lower} and {upper}.",
-                    remedy="Write a value between them, in radians or metres.",
-                )
+        q = joint.default_positions()
+        lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
+        if np.any(q < lower - _LIMIT_TOLERANCE) or np.any(q > upper + _LIMIT_TOLERANCE):
+            raise ScenarioError(
+                f"initial_position.{model}.{joint.name()} is {q.tolist()}, beyond the joint's "
+                f"limits {lower.tolist()} and {upper.tolist()}.",
+                remedy="Write values between them, in radians or metres.",
+            )

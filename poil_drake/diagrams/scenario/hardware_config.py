@@ -1,30 +1,30 @@
-"""How the real robot and its cameras are reached."""
+"""The `poil.hardware` section of a scenario: the real robot and its cameras."""
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from poil_drake.diagrams.scenario.value_ranges import require_positive
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
 from poil_drake.systems.panda.lcm_messages import PandaChannels, check_channel
 
 ROBOT_BUS_URL = "udpm://239.255.76.67:7667?ttl=0"
-"""LCM's usual address, on this machine only."""
+"""LCM's default address, restricted to this machine."""
 
 IMAGE_BUS_URL = "udpm://239.255.76.67:7668?ttl=0&recv_buf_size=4194304"
-"""Images have a port of their own: the robot's messages are not to be lost among them."""
+"""Images use a separate port, so that they cannot crowd out the robot's messages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LcmImages:
-    """A camera that another process reads, or simulates, and sends over LCM.
+    """A camera whose images another process captures or simulates, and sends over LCM.
 
     Attributes:
-        channel: Where; empty: Drake's own, DRAKE_RGBD_CAMERA_IMAGES_<camera>.
-        labels: Whether label images come along, not necessarily with every image, as from a
-            segmentation node, or from a simulation. Their numbers are those of the scenario's
-            models, in order (see `AssignLabels`).
+        channel: LCM channel; empty stands for Drake's DRAKE_RGBD_CAMERA_IMAGES_<camera>.
+        labels: Whether the messages include label images, as from a segmentation node or a
+            simulation; not every message needs one. Label numbers follow the order of the
+            scenario's models (see `AssignLabels`).
     """
 
     channel: str = ""
@@ -36,28 +36,29 @@ class LcmImages:
 
 
 CameraSource = LcmImages | RealSense | Zed | OpenCvStreams | McapPlayback
-"""Where a camera's images come from; in YAML a tag tells which, e.g. `!RealSense {serial: ...}`."""
+"""The source of a camera's images, chosen in YAML by a tag, e.g. `!RealSense {serial: ...}`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardwareConfig:
-    """The real robot, or a simulated driver in its place.
+    """The `poil.hardware` section: the real robot and cameras, or a simulated driver.
 
     Attributes:
-        robot_bus: Which of `lcm_buses` leads to the Franka driver; one that the scenario does not
-            define is LCM's usual address, on this machine only.
-        image_bus: Which leads to the cameras of type `LcmImages`; likewise, with a port of its own.
-        channels: The Franka driver's.
-        cameras: Where each of the scenario's `cameras` gets its images; `LcmImages` where nothing
-            is said.
-        speed: How fast motions are, as a share of what they are in simulation, and of the joints'
-            speed limits: a fifth, so that there is time for the stop button.
-        command_expiry: The driver's --expire_sec: for so long it follows a command [s].
-        ready_timeout: How long to wait for the first status and the first images [s].
-        realtime_priority: Of the loop's thread, from 1 to 99, where the kernel permits it (as the
-            Franka driver needs it, too, and at a higher one); 0 asks for nothing.
-        time_scale: Seconds of the robot's time per second. 1 for every real robot; less where a
-            machine is too slow for a simulated driver, which must be told the same.
+        robot_bus: The one of `lcm_buses` with the Franka driver. If the scenario does not define
+            it, LCM's default address on this machine.
+        image_bus: The one of `lcm_buses` with cameras of type `LcmImages`. If the scenario does
+            not define it, a separate port on this machine.
+        channels: LCM channels of the Franka driver.
+        cameras: Name of one of the scenario's `cameras` -> source of its images; `LcmImages` for
+            cameras that are not listed.
+        speed: Factor on all speeds, and on the joints' speed limits, relative to simulation; a
+            fifth leaves time to press the stop button.
+        command_expiry: The driver's --expire_sec: how long it follows one command [s].
+        ready_timeout: Longest wait for the first status and the first images [s].
+        realtime_priority: Priority of the loop's thread, from 1 to 99, if the kernel permits it;
+            it must be lower than the Franka driver's. 0 keeps ordinary scheduling.
+        time_scale: Seconds of the robot's time per second. 1 for real robots; less for a simulated
+            driver on a slow machine, which needs the same value.
     """
 
     robot_bus: str = "robot"
@@ -71,33 +72,21 @@ class HardwareConfig:
     time_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, largest in (
-            ("speed", 1.0),
-            ("command_expiry", math.inf),
-            ("ready_timeout", math.inf),
-            ("time_scale", 1.0),
-        ):
-            value = getattr(self, name)
-            if not (0.0 < value <= largest and math.isfinite(value)):
-                raise ScenarioError(
-                    f"poil.hardware.{name} is {value}.",
-                    remedy="It must be positive"
-                    + (f", and {largest:g} at most." if largest < math.inf else " and finite."),
-                )
-
+        require_positive("poil.hardware.speed", self.speed, largest=1.0)
+        require_positive("poil.hardware.command_expiry", self.command_expiry)
+        require_positive("poil.hardware.ready_timeout", self.ready_timeout)
+        require_positive("poil.hardware.time_scale", self.time_scale, largest=1.0)
         if not 0 <= self.realtime_priority <= 99:
             raise ScenarioError(
                 f"poil.hardware.realtime_priority is {self.realtime_priority}.",
-                remedy="It must be from 1 to 99, or 0 for none.",
+                remedy="It must be from 1 to 99, or 0 for ordinary scheduling.",
             )
 
     def clock(self) -> Callable[[], float]:
-        """Returns the clock that we share with the driver [s since the epoch, scaled]."""
-        if self.time_scale == 1.0:
-            return time.time
+        """Returns the clock shared with the driver [s since the epoch, times `time_scale`]."""
         return lambda: self.time_scale * time.time()
 
     def steady_clock(self) -> Callable[[], float]:
-        """Returns a clock that agrees with the other now, and is not set when that one is."""
+        """Returns a clock that agrees with `clock()` now but ignores changes of the system time."""
         scale, offset = self.time_scale, time.time() - time.monotonic()
         return lambda: scale * (time.monotonic() + offset)

@@ -1,4 +1,4 @@
-"""A plant with a scenario's models."""
+"""Adds a scenario's models to a plant."""
 
 import copy
 from collections.abc import Collection, Sequence
@@ -30,25 +30,24 @@ def AddScenarioPlant(
     """Adds an empty plant with the scenario's settings and time step.
 
     Raises:
-        ScenarioError: when Drake does not take the settings.
+        ScenarioError: Drake rejects the settings.
     """
     config = copy.deepcopy(scenario.plant_config)
     config.time_step = scenario.poil.rates.plant
     try:
-        plant, scene_graph = AddMultibodyPlant(config, builder)
+        return AddMultibodyPlant(config, builder)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"plant_config cannot be used: {drake_reason(error)}.",
-            remedy="Correct the value; Drake's MultibodyPlantConfig lists what there is.",
+            remedy="Correct the value; Drake's MultibodyPlantConfig documents the valid ones.",
         ) from error
-    return plant, scene_graph
 
 
-def AddPackages(parser: Parser, package_xmls: Sequence[str | Path]) -> None:
-    """Tells a parser where our own models, the robot's and further packages are.
+def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
+    """Adds the packages of our models, of the Panda and of `package.xml` files to a parser.
 
     Raises:
-        MissingDependencyError: when the Panda's description is not installed.
+        MissingDependencyError: The Panda's description is not installed.
     """
     packages = parser.package_map()
     packages.AddPackageXml(str(Path(poil_drake.models.__file__).parent / "package.xml"))
@@ -58,16 +57,16 @@ def AddPackages(parser: Parser, package_xmls: Sequence[str | Path]) -> None:
 
 
 def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
-    """Carries out directives.
+    """Processes directives.
 
     Raises:
-        ScenarioError: when a file or frame does not exist.
+        ScenarioError: A file, model, link or frame does not exist.
     """
     try:
         ProcessModelDirectives(ModelDirectives(directives=list(directives)), parser)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
-            f"The directives cannot be carried out: {drake_reason(error)}.",
+            f"The directives cannot be processed: {drake_reason(error)}.",
             remedy="Check the files and the model, link and frame names in the directives.",
         ) from error
 
@@ -75,34 +74,27 @@ def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
 def SetInitialPositions(
     plant: MultibodyPlant, scenario: Scenario, *, without: Collection[str] = ()
 ) -> None:
-    """Makes the scenario's `initial_position` the plant's default.
+    """Sets the scenario's `initial_position` as the plant's default positions.
 
     Args:
         plant: The plant with all models.
         scenario: The scenario.
-        without: Models to leave out.
+        without: Models to ignore.
 
     Raises:
-        ScenarioError: when there is no such model or joint, or a value does not suit it.
+        ScenarioError: A model or joint does not exist, or a value does not fit its joint.
     """
     positions = {
         model: {joint: np.atleast_1d(q) for joint, q in joints.items()}
         for model, joints in scenario.initial_position.items()
         if model not in without
     }
-    for model, joints in positions.items():
-        for joint, q in joints.items():
-            if not np.isfinite(q).all():
-                raise ScenarioError(
-                    f"initial_position.{model}.{joint} is {q.tolist()}.",
-                    remedy="Write finite numbers, in radians or metres.",
-                )
     try:
         ApplyNamedPositionsAsDefaults(positions, plant)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"initial_position cannot be set: {drake_reason(error)}.",
-            remedy="Correct the model's or joint's name, or how many values the joint has.",
+            remedy="Correct the name of the model or joint, or the number of values.",
         ) from error
 
 
@@ -110,10 +102,10 @@ def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
     """Checks that the model with a role in `poil` ("object", "robot", "fixture") exists.
 
     Raises:
-        ScenarioError: naming the models that there are.
+        ScenarioError: It does not exist. The text names the existing models.
     """
     if not plant.HasModelInstanceNamed(name):
         raise ScenarioError(
-            f"poil.{role} is '{name}', but no directive adds a model of that name.",
+            f"poil.{role} is '{name}', but no directive adds a model with that name.",
             remedy=f"Choose one of: {', '.join(model_instances(plant))}.",
         )

@@ -1,4 +1,4 @@
-"""The `poil:` stanza of a scenario: the task, and how POIL does it."""
+"""The `poil` section of a scenario: the task and POIL's settings."""
 
 import math
 from collections.abc import Mapping
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from poil_drake.diagrams.scenario.demonstration_config import DemonstrationMotionConfig
 from poil_drake.diagrams.scenario.hardware_config import HardwareConfig
 from poil_drake.diagrams.scenario.rates import Rates
+from poil_drake.diagrams.scenario.value_ranges import require_not_negative, require_positive
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.systems.safety.faults import SafetyConfig
@@ -14,13 +15,13 @@ from poil_drake.systems.safety.faults import SafetyConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Randomization:
-    """What a trial of a benchmark draws anew. An empty range leaves things as they are.
+    """The `poil.randomization` section: what each trial draws. An empty range draws nothing.
 
     Attributes:
-        models: Model files to choose the object from, as in a directive.
-        x: Lowest and highest position of the object along the world's x [m].
-        y: The same along y [m].
-        yaw: Lowest and highest turn about the world's z [deg].
+        models: Model files of which one becomes the object; paths as in directives.
+        x: Lowest and highest position of the object along the world's x axis [m].
+        y: Lowest and highest position of the object along the world's y axis [m].
+        yaw: Lowest and highest rotation of the object about the world's z axis [deg].
     """
 
     models: tuple[str, ...] = ()
@@ -31,46 +32,44 @@ class Randomization:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             value = getattr(self, name)
-            if len(value) not in (0, 2) or (
-                value and not -math.inf < value[0] <= value[1] < math.inf
-            ):
+            if value and not (len(value) == 2 and -math.inf < value[0] <= value[1] < math.inf):
                 raise ScenarioError(
                     f"poil.randomization.{name} is {list(value)}.",
-                    remedy="Write [lowest, highest], or [] to leave it as it is.",
+                    remedy="Write [lowest, highest], or [] for no randomization.",
                 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class PoilConfig:
-    """The `poil:` stanza: the task, and how POIL does it.
+    """The `poil` section: the task and POIL's settings.
 
     Attributes:
-        object: Model instance of the object that is moved.
+        object: Model instance of the manipulated object.
         part: Name of the functional part.
         parts: Part name -> link name, or regular expression on geometry names, of the object. A
-            part that is not listed is the link of its own name.
-        fixture: Model instance of what the object interacts with.
+            part that is not listed is the link of the same name.
+        fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
-        table_height: Height of the plane that things stand on [m, world].
-        demonstration: A recorded demonstration (.mcap), or None for the built-in one.
-        demonstration_object_label: What a recording's object is called there; None: as `object`.
+        table_height: Height of the plane on which objects stand [m, world].
+        demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
+        demonstration_object_label: The object's name in a recording; None stands for `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
-        demonstration_motion: How that object moves.
+        demonstration_motion: The motion of that object.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
-        num_points: Points on the functional part, N_k in the paper.
-        num_support_points: Points spread over the object, at least 4, that tell the tracker how
-            much of it is seen (POIL: 40).
+        num_points: Number of points on the functional part, N_k in the paper.
+        num_support_points: Number of points spread over the object, at least 4. They tell the
+            tracker how much of the object is visible (POIL: 40).
         eta: Attraction to the reference trajectory, η in the paper [1/s].
-        max_angular_speed: Limit of the gripper's angular speed [rad/s]: the wrist's comfort.
-        max_linear_speed: Limit of the gripper's linear speed [m/s]: a human pace.
-        latency: From capturing images to having the tracked points [s]; the cameras' output_delay
-            is a part of it.
-        depth_noise: The cameras' errors.
+        max_angular_speed: Limit of the gripper's angular speed [rad/s]; the wrist follows well.
+        max_linear_speed: Limit of the gripper's linear speed [m/s]; a human pace.
+        latency: Time from the capture of images to the tracked points [s], including the cameras'
+            output_delay.
+        depth_noise: Errors of the simulated depth cameras.
         rates: All periods.
-        randomization: What benchmark trials draw anew.
-        safety: When the arm is stopped, and where and how fast it may move.
-        hardware: How the real robot and its cameras are reached, and how fast it moves.
+        randomization: What benchmark trials draw.
+        safety: When the supervisor stops the arm, and its limits of motion.
+        hardware: Connections to the real robot and cameras, and the speed on hardware.
     """
 
     object: str = "mug"
@@ -107,28 +106,15 @@ class PoilConfig:
                     remedy=f"It must be at least {lowest}.",
                 )
         for name in ("eta", "max_angular_speed", "max_linear_speed"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ScenarioError(
-                    f"poil.{name} is {getattr(self, name)}.",
-                    remedy="It must be positive and finite.",
-                )
+            require_positive(f"poil.{name}", getattr(self, name))
+        require_not_negative("poil.latency", self.latency)
         if not all((self.part, *self.parts)):
             raise ScenarioError(
                 "poil.part, or a key of poil.parts, is empty.", remedy="Give each part a name."
             )
-        if not math.isfinite(self.table_height):
-            raise ScenarioError(
-                f"poil.table_height is {self.table_height}.", remedy="Write a height in metres."
-            )
-        roles = {"object": self.object, "fixture": self.fixture, "robot": self.robot}
-        for role, name in roles.items():
-            twins = [other for other in roles if other != role and roles[other] == name]
-            if twins:
+        for role, other in (("object", "fixture"), ("object", "robot"), ("fixture", "robot")):
+            if getattr(self, role) == getattr(self, other):
                 raise ScenarioError(
-                    f"poil.{role} and poil.{twins[0]} are both '{name}'.",
-                    remedy="Name a model of its own for each.",
+                    f"poil.{role} and poil.{other} are both '{getattr(self, role)}'.",
+                    remedy="Name a different model for each.",
                 )
-        if not 0 <= self.latency < math.inf:
-            raise ScenarioError(
-                f"poil.latency is {self.latency} s.", remedy="It must be finite and not negative."
-            )

@@ -1,4 +1,4 @@
-"""Draws the trials of a benchmark from a scenario."""
+"""Draws randomized trials of a scenario."""
 
 import copy
 import dataclasses
@@ -14,24 +14,24 @@ from poil_drake.errors import ScenarioError
 
 
 def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
-    """Returns a scenario whose object, its pose and the cameras' noise were drawn anew.
+    """Returns a scenario with a random object, pose of the object, and noise of the cameras.
 
-    What is drawn, and how widely, `scenario.poil.randomization` says. The object keeps the height
-    of its default pose; where x, y or yaw has no range, it keeps that, too. Without any range only
-    the noise is drawn, and the object may be added in any way.
+    `scenario.poil.randomization` gives the models and ranges. The object keeps the height of its
+    default pose, and its x, y or yaw if that has no range. Without ranges, only the noise is drawn
+    and the object needs no default pose.
 
     Args:
-        scenario: What to vary; it stays as it is.
-        seed: Not negative; the same seed draws the same trial.
+        scenario: The scenario; it is not changed.
+        seed: The seed, not negative; the same seed draws the same trial.
 
     Raises:
-        ScenarioError: when there are ranges, but no directive adds the object, or it has no
-            default pose to vary.
+        ScenarioError: There are ranges, but no directive adds the object, or the object has no
+            single deterministic default pose.
     """
     rng = np.random.default_rng(seed)
     ranges = scenario.poil.randomization
     directives = copy.deepcopy(list(scenario.directives))
-    # Everything is drawn in any case, so that narrowing one range leaves the others' draws alone.
+    # All values are drawn in any case, so that a changed range does not change the other draws.
     choice, x, y, yaw = rng.uniform(size=4)
     if ranges.models:
         model = ObjectDirective(directives, scenario.poil.object)
@@ -44,7 +44,7 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
 
 
 def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, float]) -> None:
-    """Moves a model's default pose within ranges; draws (x, y, yaw) lie in [0, 1)."""
+    """Moves a model's default pose within ranges by draws of (x, y, yaw) in [0, 1)."""
     body, transform = _default_pose(model)
     translation = np.array(transform.translation, dtype=float)
     for axis, interval in enumerate((ranges.x, ranges.y)):
@@ -60,10 +60,10 @@ def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, flo
 
 
 def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
-    """Returns the directive that adds the model of this name; changes to it count.
+    """Returns the directive that adds a model, by reference.
 
     Raises:
-        ScenarioError: when there is none.
+        ScenarioError: There is none.
     """
     models = [d.add_model for d in directives if d.add_model is not None]
     for model in models:
@@ -77,17 +77,12 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
 
 def _default_pose(model: AddModel) -> tuple[str, Transform]:
     """Returns the only entry of the model's default poses."""
-    if len(model.default_free_body_pose) != 1:
+    poses = list(model.default_free_body_pose.items())
+    if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
+        kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"
         raise ScenarioError(
-            f"The directive that adds '{model.name}' names "
-            f"{len(model.default_free_body_pose)} default poses.",
-            remedy="Give it one default_free_body_pose, that of the object's base link, or leave "
-            "out the ranges of poil.randomization.",
+            f"The directive that adds '{model.name}' has {kind}.",
+            remedy="Give it one default_free_body_pose, that of the object's base link, with a "
+            "deterministic translation, or remove the ranges of poil.randomization.",
         )
-    body, transform = next(iter(model.default_free_body_pose.items()))
-    if not isinstance(transform.translation, np.ndarray):
-        raise ScenarioError(
-            f"The default pose of '{model.name}' is random already.",
-            remedy="Give it one certain translation; poil.randomization draws from ranges.",
-        )
-    return body, transform
+    return poses[0]

@@ -1,9 +1,9 @@
-"""The one table of periods of everything that runs periodically."""
+"""The periods of everything that runs periodically."""
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 
+from poil_drake.diagrams.scenario.value_ranges import require_positive
 from poil_drake.errors import ScenarioError
 
 
@@ -11,14 +11,14 @@ from poil_drake.errors import ScenarioError
 class Rates:
     """Periods [s]. The defaults are exact in binary, so simultaneous events stay simultaneous.
 
-    In a scenario file they may be written as fractions, e.g. `tracker: 1/8`.
+    A scenario file may give them as fractions, e.g. `tracker: 1/8`.
 
     Attributes:
-        plant: The simulated plant's time step: short enough for a cup in a grip.
-        control: Propagator, vector field, differential inverse kinematics and sequencer: well
+        plant: Time step of the simulated plant, short enough for a cup in a grip.
+        control: Propagator, vector field, differential inverse kinematics and sequencer; well
             above the 100 Hz that the robot's driver needs.
-        tracker: From one capture of images to the next: about what a tracker manages.
-        logger: Run log and Meshcat: smooth to look at.
+        tracker: Capture of images; about the rate that a tracker reaches.
+        logger: Run log and Meshcat; enough for a smooth animation.
     """
 
     plant: float = 1 / 512
@@ -28,25 +28,21 @@ class Rates:
 
     def __post_init__(self) -> None:
         for name in ("plant", "control", "tracker", "logger"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ScenarioError(
-                    f"rates: the period '{name}' is {getattr(self, name)} s.",
-                    remedy="It must be positive and finite, e.g. 1/256.",
-                )
+            require_positive(f"poil.rates.{name}", getattr(self, name))
         for slow, fast in (("control", "plant"), ("tracker", "control"), ("logger", "control")):
             a, b = getattr(self, slow), getattr(self, fast)
             if Fraction(a) % Fraction(b) != 0:
                 raise ScenarioError(
-                    f"rates: the period '{slow}' = {a} s is not a whole multiple of '{fast}' "
-                    f"= {b} s, exactly.",
+                    f"poil.rates.{slow} is {a} s, which is not an exact multiple of "
+                    f"poil.rates.{fast}, {b} s.",
                     remedy="Use fractions whose denominators are powers of two, e.g. 1/256.",
                 )
 
     def next_report(self, time: float) -> float:
-        """Returns when a run is looked at next, after `time` [s]: with each log and each capture.
+        """Returns the time of the next log or capture after `time` [s].
 
-        Whole multiples of the periods are what Drake's periodic events use, too; adding periods up
-        would drift away from them where they are not exact in binary.
+        The result is a whole multiple of a period, as for Drake's periodic events; summing periods
+        that are not exact in binary would drift from these.
         """
         return min(_next_multiple(period, time) for period in (self.logger, self.tracker))
 

@@ -1,4 +1,4 @@
-"""The scenario schema: what one YAML document says about a station and a task."""
+"""The schema of a scenario: one YAML document that describes a station and a task."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from pydrake.visualization import VisualizationConfig
 
 from poil_drake.diagrams.scenario import checks
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
-from poil_drake.errors import ScenarioError
+from poil_drake.diagrams.scenario.value_ranges import require_not_negative, require_positive
 from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
@@ -27,7 +27,7 @@ def _simulator_config() -> SimulatorConfig:
 
 
 def _plant_config() -> MultibodyPlantConfig:
-    # "sap" softens the contact of the light fingers so much that a held mug tilts; "lagged" not.
+    # "sap" softens the contact of the light fingers so much that a held mug tilts.
     return MultibodyPlantConfig(
         contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
     )
@@ -47,8 +47,8 @@ class ScenarioSource:
     """Where a scenario was read.
 
     Attributes:
-        name: Which document of the file; empty if there was no file.
-        file: The file; empty if there was none.
+        name: The scenario's name in the file; empty without a file.
+        file: The file's path; empty without a file.
     """
 
     name: str = ""
@@ -57,29 +57,29 @@ class ScenarioSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """Everything that builds a station and its task; the keys are those of Drake's hardware_sim.
+    """A station and its task. The keys are those of Drake's hardware_sim, and `poil`.
 
     Attributes:
-        random_seed: Seeds all noise.
-        simulation_duration: Longest run [s].
-        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down,
-            unless the command line says otherwise. All reach the simulator, but every system here
-            is discrete, so there is nothing to integrate: `integration_scheme`, `max_step_size`,
-            `accuracy` and `use_error_control` change no run, and `start_time` stays 0.
-        plant_config: Drake's plant settings, except `time_step`: that is `poil.rates.plant`.
-        directives: The models: files, welds, default poses. A file may be `package://...`,
+        random_seed: Seed of all noise.
+        simulation_duration: Longest duration of a run [s].
+        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down; the
+            option --realtime-rate overrides it. `start_time` must be 0. Every system here is
+            discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
+            `use_error_control` have no effect.
+        plant_config: Drake's plant settings, except `time_step`, which is `poil.rates.plant`.
+        directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
-        lcm_buses: LCM networks; by default none is opened.
-        model_drivers: Model instance -> how its commands are followed.
-        cameras: Name -> camera. Its `rgb`, `depth`, `label` and `fps` only say what is published on
-            its LCM bus: here every camera gives all images, whenever somebody looks. With an
-            `output_delay` [s], the same for all, images are captured at the tracker's rate and
-            appear that much later; a process of its own renders them beside the simulation, and
-            none is published.
+        lcm_buses: LCM networks; the default opens none.
+        model_drivers: Model instance -> how it follows its commands.
+        cameras: Name -> camera. `rgb`, `depth`, `label` and `fps` only choose the images published
+            on the camera's LCM bus; the station's ports give all images at any time. With an
+            `output_delay` [s], the same for all cameras, images are captured at the tracker's rate
+            and appear that much later; a second process renders them during the simulation, and
+            they are not published.
         visualization: What Meshcat shows.
         initial_position: Model instance -> joint -> position [rad or m].
-        poil: The task, and how POIL does it.
-        source: Where the loader found it; no key of the file.
+        poil: The task and POIL's settings.
+        source: Where the scenario was read; not a key of the file.
     """
 
     random_seed: int = 0
@@ -96,12 +96,10 @@ class Scenario:
     source: ScenarioSource = field(default_factory=ScenarioSource, metadata={"yaml": False})
 
     def __post_init__(self) -> None:
-        if self.random_seed < 0:
-            raise ScenarioError(
-                f"random_seed is {self.random_seed}.", remedy="It must be 0 or a positive number."
-            )
-        checks.require_positive("simulation_duration", self.simulation_duration, infinite=True)
-        checks.require_positive("visualization.publish_period", self.visualization.publish_period)
+        require_not_negative("random_seed", self.random_seed)
+        if self.simulation_duration != math.inf:
+            require_positive("simulation_duration", self.simulation_duration)
+        require_positive("visualization.publish_period", self.visualization.publish_period)
         checks.check_directives(self.directives)
         checks.check_simulator(self.simulator_config)
         checks.check_time_step(self.plant_config, self.poil)

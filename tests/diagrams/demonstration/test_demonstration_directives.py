@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from pydrake.multibody.parsing import PackageMap
 
-from poil_drake.diagrams.demonstration.directives import demonstration_directives, models_left_out
+from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -25,7 +25,7 @@ def with_more(more: str) -> Scenario:
 
 
 def directives(scenario: Scenario) -> list:
-    return demonstration_directives(scenario, PackageMap.MakeEmpty())
+    return demonstration_directives(scenario, PackageMap.MakeEmpty())[0]
 
 
 def models(scenario: Scenario) -> dict[str, str]:
@@ -33,7 +33,7 @@ def models(scenario: Scenario) -> dict[str, str]:
     return {model.name: model.file for model in added if model is not None}
 
 
-def test_the_robot_is_left_out_and_the_object_replaced() -> None:
+def test_the_robot_is_removed_and_the_object_replaced() -> None:
     assert models(load()) == {
         "table": "package://poil_drake/fixtures/table.sdf",
         "rack": "package://poil_drake/fixtures/rack.sdf",
@@ -51,7 +51,7 @@ def test_the_scenario_keeps_its_own_object() -> None:
     assert scenario.directives[-1].add_model.default_free_body_pose
 
 
-def test_what_the_robot_carries_is_left_out_with_it(tmp_path: Path) -> None:
+def test_models_welded_to_the_robot_are_removed(tmp_path: Path) -> None:
     (tmp_path / "tool.urdf").write_text(GRIPPER)
     tool = tmp_path / "tool.urdf"
     scenario = with_more(
@@ -63,55 +63,39 @@ def test_what_the_robot_carries_is_left_out_with_it(tmp_path: Path) -> None:
         "{add_weld: {parent: 'probe::base', child: 'tip::base'}}]"
     )
 
-    assert models_left_out(scenario, PackageMap.MakeEmpty()) == {"panda", "probe", "tip"}
+    removed = demonstration_directives(scenario, PackageMap.MakeEmpty())[1]
+    assert removed == {"panda", "probe", "tip"}
     assert set(models(scenario)) == {"table", "rack", "mug"}
     DemonstrationScene(scenario, cameras=False)
 
 
-def test_what_the_robot_stands_on_stays(tmp_path: Path) -> None:
+def test_the_robots_base_is_kept(tmp_path: Path) -> None:
     (tmp_path / "base.urdf").write_text(GRIPPER)
     base = tmp_path / "base.urdf"
-    scenario = load()
-    more = LoadScenario(
-        data=f"directives: [{{add_model: {{name: base, file: '{base}'}}}},"
+    scenario = with_more(
+        f"[{{add_model: {{name: base, file: '{base}'}}}},"
         "{add_weld: {parent: world, child: 'base::base'}},"
         "{add_weld: {parent: 'base::base', child: 'panda::panda_link0'}}]"
-    ).directives
-    without = [d for d in scenario.directives if not (d.add_weld and "panda" in d.add_weld.child)]
-    scenario.directives[:] = [*without, *more]
+    )
 
     assert set(models(scenario)) == {"table", "rack", "mug", "base"}
 
 
-def test_collision_filters_lose_members_that_are_gone() -> None:
-    scenario = with_more(
-        "[{add_collision_filter_group: {name: arm, members: ['panda::panda_hand'],"
-        " ignored_collision_filter_groups: [mixed]}},"
-        "{add_collision_filter_group: {name: more, member_groups: [arm]}},"
-        "{add_collision_filter_group: {name: mixed, members: ['panda::panda_link0',"
-        " 'mug::handle', 'rack::rod'], ignored_collision_filter_groups: [more, mixed]}}]"
-    )
+def test_collision_filters_are_removed() -> None:
+    scenario = with_more("[{add_collision_filter_group: {name: arm, members: ['panda::hand']}}]")
 
-    groups = [d.add_collision_filter_group for d in directives(scenario)]
-
-    [group] = [group for group in groups if group is not None]
-    assert (group.name, group.members) == ("mixed", ["rack::rod"])
-    assert group.ignored_collision_filter_groups == ["mixed"]
-    DemonstrationScene(scenario, cameras=False)
+    assert all(d.add_collision_filter_group is None for d in directives(scenario))
 
 
 def test_files_of_directives_are_read(tmp_path: Path) -> None:
-    (tmp_path / "robot.dmd.yaml").write_text(
+    file = tmp_path / "robot.dmd.yaml"
+    file.write_text(
         "directives:\n"
         "- add_model: { name: panda, file: package://poil_drake_panda/panda.urdf }\n"
         "- add_weld: { parent: world, child: 'panda::panda_link0' }\n"
     )
-    scenario = load()
-    kept = [d for d in scenario.directives if not _is_the_robots(d)]
-    more = LoadScenario(
-        data=f"directives: [{{add_directives: {{file: '{tmp_path / 'robot.dmd.yaml'}'}}}}]"
-    ).directives
-    scenario.directives[:] = [*kept, *more]
+    scenario = with_more(f"[{{add_directives: {{file: '{file}'}}}}]")
+    scenario.directives[:] = [d for d in scenario.directives if not _is_the_robots(d)]
 
     assert set(models(scenario)) == {"table", "rack", "mug"}
     DemonstrationScene(scenario, cameras=False)
@@ -123,18 +107,23 @@ def _is_the_robots(directive) -> bool:
     return directive.add_weld is not None and directive.add_weld.child.startswith("panda::")
 
 
-def test_a_missing_file_of_directives_is_named() -> None:
-    with pytest.raises(ScenarioError, match=r"file of directives.*nowhere\.yaml.*add_directives"):
-        directives(with_more("[{add_directives: {file: nowhere.yaml}}]"))
-
-
-def test_a_fixture_on_the_robot_is_refused() -> None:
-    scenario = with_more("[{add_weld: {parent: 'panda::panda_hand', child: 'rack::stand'}}]")
-
-    with pytest.raises(ScenarioError, match="fixture 'rack' is welded to the robot 'panda'"):
-        directives(scenario)
-
-
-def test_a_weld_must_say_whose_link_it_means() -> None:
-    with pytest.raises(ScenarioError, match=r"'stand' without its model.*Write <model>::stand"):
-        directives(with_more("[{add_weld: {parent: world, child: stand}}]"))
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (
+            "{add_directives: {file: nowhere.yaml}}",
+            r"file of directives.*nowhere\.yaml.*add_directives",
+        ),
+        (
+            "{add_weld: {parent: 'panda::panda_hand', child: 'rack::stand'}}",
+            "fixture 'rack' is welded to the robot 'panda'",
+        ),
+        (
+            "{add_weld: {parent: world, child: stand}}",
+            r"'stand' without its model.*Write <model>::stand",
+        ),
+    ],
+)
+def test_unsuitable_directives_are_refused(more: str, says: str) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        directives(with_more(f"[{more}]"))

@@ -19,14 +19,14 @@ def test_the_default_file_hangs_a_mug() -> None:
     assert len([d for d in dut.directives if d.add_model]) == 4
 
 
-def test_an_empty_scenario_is_the_default_one() -> None:
+def test_an_empty_scenario_has_the_defaults() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="Defaults")
 
     assert dut.poil == Scenario().poil
     assert dut.directives == []
 
 
-def test_everything_that_can_be_written_is_read() -> None:
+def test_every_key_is_read() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="OneOfEverything")
 
     assert dut.random_seed == 7
@@ -54,17 +54,19 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
     assert dut.poil.demonstration == str(TEST_FILE.resolve().parent / "own_demo.mcap")
 
 
-def test_paths_in_text_are_relative_to_where_one_is(
+def test_paths_in_text_are_relative_to_the_working_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
-    dut = LoadScenario(data="{poil: {demonstration: a.mcap}}")
+    cameras = "{cameras: {top: !McapPlayback {file: b.mcap}}}"
+    dut = LoadScenario(data=f"{{poil: {{demonstration: a.mcap, hardware: {cameras}}}}}").poil
 
-    assert dut.poil.demonstration == str(tmp_path / "a.mcap")
+    assert dut.demonstration == str(tmp_path / "a.mcap")
+    assert dut.hardware.cameras["top"].file == str(tmp_path / "b.mcap")
 
 
-def test_text_changes_single_values_of_the_file() -> None:
+def test_text_overrides_single_values_of_the_file() -> None:
     plain = LoadScenario(filename=default_scenario_file())
 
     dut = LoadScenario(
@@ -80,7 +82,7 @@ def test_text_changes_single_values_of_the_file() -> None:
     assert dut.cameras["right"].width == 640
 
 
-def test_defaults_are_merged_with_and_left_alone() -> None:
+def test_defaults_are_merged_but_not_changed() -> None:
     defaults = LoadScenario(data="{random_seed: 5, poil: {eta: 1.5}}")
 
     dut = LoadScenario(data="{poil: {num_points: 12}}", defaults=defaults)
@@ -97,13 +99,12 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{cameras: {left: {widt: 3}}}", "'widt' in 'cameras.left'.*'width'"),
         ("{cameras: {left: {focal: !FovDegrees {z: 1}}}}", "'z' in 'cameras.left.focal'"),
         ("{directives: [{add_modl: {}}]}", r"'add_modl' in 'directives\[0\]'.*'add_model'"),
-        ("{poil: {rates: {tracker: 0.3}}}", "rates: the period 'tracker' = 0.3 s"),
+        ("{poil: {rates: {tracker: 0.3}}}", "poil.rates.tracker is 0.3 s"),
         ("{poil: {rates: {tracker: 1/0}}}", "'poil.rates.tracker' is '1/0'"),
         ("{poil: {eta: fast}}", "'poil.eta' is 'fast'"),
         ("{poil: {eta: -1}}", "poil.eta is -1.*must be positive"),
         ("{poil: {num_points: 2}}", "at least 3"),
-        ("{poil: {latency: -0.5}}", "poil.latency is -0.5 s.*not negative"),
-        ("{poil: {latency: .inf}}", "poil.latency is inf s.*finite"),
+        ("{poil: {latency: -0.5}}", "poil.latency is -0.5.*not negative"),
         (
             "{poil: {latency: 0.1}, cameras: {left: {name: left, output_delay: 0.1}}}",
             "poil.latency is 0.1 s, but cameras.left.output_delay is 0.1 s.*at least 0.1039",
@@ -116,29 +117,26 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("[1", "not valid YAML"),
         ("[1]", "mapping"),
         ("mug", "'the scenario' is 'mug'.*mapping"),
-        ("{3: 4}", "a key that is no text, in line 1"),
-        ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' twice in one place, again in line 1"),
-        ("{random_seed: -1}", "random_seed is -1.*0 or a positive number"),
-        ("{simulation_duration: .nan}", "simulation_duration is nan"),
-        ("{poil: {rates: {tracker: .inf}}}", "rates: the period 'tracker' is inf s"),
-        ("{poil: {rates: {logger: .nan}}}", "rates: the period 'logger' is nan s"),
-        ("{poil: {eta: .inf}}", "poil.eta is inf.*finite"),
+        ("{3: 4}", "a key is not text.* at line 1"),
+        ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
+        ("{random_seed: -1}", "random_seed is -1.*not negative"),
+        ("{simulation_duration: 0}", "simulation_duration is 0"),
         ("{poil: {fixture: mug}}", "poil.object and poil.fixture are both 'mug'"),
-        ("{poil: {randomization: {x: [0, .nan]}}}", "randomization.x is"),
-        ("{poil: {depth_noise: {quadratic: .nan}}}", "poil.depth_noise: .*quadratic is nan"),
-        ("{poil: {depth_noise: {blob_radius: [6, 2]}}}", "poil.depth_noise: .*smallest radius"),
+        ("{poil: {randomization: {x: [0, .inf]}}}", "randomization.x is"),
         (
             "{model_drivers: {panda: {stiffness: [1, 2]}}}",
             "model_drivers.panda: .*2 values.*Give 7",
         ),
-        ("{model_drivers: {panda: {hand_speed: 0}}}", "model_drivers.panda: .*hand_speed is 0"),
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", "is '!IiwaDriver', but !PandaDriver"),
+        (
+            "{model_drivers: {panda: !IiwaDriver {}}}",
+            "'!IiwaDriver', but a mapping .PandaDriver.",
+        ),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
             "{cameras: {left: {X_PB: {translation: [1, 2]}}}}",
-            r"'cameras.left.X_PB.*' is .*\[1, 2\]",
+            r"'cameras.left.X_PB.translation' is \[1, 2\], but a list of 3 numbers",
         ),
         (
             "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
@@ -147,7 +145,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ),
         (
             "{cameras: {left: {X_PB: {translation: !UniformVector {min: [1, 2], max: [3, 4]}}}}}",
-            r"X_PB.translation' is .*\[3, 4\].*, but !UniformVector",
+            r"X_PB.translation.min' is \[1, 2\], but a list of 3 numbers",
         ),
         (
             "{cameras: {left: {renderer_class: 3}}}",
@@ -178,7 +176,7 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
         ("{poil: {parts: {'': body}}}", "a key of poil.parts, is empty"),
-        ("{directives: [{add_model: mug}]}", r"'directives\[0\].add_model' is 'mug', but AddModel"),
+        ("{directives: [{add_model: mug}]}", r"add_model' is 'mug', but a mapping \(AddModel\)"),
         ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),
         ("{simulator_config: {integration_scheme: euler}}", "'euler'.*runge_kutta3"),
         ("{simulator_config: {max_step_size: -1}}", "max_step_size is -1"),
@@ -190,17 +188,26 @@ def test_defaults_are_merged_with_and_left_alone() -> None:
         ("{directives: [{add_model: {name: a}}]}", r"'directives\[0\].add_model' has no 'file'"),
         (
             "{directives: [{add_model: {name: a, file: a.sdf}, add_weld: {parent: b, child: c}}]}",
-            "holds add_model and add_weld.*a dash of its own",
+            "holds add_model and add_weld.*own dash",
         ),
         (
             "{poil: {demonstration_motion: {keyframes: [{time: 0}, {time: .nan}]}}}",
-            "keyframe at nan s",
+            r"keyframes\[1\].time' is nan",
         ),
         ("{poil: {demonstration_motion: {keyframes: [{time: 0}]}}}", "at least two"),
-        ("{poil: {demonstration_motion: {blend: .nan}}}", "blend is nan"),
-        ("{poil: {demonstration_motion: {hanging: {rest: -1}}}}", "hanging.rest is -1"),
+        (
+            "{poil: {demonstration_motion: {keyframes: [{time: 0}, {time: 2}, {time: 1}]}}}",
+            r"keyframes are at \[0.0, 2.0, 1.0\] s",
+        ),
+        (
+            "{poil: {demonstration_motion: {keyframes: [{time: 0.5}, {time: 1}]}}}",
+            "the first at 0",
+        ),
+        ("{poil: {demonstration_motion: {blend: -1}}}", "blend is -1"),
+        ("{poil: {demonstration_motion: {hanging: {lift: -1}}}}", "hanging.lift is -1"),
         ("{poil: {demonstration_motion: {hanging: {seat: 2}}}}", "hanging.seat is 2"),
-        ("{poil: {demonstration_motion: {hanging: {tilt: .nan}}}}", "start_yaw or tilt"),
+        ("{poil: {table_height: .nan}}", "'poil.table_height' is nan, but a number"),
+        ("{initial_position: {panda: {panda_joint1: [.nan]}}}", r"panda_joint1' is \[nan\]"),
     ],
 )
 def test_mistakes_are_named_in_one_line(text: str, says: str) -> None:
@@ -210,19 +217,20 @@ def test_mistakes_are_named_in_one_line(text: str, says: str) -> None:
     assert "\n" not in str(info.value)
 
 
-def test_a_missing_file_is_named() -> None:
-    with pytest.raises(ScenarioError, match=r"'/no/such.yaml' cannot be read.*hang_mug.yaml"):
-        LoadScenario(filename="/no/such.yaml")
-
-
-def test_an_unknown_scenario_is_answered_with_the_known_ones() -> None:
-    with pytest.raises(ScenarioError, match=r"'HangCup'.*Defaults, OneOfEverything"):
-        LoadScenario(filename=TEST_FILE, scenario_name="HangCup")
-
-
-def test_which_scenario_must_be_said_where_there_are_several() -> None:
-    with pytest.raises(ScenarioError, match=r"'HangMug'.*Defaults, OneOfEverything"):
-        LoadScenario(filename=TEST_FILE)
+@pytest.mark.parametrize(
+    ("filename", "name", "says"),
+    [
+        ("/no/such.yaml", None, r"'/no/such.yaml' cannot be read.*hang_mug.yaml"),
+        (TEST_FILE.parent, None, r"cannot be read.*directory"),
+        (TEST_FILE, "HangCup", r"'HangCup'.*Defaults, OneOfEverything"),
+        (TEST_FILE, None, r"'HangMug'.*Defaults, OneOfEverything"),
+    ],
+)
+def test_a_file_or_scenario_that_does_not_exist_is_named(
+    filename: str | Path, name: str | None, says: str
+) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        LoadScenario(filename=filename, scenario_name=name)
 
 
 @pytest.mark.parametrize(
@@ -235,13 +243,11 @@ def test_which_scenario_must_be_said_where_there_are_several() -> None:
         (b"HangMug: \x00", "not valid YAML"),
         (b"directives: []\npoil: {}\n", "begins with the keys of a scenario"),
         (b"HangMug: [1]\n", "mapping"),
-        (b"HangMug: {}\nHangMug: {}\n", "'HangMug' twice.*line 2"),
-        (b"1: {}\n", "no text, in line 1"),
+        (b"HangMug: {}\nHangMug: {}\n", "'HangMug' occurs twice at line 2"),
+        (b"1: {}\n", "not text.* at line 1"),
     ],
 )
-def test_a_file_that_is_no_scenario_file_is_refused(
-    content: bytes, says: str, tmp_path: Path
-) -> None:
+def test_an_invalid_scenario_file_is_refused(content: bytes, says: str, tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_bytes(content)
 
@@ -254,51 +260,15 @@ def test_a_file_that_is_no_scenario_file_is_refused(
 @pytest.mark.parametrize(
     "url", ["", "memq://null", "udpm://239.255.76.67:7667?ttl=0", "udpm://", "tcpq://", "memq://"]
 )
-def test_the_addresses_that_lcm_knows_are_taken(url: str) -> None:
+def test_valid_lcm_addresses_are_accepted(url: str) -> None:
     dut = LoadScenario(data=f"{{lcm_buses: {{lab: {{lcm_url: '{url}'}}}}}}")
 
     assert dut.lcm_buses["lab"].lcm_url == url
 
 
-def test_a_folder_is_no_scenario_file(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"cannot be read.*directory"):
-        LoadScenario(filename=tmp_path)
-
-
-def test_anchors_may_be_used_again_and_overridden() -> None:
+def test_anchors_can_be_reused_and_overridden() -> None:
     dut = LoadScenario(
         data="cameras: {a: &a {name: a, width: 32}, b: {<<: *a, name: b, height: 24}}"
     )
 
     assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
-
-
-def test_a_text_that_is_too_long_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "long.yaml"
-    path.write_text("HangMug:\n" + "# nothing\n" * 110_000)
-
-    with pytest.raises(ScenarioError, match="more than 1000000 characters"):
-        LoadScenario(filename=path)
-
-
-def test_anchors_that_unfold_to_too_much_are_refused() -> None:
-    # Ten lines of ten aliases each stand for 10^10 values.
-    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
-
-    with pytest.raises(ScenarioError, match="unfolds to more than 100000 values"):
-        LoadScenario(data="\n".join(lines))
-
-
-def test_an_anchor_within_itself_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="unfolds to more than"):
-        LoadScenario(data="directives: &a [*a]")
-
-
-def test_the_file_of_a_recording_is_relative_to_the_scenario(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.yaml"
-    path.write_text("Lab: {poil: {hardware: {cameras: {left: !McapPlayback {file: lab.mcap}}}}}")
-
-    cameras = LoadScenario(filename=path).poil.hardware.cameras
-
-    assert cameras["left"].file == str(tmp_path / "lab.mcap")

@@ -7,6 +7,8 @@ from poil_drake.diagrams.scenario.randomization import ApplyRandomization, Objec
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
+NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
+
 
 @pytest.fixture
 def scenario() -> Scenario:
@@ -18,7 +20,7 @@ def draw(scenario: Scenario, seed: int) -> tuple[str, Transform]:
     return model.file, model.default_free_body_pose["body"]
 
 
-def test_draws_lie_in_their_ranges_and_fill_them(scenario: Scenario) -> None:
+def test_draws_cover_their_ranges(scenario: Scenario) -> None:
     draws = [draw(scenario, seed) for seed in range(200)]
 
     files = {file for file, _ in draws}
@@ -28,13 +30,13 @@ def test_draws_lie_in_their_ranges_and_fill_them(scenario: Scenario) -> None:
     np.testing.assert_allclose(positions.max(axis=0), [0.55, 0.0, 0], atol=0.01)
 
 
-def test_the_turn_is_about_the_vertical(scenario: Scenario) -> None:
+def test_yaw_is_about_the_vertical(scenario: Scenario) -> None:
     for seed in range(5):
         R = draw(scenario, seed)[1].GetDeterministicValue().rotation().matrix()
         np.testing.assert_allclose(R[2], [0, 0, 1], atol=1e-9)
 
 
-def test_a_seed_draws_the_same_again(scenario: Scenario) -> None:
+def test_a_seed_always_draws_the_same_trial(scenario: Scenario) -> None:
     first, again = ApplyRandomization(scenario, 3), ApplyRandomization(scenario, 3)
 
     np.testing.assert_array_equal(
@@ -44,7 +46,7 @@ def test_a_seed_draws_the_same_again(scenario: Scenario) -> None:
     assert first.random_seed != ApplyRandomization(scenario, 4).random_seed
 
 
-def test_the_given_scenario_stays_as_it_is(scenario: Scenario) -> None:
+def test_the_given_scenario_does_not_change(scenario: Scenario) -> None:
     before = ObjectDirective(list(scenario.directives), "mug").file
 
     drawn = {draw(scenario, seed)[0] for seed in range(20)}
@@ -54,9 +56,7 @@ def test_the_given_scenario_stays_as_it_is(scenario: Scenario) -> None:
 
 
 def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
-    fixed = LoadScenario(
-        data="{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}", defaults=scenario
-    )
+    fixed = LoadScenario(data=NO_RANGES, defaults=scenario)
 
     file, pose = draw(fixed, 1)
 
@@ -68,18 +68,8 @@ def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
     )
 
 
-def test_an_object_that_no_directive_adds_is_named(scenario: Scenario) -> None:
-    other = LoadScenario(data="{poil: {object: teapot}}", defaults=scenario)
-
-    with pytest.raises(ScenarioError, match=r"'teapot'.*table, rack, panda, mug"):
-        ApplyRandomization(other, 0)
-
-
-NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
-
-
 @pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
-def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str) -> None:
+def test_a_seed_without_ranges_needs_no_pose(scenario: Scenario, directives: str) -> None:
     fixed = LoadScenario(
         data=f"{{directives: {directives}}}",
         defaults=LoadScenario(data=NO_RANGES, defaults=scenario),
@@ -91,7 +81,7 @@ def test_without_ranges_a_seed_needs_no_pose(scenario: Scenario, directives: str
     assert dut.random_seed == ApplyRandomization(scenario, 1).random_seed
 
 
-def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
+def test_a_random_model_needs_no_pose(scenario: Scenario) -> None:
     text = (
         "{poil: {randomization: {models: ['package://a/b.sdf'], x: [], y: [], yaw: []}},"
         "directives: [{add_model: {name: mug, file: 'package://a/a.sdf'}}]}"
@@ -103,24 +93,23 @@ def test_another_model_alone_needs_no_pose(scenario: Scenario) -> None:
 
 
 @pytest.mark.parametrize(
-    ("pose", "says"),
+    ("name", "pose", "says"),
     [
-        ("{}", "'mug' names 0 default poses.*leave out the ranges"),
+        ("teapot", "{}", r"'mug'.*Set poil.object to one of: teapot"),
+        ("mug", "{}", "'mug' has 0 default poses.*remove the ranges"),
+        ("mug", "{body: {translation: [0, 0, 0]}, lid: {}}", "has 2 default poses"),
         (
-            "{body: {translation: [0, 0, 0]}, lid: {translation: [0, 0, 0]}}",
-            "names 2 default poses",
-        ),
-        (
+            "mug",
             "{body: {translation: !UniformVector {min: [0, 0, 0], max: [1, 1, 0]}}}",
-            "'mug' is random already",
+            "'mug' has a random default pose",
         ),
     ],
 )
-def test_ranges_need_one_certain_pose(scenario: Scenario, pose: str, says: str) -> None:
-    text = (
-        "directives: [{add_model: {name: mug, file: 'package://a/a.sdf',"
-        f" default_free_body_pose: {pose}}}}}]"
-    )
+def test_ranges_need_an_object_with_one_deterministic_pose(
+    scenario: Scenario, name: str, pose: str, says: str
+) -> None:
+    model = f"{{name: {name}, file: 'package://a/a.sdf', default_free_body_pose: {pose}}}"
+    text = f"directives: [{{add_model: {model}}}]"
 
     with pytest.raises(ScenarioError, match=says):
         ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)
