@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat, MeshcatViewConfig
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.visualization.meshcat_overlay import CAMERA_PATH
+from poil_drake.systems.visualization.meshcat_overlay import OVERLAY_PATH
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
@@ -21,7 +21,6 @@ FRAMES_PER_SECOND = 32
 ROBOT_COLOR = (0.95, 0.95, 0.95)
 MUG_COLOR = (0.05, 0.65, 0.75)
 CONFIG = PointSetVisualizerConfig(point_radius=0.012, target_radius=0.010, tracked_radius=0.008)
-OVERLAY = f"{CAMERA_PATH}/poil"
 
 
 def make_reference() -> PointTrajectory:
@@ -183,7 +182,7 @@ def test_a_recording_changes_the_phase_shown(replay):
     shown = {}
     for seconds in (0.5, 1.5):
         replay.seek(seconds)
-        names = [f"{OVERLAY}/phase/name/{index}" for index in range(2)]
+        names = [f"{OVERLAY_PATH}/phase/name/{index}" for index in range(2)]
         shown[seconds] = [seen.pixels for seen in replay.appearances(names).values()]
 
     assert shown[0.5][0] > 300
@@ -199,7 +198,7 @@ def test_a_recording_changes_the_error_shown(replay):
             [
                 digit
                 for digit in range(10)
-                if replay.is_visible(f"{OVERLAY}/error/number/place_{place}/{digit}")
+                if replay.is_visible(f"{OVERLAY_PATH}/error/place_{place}/{digit}")
             ]
             for place in range(4)
         ]
@@ -207,7 +206,7 @@ def test_a_recording_changes_the_error_shown(replay):
     # 20 mm + 100 mm/s.
     assert digits(0.5) == [[], [7], [0], [0]]
     assert digits(1.5) == [[1], [7], [0], [0]]
-    assert replay.appearance(f"{OVERLAY}/error").pixels > 1_000
+    assert replay.appearance(f"{OVERLAY_PATH}/error").pixels > 1_000
 
 
 def test_a_recording_scales_the_arrows(replay):
@@ -223,7 +222,7 @@ def test_a_recording_scales_the_arrows(replay):
 def test_text_stays_before_the_viewer(replay):
     """The display is where it was when the viewer goes elsewhere; the mug is not."""
     replay.seek(0.5)
-    text = f"{OVERLAY}/phase"
+    text = f"{OVERLAY_PATH}/phase"
     before = replay.appearances([text, "mug"])
 
     replay.move_viewer([0.6, 1.4, 0.5])
@@ -235,7 +234,7 @@ def test_text_stays_before_the_viewer(replay):
 
 
 def test_the_legend_names_the_colours(replay):
-    legend = replay.appearance(f"{OVERLAY}/legend")
+    legend = replay.appearance(f"{OVERLAY_PATH}/legend")
 
     for color in (CONFIG.point_color, CONFIG.target_color, CONFIG.reference_color):
         assert legend.share_of_hue(color) * legend.pixels > 50

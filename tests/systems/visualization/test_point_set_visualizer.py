@@ -4,52 +4,16 @@ from pydrake.systems.analysis import Simulator
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.visualization.meshcat_overlay import CAMERA_PATH
+from poil_drake.systems.visualization.meshcat_overlay import OVERLAY_PATH
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
 )
 
 
-class Spy:
-    """Stands for a Meshcat: keeps what is set, and when."""
-
-    def __init__(self):
-        self.poses, self.properties, self.meshes, self.times = {}, {}, {}, {}
-        self.deleted = []
-
-    def SetTransform(self, path, pose, time=None):
-        self.poses[path] = pose
-        self.times.setdefault(path, []).append(time)
-
-    def SetProperty(self, path, name, value, time=None):
-        self.properties[path, name] = value
-        self.times.setdefault((path, name), []).append(time)
-
-    def SetTriangleColorMesh(self, path, vertices, faces, colors):
-        self.meshes[path] = vertices.T
-
-    def SetObject(self, path, shape, color):
-        self.meshes[path] = shape
-
-    def SetTriangleMesh(self, path, vertices, faces, color):
-        self.meshes[path] = vertices.T
-
-    def Delete(self, path):
-        self.deleted.append(path)
-
-    def visible(self, path):
-        return self.properties[path, "visible"]
-
-
-@pytest.fixture
-def spy():
-    return Spy()
-
-
 @pytest.fixture
 def reference():
-    """Three points that move by 0.2 m along x in one second, and rest there."""
+    """Three points that move by 0.2 m along x in one second."""
     times = np.linspace(0.0, 1.0, 11)
     start = np.array([[0.0, 0.0, 0.1], [0.0, 0.1, 0.1], [0.0, 0.0, 0.2]])
     positions = start + 0.2 * times[:, None, None] * np.array([1.0, 0.0, 0.0])
@@ -68,8 +32,8 @@ def context(dut):
     return dut.CreateDefaultContext()
 
 
-def test_the_reference_is_drawn_at_once_with_its_goal(spy, dut, reference):
-    tubes = spy.meshes["poil/reference/tubes"]
+def test_the_constructor_draws_the_reference_with_its_goal(spy, dut, reference):
+    tubes = spy.objects["poil/reference/tubes"]
 
     assert tubes[:, 0].min() == pytest.approx(0.0, abs=0.002)
     assert tubes[:, 0].max() == pytest.approx(0.2, abs=0.002)
@@ -78,20 +42,20 @@ def test_the_reference_is_drawn_at_once_with_its_goal(spy, dut, reference):
     assert spy.visible("poil/reference/goal")
 
 
-def test_what_stood_there_is_deleted(spy, dut):
+def test_the_constructor_deletes_older_drawings(spy, dut):
     assert "poil" in spy.deleted
 
 
-def test_without_inputs_there_is_only_the_reference(spy, dut, context):
+def test_without_inputs_only_the_reference_is_visible(spy, dut, context):
     dut.ForcedPublish(context)
 
     for name in ("points", "target_points", "tracked_points", "linear_velocity"):
         assert not spy.visible(f"poil/{name}")
-    assert not spy.visible(f"{CAMERA_PATH}/poil/phase")
-    assert not spy.visible(f"{CAMERA_PATH}/poil/error")
+    assert not spy.visible(f"{OVERLAY_PATH}/phase")
+    assert not spy.visible(f"{OVERLAY_PATH}/error")
 
 
-def test_points_and_targets_are_where_the_ports_say(spy, dut, context):
+def test_points_and_targets_are_drawn_at_their_input_positions(spy, dut, context):
     points = np.arange(9.0).reshape(3, 3)
     dut.GetInputPort("points").FixValue(context, points.ravel())
     dut.GetInputPort("target_points").FixValue(context, -points.ravel())
@@ -106,7 +70,7 @@ def test_points_and_targets_are_where_the_ports_say(spy, dut, context):
     assert spy.visible("poil/points")
 
 
-def test_unsure_points_look_different_and_unknown_ones_are_hidden(spy, dut, context):
+def test_uncertain_points_look_different_and_unknown_ones_are_hidden(spy, dut, context):
     points = np.zeros((3, 3))
     points[2] = np.nan
     dut.GetInputPort("points").FixValue(context, points.ravel())
@@ -143,7 +107,7 @@ def test_the_twist_starts_at_the_gripper(spy, dut, context):
         np.testing.assert_allclose(X_WA.rotation().col(2), direction, atol=1e-12)
 
 
-def test_a_twist_without_a_known_gripper_is_not_drawn(spy, dut, context):
+def test_a_twist_without_a_known_gripper_pose_is_not_drawn(spy, dut, context):
     dut.GetInputPort("gripper_pose").FixValue(context, np.full(16, np.nan))
     dut.GetInputPort("spatial_velocity").FixValue(context, np.ones(6))
 
@@ -158,17 +122,16 @@ def test_phase_and_error_are_shown(spy, dut, context):
 
     dut.ForcedPublish(context)
 
-    overlay = f"{CAMERA_PATH}/poil"
-    assert spy.visible(f"{overlay}/phase")
-    assert [spy.visible(f"{overlay}/phase/name/{i}") for i in range(2)] == [False, True]
-    number = f"{overlay}/error/number"
+    assert spy.visible(f"{OVERLAY_PATH}/phase")
+    assert [spy.visible(f"{OVERLAY_PATH}/phase/name/{i}") for i in range(2)] == [False, True]
+    number = f"{OVERLAY_PATH}/error"
     shown = [
         [d for d in range(10) if spy.visible(f"{number}/place_{place}/{d}")] for place in range(4)
     ]
     assert shown == [[], [1], [2], [3]]  # " 12.3" mm
 
 
-def test_everything_that_moves_is_recorded_from_the_first_moment(spy, reference):
+def test_all_motion_is_recorded_from_time_zero(spy, reference):
     config = PointSetVisualizerConfig(period=0.25, text_period=0.5)
     dut = PointSetVisualizer(meshcat=spy, reference=reference, config=config)
     simulator = Simulator(dut)
@@ -185,11 +148,11 @@ def test_everything_that_moves_is_recorded_from_the_first_moment(spy, reference)
     assert None not in [time for times in spy.times.values() for time in times]
 
 
-def test_publishing_draws_nothing_anew(spy, dut, context):
+def test_publishing_draws_no_new_objects(spy, dut, context):
     dut.GetInputPort("points").FixValue(context, np.zeros(9))
-    before = dict(spy.meshes)
+    before = dict(spy.objects)
 
     dut.ForcedPublish(context)
 
-    assert spy.meshes.keys() == before.keys()
-    assert all(spy.meshes[path] is before[path] for path in before)
+    assert spy.objects.keys() == before.keys()
+    assert all(spy.objects[path] is before[path] for path in before)
