@@ -70,7 +70,7 @@ def run(
 ) -> None:
     """Do the main job: demonstration, transfer, grasp, closed loop."""
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.output_paths import OutputPaths
     from poil_drake.diagrams.run.skill_run import RunSkill
 
     chosen = choose_scenario(
@@ -183,7 +183,7 @@ def execute(
 ) -> None:
     """Execute a plan in closed loop."""
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
-    from poil_drake.diagrams.run.report import OutputPaths
+    from poil_drake.diagrams.run.output_paths import OutputPaths
     from poil_drake.diagrams.run.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 

@@ -6,7 +6,7 @@ from pydrake.geometry import Box, Cylinder, Rgba
 from pydrake.math import RigidTransform
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat, MeshcatViewConfig
+from poil_drake.diagrams.run.html_recording import CAMERA_POSITION, HtmlRecording, MakeMeshcat
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.visualization.meshcat_overlay import OVERLAY_PATH
 from poil_drake.systems.visualization.point_set_visualizer import (
@@ -85,10 +85,10 @@ def scene():
 def recording(scene, tmp_path_factory):
     """The scene's HTML recording."""
     path = tmp_path_factory.mktemp("recording") / "run.html"
-    with HtmlRecording(scene.meshcat, path, title="By hand") as html:
+    with HtmlRecording(scene.meshcat, path, title="By hand"):
         for frame in range(int(DURATION * FRAMES_PER_SECOND) + 1):
             scene.publish(frame / FRAMES_PER_SECOND)
-    return html.path
+    return path
 
 
 @pytest.fixture
@@ -227,7 +227,7 @@ def test_text_stays_before_the_viewer(replay):
 
     replay.move_viewer([0.6, 1.4, 0.5])
     after = replay.appearances([text, "mug"])
-    replay.move_viewer(MeshcatViewConfig().camera_position)
+    replay.move_viewer(list(CAMERA_POSITION))
 
     assert np.linalg.norm(after[text].centre - before[text].centre) < 1.0
     assert np.linalg.norm(after["mug"].centre - before["mug"].centre) > 30.0

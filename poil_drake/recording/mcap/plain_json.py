@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.runtime.whole_file import whole_file
+from poil_drake.runtime.output_files import whole_file
 
 
 def plain_json(value: Any) -> Any:

@@ -81,10 +81,10 @@ def test_a_plan_fits_where_a_millimetre_is_different(plan: ExecutionPlan) -> Non
 @pytest.mark.parametrize(
     ("scenario", "says"),
     [
-        (moved(shift=(0.01, 0, 0)), r"object 'mug' is not as the plan has seen it: .* mm apart"),
-        (moved(shift=(0, -0.15, 0)), "object 'mug' is not as the plan has seen it"),
+        (moved(shift=(0.01, 0, 0)), r"object 'mug' differs from what the plan saw: .* mm apart"),
+        (moved(shift=(0, -0.15, 0)), "object 'mug' differs from what the plan saw"),
         # The body looks the same from all sides; the handle does not.
-        (moved(turn=10), "part 'handle' of 'mug' is not as the plan has seen it"),
+        (moved(turn=10), "part 'handle' of 'mug' differs from what the plan saw"),
     ],
     ids=["shifted by 1 cm", "shifted by 15 cm", "turned by 10 deg"],
 )
@@ -101,7 +101,7 @@ def test_another_object_is_noticed(plan: ExecutionPlan) -> None:
     scenario = load()
     scenario.directives[-1].add_model.file = "package://poil_drake/mugs/mug_c/mug_c.sdf"
 
-    with pytest.raises(PlanningError, match="'mug' is not as the plan has seen it"):
+    with pytest.raises(PlanningError, match="'mug' differs from what the plan saw"):
         CheckPlanFits(plan, scenario)
 
 

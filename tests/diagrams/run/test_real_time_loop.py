@@ -1,5 +1,3 @@
-import gc
-import sys
 import time
 
 import numpy as np
@@ -8,12 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.diagrams.run import real_time_loop
-from poil_drake.diagrams.run.real_time_loop import (
-    LoopTiming,
-    QuietInterpreter,
-    RealTimeLoop,
-    RealTimeLoopConfig,
-)
+from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.runtime.interpreter_turns import TURNS
 
 PERIOD = 1 / 256
@@ -73,7 +66,7 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 
 def loop_of(worker: Worker, **config: float) -> RealTimeLoop:
-    return RealTimeLoop(Simulator(worker), period=PERIOD, config=RealTimeLoopConfig(**config))
+    return RealTimeLoop(Simulator(worker), period=PERIOD, **config)
 
 
 def test_each_tick_begins_when_it_is_due(fake_time: FakeTime) -> None:
@@ -127,9 +120,7 @@ def test_after_a_long_delay_it_goes_on_from_there(fake_time: FakeTime) -> None:
 @pytest.mark.parametrize("computing", [0.0005, 0.002])
 def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computing: float) -> None:
     system = TwoPhases(fake_time, computing=computing)
-    dut = RealTimeLoop(
-        Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75, time_scale=0.5)
-    )
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, pause=0.75, time_scale=0.5)
 
     dut.AdvanceTo(0.125)
 
@@ -141,7 +132,7 @@ def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computi
 
 def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime) -> None:
     system = TwoPhases(fake_time, computing=0.9 * PERIOD)
-    dut = RealTimeLoop(Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75))
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, pause=0.75)
 
     dut.AdvanceTo(0.125)
 
@@ -207,22 +198,3 @@ def test_the_worst_of_the_last_ticks_goes_to_the_log() -> None:
 
 def test_a_loop_that_never_ticked_has_no_percentiles() -> None:
     assert LoopTiming().figures() == {"ticks": 0.0, "missed_ticks": 0.0}
-
-
-def test_the_interpreter_is_quiet_in_the_block_only() -> None:
-    before = sys.getswitchinterval()
-
-    with QuietInterpreter():
-        assert not gc.isenabled()
-        assert sys.getswitchinterval() < before
-    assert gc.isenabled()
-    assert sys.getswitchinterval() == before
-    assert gc.get_freeze_count() == 0
-
-
-def test_a_loop_for_which_nobody_waits_collects_as_ever() -> None:
-    before = sys.getswitchinterval()
-
-    with QuietInterpreter(collecting=True):
-        assert gc.isenabled()
-        assert sys.getswitchinterval() == before

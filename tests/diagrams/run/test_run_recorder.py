@@ -11,8 +11,7 @@ from short_skill import POINTS, short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run.recorder import CheckedTrack, RunRecorder
-from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
-from poil_drake.diagrams.run.task_success import HangingJudge
+from poil_drake.diagrams.run.task_success import HangingJudge, SimulatedTruth
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.perception.tracked_points import TrackedPoints

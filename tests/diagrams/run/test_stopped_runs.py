@@ -17,8 +17,8 @@ from short_skill import lasting, short_plan, short_scenario
 from stopped_run import SAMPLES
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.recorder import RunRecorder
-from poil_drake.diagrams.run.report import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.dump import DumpScenario
