@@ -4,17 +4,17 @@ import pytest
 from replay_comparisons import make_run, make_summary
 
 from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.reports.replay_picture import ReplayPictureData, make_replay_picture
+from poil_drake.reports.replay_picture import make_replay_picture
 
 
 def draw(path, recorded: RecordedRun, replayed: RecordedRun):
-    data = ReplayPictureData(
+    return make_replay_picture(
+        path,
         summary=make_summary(recorded, replayed),
         recorded=recorded,
         replayed=replayed,
         velocity_limits=np.full(7, 2.0),
     )
-    return make_replay_picture(path, data)
 
 
 def test_a_picture_is_drawn_and_its_folder_made(tmp_path):

@@ -30,7 +30,7 @@ from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.progress import ProgressBar
-from poil_drake.reports.replay_picture import ReplayPictureData, make_replay_picture
+from poil_drake.reports.replay_picture import make_replay_picture
 from poil_drake.reports.replay_summary import ReplaySummary
 from poil_drake.runtime.real_time import QuietInterpreter
 from poil_drake.systems.ik.arm_plant import MakePandaKinematics
@@ -95,9 +95,10 @@ def Replay(
         limits = MakePandaKinematics().velocity_limits
         make_replay_picture(
             outputs.png,
-            ReplayPictureData(
-                summary=summary, recorded=setup.run, replayed=replayed, velocity_limits=limits
-            ),
+            summary=summary,
+            recorded=setup.run,
+            replayed=replayed,
+            velocity_limits=limits,
         )
     if outputs.json is not None:
         summary.write_json(outputs.json)
