@@ -1,4 +1,4 @@
-"""What this machine has of what poil_drake needs."""
+"""Checks that this machine has everything that poil_drake needs."""
 
 import importlib
 import importlib.metadata
@@ -15,9 +15,9 @@ class Finding:
 
     Attributes:
         name: What was checked.
-        ok: Whether the main job can rely on it.
-        found: What was found.
-        remedy: What to do if it is not ok.
+        ok: Whether it works.
+        found: Its version or state, or the error.
+        remedy: What to do if it does not work.
     """
 
     name: str
@@ -37,7 +37,7 @@ def Examine() -> list[Finding]:
         ("open3d", lambda: _version("open3d", "open3d"), "Install Debian's libusb-1.0-0."),
         ("torch", _torch, "Run `make setup`."),
         ("rendering", _rendering, "Install Debian's libegl1 and libgl1-mesa-dri."),
-        ("lcm", _lcm, "Allow UDP multicast on loopback; only hardware diagrams need it."),
+        ("lcm", _lcm, "Allow UDP multicast on loopback; only hardware stations need it."),
     ]
     return [_finding(name, check, remedy) for name, check, remedy in checks]
 

@@ -17,7 +17,7 @@ def draw(path, recorded: RecordedRun, replayed: RecordedRun):
     )
 
 
-def test_a_picture_is_drawn_and_its_folder_made(tmp_path):
+def test_the_picture_is_drawn_and_its_folder_made(tmp_path):
     path = draw(tmp_path / "out" / "replay.png", make_run(), make_run(speed=0.52))
 
     assert cv2.imread(str(path)).shape == (1080, 1800, 3)
@@ -30,7 +30,7 @@ def test_the_verdict_and_the_axes_are_written(tmp_path, speed, verdict):
     path = draw(tmp_path / "replay.svg", make_run(), make_run(speed=speed))
 
     text = path.read_text()
-    for said in (
+    for text_part in (
         verdict,
         "joint velocity",
         "tracked points",
@@ -38,10 +38,10 @@ def test_the_verdict_and_the_axes_are_written(tmp_path, speed, verdict):
         "follow",
         "tolerance",
     ):
-        assert said in text
+        assert text_part in text
 
 
-def test_what_only_one_of_them_has_can_be_drawn(tmp_path):
+def test_signals_of_only_one_run_can_be_drawn(tmp_path):
     replayed = make_run(last="fault")
     replayed.tracks = []
 

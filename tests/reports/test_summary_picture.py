@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
 from poil_drake.reports.run_summary import PhaseSpan
 from poil_drake.reports.summary_data import SummaryData
@@ -14,7 +13,7 @@ from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.reports.summary_snapshots import common_view
 from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
-# A camera at the origin that looks along +z, with its middle at pixel (80, 60).
+# A camera at the origin that looks along +z, with its principal point at pixel (80, 60).
 CAMERA = CameraModel(
     "left", 160, 120, np.array([[100, 0, 80], [0, 100, 60], [0, 0, 1.0]]), np.eye(4)
 )
@@ -83,7 +82,7 @@ def test_snapshots_show_the_points(tmp_path):
     assert count(with_points, COLORS["target"]) > count(without, COLORS["target"]) + 100
 
 
-def test_the_tracking_error_has_a_panel_where_the_truth_is_known(tmp_path):
+def test_the_tracking_error_has_a_panel_if_the_truth_is_known(tmp_path):
     known = {"tracking_times": np.array([1.0, 2.0]), "tracking_errors": np.full((2, 3), 0.002)}
 
     without = draw(tmp_path / "a.png", make_data())
@@ -111,7 +110,7 @@ def test_a_run_that_never_moved_has_a_picture(tmp_path):
     assert count(picture, COLORS["failure"]) > 1_000
 
 
-def test_signals_that_are_nowhere_finite_are_drawn_empty(tmp_path):
+def test_signals_without_finite_values_are_drawn_empty(tmp_path):
     times = make_data().times
     unknown = np.full(len(times), np.nan)
     dut = make_data(
@@ -132,13 +131,7 @@ def test_the_same_data_give_the_same_picture(tmp_path):
     np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize("name", ["point_errors", "potential", "tau", "joint_velocities"])
-def test_signals_of_another_length_are_named(name):
-    with pytest.raises(InvalidValueError, match=name):
-        make_data(**{name: np.zeros((5, 7))})
-
-
-def test_the_view_surrounds_the_points_in_the_pictures_proportions():
+def test_the_view_surrounds_the_points_in_the_proportions_of_the_picture():
     # At depth 1 m these are the pixels (80, 60) and (100, 60).
     dut = common_view([make_snapshot([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0]])], margin=0.1)
 
@@ -157,7 +150,7 @@ def test_the_view_stays_in_the_picture():
     assert (right - left, bottom - top) == pytest.approx((320.0 / 3.0, 80.0))
 
 
-def test_the_view_is_the_whole_picture_where_no_point_is():
+def test_the_view_is_the_whole_picture_without_points():
     np.testing.assert_allclose(
         common_view([make_snapshot([[0.0, 0.0, -1.0]])]), [-0.5, 159.5, -0.5, 119.5]
     )
@@ -171,7 +164,7 @@ def test_names_are_moved_apart_and_stay_in_order(places):
     assert np.all(dut <= 10.0 + 1e-9)
 
 
-def test_names_that_are_apart_stay():
+def test_names_far_enough_apart_stay():
     np.testing.assert_array_equal(
         spread_out(np.array([0.0, 1.0, 2.0]), gap=0.5, upper=2.0), [0, 1, 2]
     )
