@@ -1,6 +1,7 @@
 """Measures how long publishing takes, whoever publishes."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
@@ -41,8 +42,7 @@ class PublishingClock:
             schedules: When anything in the diagram publishes.
         """
         self._stopwatch, self._schedules = stopwatch, sorted(set(schedules))
-        self._running = self._stopwatch.measure("publishing")
-        self._is_running = False
+        self._running: AbstractContextManager[None] | None = None
 
     def AddStart(self, builder: DiagramBuilder) -> None:
         """Adds the system that starts the clock: before all others."""
@@ -54,8 +54,9 @@ class PublishingClock:
 
     def _turn(self, starts: bool) -> None:
         # Where two schedules meet, each end is told twice.
-        if starts and not self._is_running:
+        if starts and self._running is None:
+            self._running = self._stopwatch.measure("publishing")
             self._running.__enter__()
-        elif self._is_running and not starts:
+        elif self._running is not None and not starts:
             self._running.__exit__(None, None, None)
-        self._is_running = starts
+            self._running = None
