@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -11,8 +11,8 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
-def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
-    """Delays signals until the end of a block; each is then raised once.
+def HeldSignals() -> Iterator[None]:
+    """Delays `ENDING` signals until the end of a block; each is then raised once.
 
     Python handles signals on its main thread, so on any other thread this does nothing. (A signal
     mask would not help: another thread would receive the signal, and the main thread would still
@@ -26,8 +26,8 @@ def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
     def hold(number: int, frame: FrameType | None) -> None:
         waiting[number] = None
 
-    before = {number: signal.getsignal(number) for number in numbers}
-    left, raised = list(numbers), None
+    before = {number: signal.getsignal(number) for number in ENDING}
+    left, raised = list(ENDING), None
     while left:
         # A signal that arrives here still calls its old handler. What that raises is delayed, too.
         try:

@@ -15,7 +15,7 @@ from poil_drake.reports.run_summary import (
 TIMING = RunTiming(simulated=20.0, wall=16.0, parts={"rendering": 8.0})
 
 
-def test_statistics_are_of_the_finite_errors():
+def test_statistics_use_the_finite_errors():
     # 0, 1, ..., 100 mm: the median is 50 and 95 percent do not exceed 95.
     errors = np.r_[np.nan, np.arange(101) * 1e-3, np.nan]
 
@@ -28,7 +28,7 @@ def test_statistics_are_of_the_finite_errors():
     assert dut.missing == pytest.approx(2 / 103)
 
 
-def test_statistics_of_nothing_are_not_a_number():
+def test_statistics_without_finite_errors_are_nan():
     dut = ErrorStatistics.of(np.full((3, 2), np.nan))
 
     assert (dut.count, dut.missing) == (0, 1.0)
@@ -41,7 +41,7 @@ def test_real_time_factor():
     assert math.isnan(RunTiming(simulated=0.0, wall=0.0).real_time_factor)
 
 
-def test_phases_follow_from_a_log_of_indices():
+def test_phase_spans_of_sampled_indices():
     times = np.arange(6) * 0.5
 
     dut = phase_spans(times, np.array([0, 0, 1, 1, 1, 3.0]), ["wait", "go", "stay", "done"])
@@ -53,11 +53,11 @@ def test_phases_follow_from_a_log_of_indices():
     )
 
 
-def test_no_log_has_no_phases():
+def test_no_samples_have_no_phases():
     assert phase_spans(np.zeros(0), np.zeros(0), []) == ()
 
 
-def test_the_closing_line_says_what_matters():
+def test_the_closing_line_sums_up_the_run():
     dut = RunSummary(
         success=True,
         reason="the mug hung for 2.0 s",
@@ -72,7 +72,7 @@ def test_the_closing_line_says_what_matters():
     )
 
 
-def test_the_closing_line_leaves_out_what_is_not_known():
+def test_the_closing_line_leaves_out_unknown_figures():
     dut = RunSummary(
         success=False, reason="no grasp was found", timing=RunTiming(simulated=0.0, wall=0.0)
     )

@@ -18,22 +18,25 @@ def test_require_writable_makes_folders_and_leaves_files_alone(tmp_path: Path) -
     assert [p.name for p in path.parent.iterdir()] == ["plan.npz"]
 
 
-def test_a_folder_is_not_a_file(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"is a folder.*Name a file"):
-        require_writable(tmp_path)
-
-
-def test_a_file_is_not_a_folder(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("", "is a folder.*Name a file"),
+        ("file/plan.npz", "cannot be written.*Choose a folder"),
+        pytest.param(
+            "/proc/self/run.html",
+            r"'/proc/self/run\.html' cannot be written",
+            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc"),
+        ),
+    ],
+)
+def test_require_writable_rejects_paths_that_cannot_be_files(
+    tmp_path: Path, name: str, error: str
+) -> None:
     (tmp_path / "file").write_text("")
 
-    with pytest.raises(OutputError, match=r"cannot be written.*Choose a folder"):
-        require_writable(tmp_path / "file" / "plan.npz")
-
-
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no read-only folder")
-def test_a_read_only_folder_is_rejected() -> None:
-    with pytest.raises(OutputError, match=r"'/proc/self/run\.html' cannot be written"):
-        require_writable(Path("/proc/self/run.html"))
+    with pytest.raises(OutputError, match=error):
+        require_writable(tmp_path / name)
 
 
 def test_the_file_appears_at_the_end(tmp_path):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -68,19 +69,8 @@ def test_a_loop_that_is_not_in_real_time_collects_garbage_as_usual() -> None:
 
 def in_thread(work: Callable[[], object]) -> None:
     """Runs something on a separate thread, so that its scheduling affects no other test."""
-    failures: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:
-            failures.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    if failures:
-        raise failures[0]
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(work).result()
 
 
 def test_the_priority_ends_with_the_block() -> None:

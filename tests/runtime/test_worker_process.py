@@ -1,5 +1,4 @@
 import os
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,19 +57,18 @@ def test_answers_are_not_overwritten_by_later_ones(dut: WorkerProcess) -> None:
     np.testing.assert_array_equal(smaller, np.full(4, 9.0))
 
 
-def test_a_poil_error_is_raised_here_and_the_worker_goes_on(dut: WorkerProcess) -> None:
-    with pytest.raises(TrackingError) as caught:
-        dut.ask(("fail", []))
-
-    assert (caught.value.problem, caught.value.remedy) == ("Nothing is seen.", "Look again.")
-    assert dut.ask(("word", []))[2] == "word"
-
-
-def test_any_other_error_comes_with_its_traceback_and_the_worker_goes_on(
-    dut: WorkerProcess,
+@pytest.mark.parametrize(
+    ("word", "error", "text"),
+    [
+        ("fail", TrackingError, r"Nothing is seen\. Look again\."),
+        ("stumble", RuntimeError, "ZeroDivisionError: by mistake"),
+    ],
+)
+def test_an_error_of_the_worker_is_raised_here_and_the_worker_goes_on(
+    dut: WorkerProcess, word: str, error: type[Exception], text: str
 ) -> None:
-    with pytest.raises(RuntimeError, match="ZeroDivisionError: by mistake"):
-        dut.ask(("stumble", []))
+    with pytest.raises(error, match=text):
+        dut.ask((word, []))
 
     assert dut.ask(("word", []))[2] == "word"
 
@@ -104,9 +102,7 @@ def test_a_worker_that_dies_during_a_request_is_reported_with_its_status(
 
 
 def test_a_killed_worker_is_reported(dut: WorkerProcess) -> None:
-    dut.ask(("word", []))
-
-    os.kill(dut.pid, signal.SIGKILL)
+    dut.kill()
 
     with pytest.raises(WorkerEndedError, match="has ended with status -9"):
         dut.ask(("word", []))

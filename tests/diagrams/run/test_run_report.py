@@ -1,6 +1,5 @@
 import hashlib
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -50,26 +49,21 @@ def hanging(since: float = 0.0) -> HangingJudge:
     )
 
 
-MakeReport = Callable[..., Report]
-
-
-@pytest.fixture
-def make_report() -> MakeReport:
-    def make(*last_phases: Phase, judge: HangingJudge | None = None, **changed: object) -> Report:
-        fields: dict = {
-            "plan": short_plan(),
-            "scenario": short_scenario(),
-            "recorder": Samples(judge or hanging(), *last_phases),
-            "fault": Fault.NONE,
-            "simulated": 5.0,
-            "wall": 4.0,
-            "stopwatch": Stopwatch(),
-            "stopped": None,
-            "final_state": np.zeros(3),
-        }
-        return Report(**fields | changed)
-
-    return make
+def make_report(
+    *last_phases: Phase, judge: HangingJudge | None = None, **changed: object
+) -> Report:
+    fields: dict = {
+        "plan": short_plan(),
+        "scenario": short_scenario(),
+        "recorder": Samples(judge or hanging(), *last_phases),
+        "fault": Fault.NONE,
+        "simulated": 5.0,
+        "wall": 4.0,
+        "stopwatch": Stopwatch(),
+        "stopped": None,
+        "final_state": np.zeros(3),
+    }
+    return Report(**fields | changed)
 
 
 def verdict(report: Report) -> tuple[bool, str]:
@@ -85,7 +79,7 @@ def verdict(report: Report) -> tuple[bool, str]:
     ],
 )
 def test_an_object_must_hang_for_two_seconds_at_the_end(
-    make_report: MakeReport, since: float, expected: tuple[bool, str]
+    since: float, expected: tuple[bool, str]
 ) -> None:
     assert verdict(make_report(Phase.DONE, judge=hanging(since=since))) == expected
 
@@ -97,9 +91,7 @@ def test_an_object_must_hang_for_two_seconds_at_the_end(
         (set(), "nothing"),
     ],
 )
-def test_the_reason_names_what_the_object_touches_instead(
-    make_report: MakeReport, touched: set[str], named: str
-) -> None:
+def test_the_reason_names_what_the_object_touches_instead(touched: set[str], named: str) -> None:
     judge = HangingJudge(fixture="rack", holder=frozenset({ROD}), last_touched=frozenset(touched))
 
     assert verdict(make_report(Phase.DONE, judge=judge)) == (
@@ -108,20 +100,20 @@ def test_the_reason_names_what_the_object_touches_instead(
     )
 
 
-def test_a_skill_that_is_not_done_ran_out_of_time(make_report: MakeReport) -> None:
+def test_a_skill_that_is_not_done_ran_out_of_time() -> None:
     assert verdict(make_report(Phase.SETTLE)) == (False, "the time ran out in phase 'settle'")
 
 
 @pytest.mark.parametrize(
     "fault", [fault for fault in Fault if fault not in (Fault.NONE, Fault.SAFETY)]
 )
-def test_a_fault_is_reported_with_its_phase(make_report: MakeReport, fault: Fault) -> None:
+def test_a_fault_is_reported_with_its_phase(fault: Fault) -> None:
     report = make_report(Phase.RELEASE, Phase.FAULT, Phase.FAULT, fault=fault)
 
     assert verdict(report) == (False, f"{FAULT_TEXT[fault]} (in phase 'release')")
 
 
-def test_the_supervisors_fault_is_reported_with_all_problems(make_report: MakeReport) -> None:
+def test_the_supervisors_fault_is_reported_with_all_problems() -> None:
     report = make_report(
         Phase.RELEASE,
         Phase.FAULT,
@@ -136,9 +128,7 @@ def test_the_supervisors_fault_is_reported_with_all_problems(make_report: MakeRe
     )
 
 
-def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported(
-    make_report: MakeReport,
-) -> None:
+def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported() -> None:
     report = make_report(
         Phase.SETTLE, Phase.DONE, judge=hanging(), safety_fault=SafetyFault.EXTERNAL_TORQUE
     )
@@ -149,13 +139,13 @@ def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported(
     assert reason.startswith("something pushed the arm harder than it may")
 
 
-def test_an_exception_is_a_failure_even_if_the_object_hangs(make_report: MakeReport) -> None:
+def test_an_exception_is_a_failure_even_if_the_object_hangs() -> None:
     report = make_report(Phase.DONE, stopped=ValueError("no\n  camera"))
 
     assert verdict(report) == (False, "ValueError: no camera")
 
 
-def test_the_errors_are_those_of_the_follow_phase(make_report: MakeReport) -> None:
+def test_the_errors_are_those_of_the_follow_phase() -> None:
     dut = summarize(make_report(Phase.RELEASE, Phase.DONE), OutputPaths())
 
     # Samples 1 and 2 of 5, evenly from 10 mm to 2 mm, and from 1 to 0.25.
@@ -172,9 +162,7 @@ def test_the_errors_are_those_of_the_follow_phase(make_report: MakeReport) -> No
     assert dut.scenario_file.endswith("hang_mug.yaml")
 
 
-def test_the_parts_of_the_time_add_up_to_the_whole(
-    make_report: MakeReport, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_parts_of_the_time_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     stopwatch = Stopwatch()
     parts = ("capture", "detection", "waiting", "control", "publishing", "reporting")
     names = (*parts, "rendering", "tracking")
@@ -193,7 +181,7 @@ def test_the_parts_of_the_time_add_up_to_the_whole(
     assert dut.parts["physics"] == pytest.approx(4.0 - 6 * 0.25)
 
 
-def test_a_report_writes_picture_and_figures(make_report: MakeReport, tmp_path: Path) -> None:
+def test_a_report_writes_picture_and_figures(tmp_path: Path) -> None:
     outputs = OutputPaths(json=tmp_path / "run.json", png=tmp_path / "run.png")
     stages = Stopwatch()
     with stages.measure("planning"):
@@ -210,9 +198,7 @@ def test_a_report_writes_picture_and_figures(make_report: MakeReport, tmp_path: 
     assert outputs.png.stat().st_size > 10_000
 
 
-def test_figures_are_written_even_if_the_picture_fails(
-    make_report: MakeReport, tmp_path: Path
-) -> None:
+def test_figures_are_written_even_if_the_picture_fails(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     outputs = OutputPaths(json=tmp_path / "run.json", png=tmp_path / "file" / "run.png")
 
