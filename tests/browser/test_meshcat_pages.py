@@ -1,4 +1,4 @@
-"""What a viewer sees of a scene that is made by hand: live, and in a recording."""
+"""What a viewer sees of a scene made by hand: live, and in a recording."""
 
 import numpy as np
 import pytest
@@ -24,13 +24,13 @@ CONFIG = PointSetVisualizerConfig(point_radius=0.012, target_radius=0.010, track
 
 
 def make_reference() -> PointTrajectory:
-    """Six points that rise by 0.3 m and move by 0.4 m along y within the duration."""
+    """Six points that move by 0.3 m up and by 0.4 m along y within the duration."""
     times = np.linspace(0.0, DURATION, 33)
     corners = 0.05 * np.array(
         [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float
     )
-    way = np.array([0.0, 0.4, 0.3]) * (times / DURATION)[:, None]
-    positions = corners + np.array([0.45, -0.2, 0.15]) + way[:, None, :]
+    motion = np.array([0.0, 0.4, 0.3]) * (times / DURATION)[:, None]
+    positions = corners + np.array([0.45, -0.2, 0.15]) + motion[:, None, :]
     velocities = np.gradient(positions, times, axis=0)
     velocities[-1] = 0.0
     return PointTrajectory(times, positions, velocities)
@@ -54,7 +54,7 @@ class Scene:
         self._context = self.visualizer.CreateDefaultContext()
 
     def publish(self, time: float) -> None:
-        """Shows the scene at a time: points 20 mm behind their targets, twist growing."""
+        """Shows the scene at a time: points 20 mm behind their targets, and a growing twist."""
         target = self.reference.positions[int(time / DURATION * 32)]
         points = target - [0.0, 0.02, 0.0]
         X_WG = np.eye(4)
@@ -112,7 +112,7 @@ def hue_share(appearance, color):
 
 
 def test_the_live_page_shows_everything_in_its_colour(live):
-    # Lower limits are half of what was counted when the picture was right to the eye.
+    # Lower limits are half of the counts in a picture that looked right.
     wanted = {
         "mug": (MUG_COLOR, 700, 10_000),
         "poil/points": (CONFIG.point_color, 250, 5_000),
@@ -163,7 +163,7 @@ def test_a_recording_moves_the_points(replay):
     replay.seek(DURATION)
     end = replay.appearance("poil/points")
 
-    # Seen from the front of the robot, its left (+y) is on the right, and up is up.
+    # The camera looks at the robot's front, so +y is on the right.
     across, down = end.centre - start.centre
     assert across > 100.0
     assert down < -50.0
@@ -174,7 +174,7 @@ def test_a_recording_moves_points_and_mug_together(replay):
     for seconds in (0.0, DURATION / 2, DURATION):
         replay.seek(seconds)
         seen = replay.appearances(["mug", "poil/target_points"])
-        # The points surround the mug's middle; it hides those behind.
+        # The points surround the mug's centre; it hides those behind it.
         assert np.linalg.norm(seen["mug"].centre - seen["poil/target_points"].centre) < 30.0
 
 
@@ -219,8 +219,7 @@ def test_a_recording_scales_the_arrows(replay):
     assert long[1] > 2.0 * short[1]
 
 
-def test_text_stays_before_the_viewer(replay):
-    """The display is where it was when the viewer goes elsewhere; the mug is not."""
+def test_the_text_moves_with_the_viewer_and_the_mug_does_not(replay):
     replay.seek(0.5)
     text = f"{OVERLAY_PATH}/phase"
     before = replay.appearances([text, "mug"])
