@@ -66,8 +66,6 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
 
 def _panels(data: SummaryData) -> list:
     """Returns the functions that draw the panels with contents."""
-    if len(data.times) == 0:
-        return []
     known = np.isfinite(data.tracking_errors).any()
     return [
         draw_point_error,
@@ -117,8 +115,6 @@ def _draw_snapshots(figure: Any, data: SummaryData, height: float, picture_heigh
 
 
 def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float) -> None:
-    if not panels:
-        return
     left, right, bottom = _MARGINS
     top = bottom + len(panels) * (_PANEL_HEIGHT + _GAP) - _GAP
     axes = figure.subplots(

@@ -57,27 +57,28 @@ def test_no_samples_have_no_phases():
     assert phase_spans(np.zeros(0), np.zeros(0), []) == ()
 
 
-def test_the_closing_line_sums_up_the_run():
-    dut = RunSummary(
-        success=True,
-        reason="the mug hung for 2.0 s",
-        timing=TIMING,
-        mean_error=0.00183,
-        tracking_error=ErrorStatistics.of(np.array([0.0024])),
-    )
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [
+        (
+            {"mean_error": 0.00183, "tracking_error": ErrorStatistics.of(np.array([0.0024]))},
+            "SUCCESS: it hangs; mean point error 1.8 mm; tracking error 2.4 mm (median); "
+            "20.0 s simulated in 16.0 s (1.25x real time).",
+        ),
+        (
+            {"figures": {"epoch_s": 1e9}},
+            "SUCCESS: it hangs; 20.0 s passed in 16.0 s (1.25x real time).",
+        ),
+        (
+            {"success": False, "timing": RunTiming(simulated=0.0, wall=0.0)},
+            "FAILURE: it hangs.",
+        ),
+    ],
+)
+def test_the_closing_line_has_the_known_figures(fields, line):
+    values = {"success": True, "reason": "it hangs", "timing": TIMING}
 
-    assert dut.closing_line() == (
-        "SUCCESS: the mug hung for 2.0 s; mean point error 1.8 mm; tracking error 2.4 mm (median); "
-        "20.0 s simulated in 16.0 s (1.25x real time)."
-    )
-
-
-def test_the_closing_line_leaves_out_unknown_figures():
-    dut = RunSummary(
-        success=False, reason="no grasp was found", timing=RunTiming(simulated=0.0, wall=0.0)
-    )
-
-    assert dut.closing_line() == "FAILURE: no grasp was found."
+    assert RunSummary(**values | fields).closing_line() == line
 
 
 def test_json_holds_every_figure_and_no_nan(tmp_path):
