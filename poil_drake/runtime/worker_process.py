@@ -62,7 +62,8 @@ class WorkerProcess:
         self._channel = _Channel(connection, *files)
         # The worker ends once its connection is closed, which the end of this process does, too.
         self._close = weakref.finalize(self, self._channel.close)
-        self._channel.send(setup)
+        # As bytes, because the first request may overwrite the arrays before the worker reads them.
+        self._channel.send(pickle.dumps(setup))
 
     @property
     def pid(self) -> int:
@@ -134,7 +135,7 @@ def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
     cv2.setNumThreads(1)
     connection, requests, answers = map(int, sys.argv[1:4])
     channel = _Channel(Connection(connection), answers, requests)
-    handler, failure = _try(lambda: make_handler(channel.receive()))
+    handler, failure = _try(lambda: make_handler(pickle.loads(channel.receive())))
     gc.collect()
     gc.freeze()
     try:

@@ -10,14 +10,14 @@ from poil_drake.runtime.worker_process import serve
 class Echo:
     """Answers (its setup, its process ID, the request's word, the request's arrays)."""
 
-    def __init__(self, setup: str):
+    def __init__(self, setup: Any):
         if setup == "refused":
             raise InvalidValueError("There is no such setup.", remedy="Ask for another.")
         if setup == "broken":
             raise ZeroDivisionError("in the beginning")
         self._setup = setup
 
-    def __call__(self, request: tuple[str, list[Any]]) -> tuple[str, int, str, list[Any]]:
+    def __call__(self, request: tuple[str, list[Any]]) -> tuple[Any, int, str, list[Any]]:
         word, arrays = request
         if word == "fail":
             raise TrackingError("Nothing is seen.", remedy="Look again.")

@@ -26,6 +26,15 @@ def test_it_gets_its_setup_and_answers_from_another_process(dut: WorkerProcess) 
     assert dut.alive
 
 
+def test_requests_do_not_overwrite_the_arrays_of_the_setup() -> None:
+    dut = WorkerProcess(WORKER, [np.arange(10.0)])
+
+    setup, *_ = dut.ask(("word", [np.zeros(1000)]))
+
+    np.testing.assert_array_equal(setup, [np.arange(10.0)])
+    dut.end()
+
+
 def test_arrays_come_back_unchanged(dut: WorkerProcess) -> None:
     rng = np.random.default_rng(0)
     arrays = [

@@ -46,7 +46,7 @@ def PlanScenario(
 
     Raises:
         PoilError: if the demonstration is damaged, a part is not detected, the motion cannot be
-            transferred, or no grasp is feasible; each is a class of its own.
+            transferred, or no grasp is feasible.
     """
     poil = scenario.poil
     recorded = load_demonstration(demonstration)

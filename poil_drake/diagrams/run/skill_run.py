@@ -160,7 +160,6 @@ def ExecutePlan(
     if hardware:
         KeepMemory()
     with FreshOutputs(outputs, scenario, stages, inputs=inputs), ExitStack() as stack:
-        # Open the outputs.
         meshcat = album = log = None
         if show:
             meshcat = MakeMeshcat()
@@ -177,7 +176,6 @@ def ExecutePlan(
         if check:
             CheckPlanFits(plan, scenario, hardware=hardware)
         with stages.measure("execution"):
-            # Build the diagram.
             switch = StopSwitch()
             if hardware:
                 key = stack.enter_context(TerminalStopKey(switch))
@@ -208,7 +206,6 @@ def ExecutePlan(
                     frames_per_second=1.0 / scenario.poil.rates.logger,
                 )
                 stack.enter_context(recording)
-
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
             report = _simulate(
                 loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate

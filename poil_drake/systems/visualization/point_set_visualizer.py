@@ -25,7 +25,7 @@ class PointSetVisualizerConfig:
     """
 
     period: float = 1 / 32  # [s] between moves; the frame rate of recordings should match.
-    text_period: float = 1 / 8  # [s] between changes of text; nobody can read faster changes.
+    text_period: float = 1 / 8  # [s] between changes of text; faster changes are unreadable.
     point_radius: float = 0.005  # [m]
     target_radius: float = 0.004  # [m]
     tracked_radius: float = 0.003  # [m]
