@@ -65,7 +65,7 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
 
 
 def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels with contents."""
+    """Returns the functions that draw the panels; without a known truth, no tracking error."""
     known = np.isfinite(data.tracking_errors).any()
     return [
         draw_point_error,
@@ -120,7 +120,6 @@ def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float
     axes = figure.subplots(
         len(panels),
         sharex=True,
-        squeeze=False,
         gridspec_kw={
             "left": left / _WIDTH,
             "right": 1.0 - right / _WIDTH,
@@ -128,7 +127,7 @@ def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float
             "top": top / height,
             "hspace": _GAP / _PANEL_HEIGHT,
         },
-    )[:, 0]
+    )
     end = max([*data.times[-1:], *data.tracking_times[-1:], *(p.end for p in data.phases)])
     for one, draw in zip(axes, panels, strict=True):
         one.set_xlim(0.0, end)

@@ -41,7 +41,7 @@ def HeldSignals() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in waiting:
-            signal.raise_signal(number)
+        for held in waiting:
+            signal.raise_signal(held)
         if raised is not None:
             raise raised
