@@ -106,11 +106,6 @@ def replay(page, recording):
     return page
 
 
-def hue_share(appearance, color):
-    assert appearance.pixels > 0
-    return appearance.share_of_hue(color)
-
-
 def test_the_live_page_shows_everything_in_its_colour(live):
     # Lower limits are half of the counts in a picture that looked right.
     wanted = {
@@ -125,7 +120,7 @@ def test_the_live_page_shows_everything_in_its_colour(live):
     seen = live.appearances([*wanted, "robot"])
     for path, (color, least, most) in wanted.items():
         assert least < seen[path].pixels < most, path
-        assert hue_share(seen[path], color) > 0.5, path
+        assert seen[path].share_of_hue(color) > 0.5, path
     robot = seen["robot"]
     assert robot.pixels > 5_000
     assert np.ptp(robot.color) < 0.1, "white or grey"
@@ -167,7 +162,7 @@ def test_a_recording_moves_the_points(replay):
     across, down = end.centre - start.centre
     assert across > 100.0
     assert down < -50.0
-    assert hue_share(end, CONFIG.point_color) > 0.5
+    assert end.share_of_hue(CONFIG.point_color) > 0.5
 
 
 def test_a_recording_moves_points_and_mug_together(replay):

@@ -19,11 +19,6 @@ def dut(spy):
     )
 
 
-def test_phase_and_error_are_hidden_at_first(spy, dut):
-    assert not spy.visible(f"{OVERLAY_PATH}/phase")
-    assert not spy.visible(f"{OVERLAY_PATH}/error")
-
-
 @pytest.mark.parametrize(("index", "known"), [(0, True), (1, True), (2, False), (-1, False)])
 def test_a_phase_is_shown_if_it_has_a_name(spy, dut, index, known):
     dut.show_phase(index)
