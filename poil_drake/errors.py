@@ -1,12 +1,12 @@
-"""Typed errors. Each says what was wrong and what to do about it."""
+"""Typed errors. Each says what is wrong and what to do about it."""
 
 
 class PoilError(Exception):
     """Base of every error that poil_drake raises on purpose.
 
     Args:
-        problem: What was wrong: the thing, the value, what was expected.
-        remedy: What the reader can do about it.
+        problem: What is wrong: the thing, the value, and what was expected.
+        remedy: What the user can do about it.
     """
 
     def __init__(self, problem: str, *, remedy: str):
@@ -15,7 +15,7 @@ class PoilError(Exception):
         super().__init__(f"{problem} {remedy}")
 
     def __reduce__(self) -> tuple:
-        """Keeps both parts when the error crosses a process boundary."""
+        """Pickles both parts, for errors of worker processes."""
         return (_rebuild, (type(self), self.problem, self.remedy))
 
 
@@ -36,7 +36,7 @@ class DemonstrationError(PoilError):
 
 
 class RunLogError(PoilError):
-    """The log of a run is missing or damaged, or lacks what a replay needs."""
+    """The log of a run is missing or damaged, or lacks data that a replay needs."""
 
 
 class DetectionError(PoilError):
@@ -44,7 +44,7 @@ class DetectionError(PoilError):
 
 
 class TransferError(PoilError):
-    """The demonstrated motion could not be carried over to the target object."""
+    """The demonstrated motion could not be transferred to the target object."""
 
 
 class TrackingError(PoilError):
@@ -60,11 +60,11 @@ class PlanningError(PoilError):
 
 
 class CaptureError(PoilError):
-    """A camera cannot be opened, has gone, or delivers what cannot be used."""
+    """A camera cannot be opened, has disappeared, or delivers unusable images."""
 
 
 class NoImageError(CaptureError):
-    """A camera is there and stays open, but an image cannot be used, or no more will come."""
+    """A camera stays open, but an image is unusable, or no more images will come."""
 
 
 class StationError(PoilError):

@@ -8,11 +8,11 @@ import numpy as np
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from short_skill import short_plan
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
-from poil_drake.diagrams.run.simulator import MakeSimulator
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.models.panda_model import ARM_JOINTS
@@ -49,7 +49,9 @@ def record(
         OpenRunLog(path, plan=plan, scenario=scenario, config=config) as log,
         MakeClosedLoop(scenario, plan, log=log, stop_switch=switch) as loop,
     ):
-        simulator = MakeSimulator(loop.diagram, scenario, realtime_rate=0.0)
+        simulator = Simulator(loop.diagram)
+        ApplySimulatorConfig(scenario.simulator_config, simulator)
+        simulator.set_target_realtime_rate(0.0)
         if stop_at is not None:
             simulator.AdvanceTo(stop_at)
             switch.request()

@@ -8,7 +8,6 @@ from .run.html_recording import MakeMeshcat as MakeMeshcat
 from .run.open_run_log import OpenRunLog as OpenRunLog
 from .run.output_paths import OutputPaths as OutputPaths
 from .run.planning import PlanScenario as PlanScenario
-from .run.simulator import MakeSimulator as MakeSimulator
 from .run.skill_run import ExecutePlan as ExecutePlan
 from .run.skill_run import RunSkill as RunSkill
 from .scenario.choice import ChooseScenario as ChooseScenario

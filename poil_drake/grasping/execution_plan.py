@@ -15,7 +15,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.plan_file import MAKE_ANOTHER, PlanFileError, pack, unpack
 from poil_drake.robots.joint_trajectory import JointTrajectory
-from poil_drake.runtime.whole_file import whole_file
+from poil_drake.runtime.output_files import whole_file
 
 _PARTS = {
     "reference": PointTrajectory,

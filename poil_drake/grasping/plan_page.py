@@ -18,7 +18,7 @@ from pinocchio.visualize import MeshcatVisualizer
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.grasping.planner import PlanningResult
 from poil_drake.robots.robot_description import panda_description_directory
-from poil_drake.runtime.whole_file import whole_file
+from poil_drake.runtime.output_files import whole_file
 
 
 class _Window(list[str]):

@@ -1,1 +1,1 @@
-"""Pictures, figures and progress for people. No diagrams."""
+"""Summaries, pictures and progress bars for users: no diagrams."""

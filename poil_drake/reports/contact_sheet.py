@@ -1,7 +1,6 @@
-"""A demonstration at a glance: one picture."""
+"""Draws a demonstration as one picture, its contact sheet."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,59 +10,48 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 from poil_drake.recording.demonstration.demonstration import Demonstration
 
-# Of the metadata, what fits into a title.
 _TITLE_KEYS = ("scenario", "object", "fixture", "seed")
+"""The keys of the metadata that fit into the title."""
 
+_GAP = 4  # [px] between images.
 
-@dataclass(frozen=True, kw_only=True)
-class ContactSheetConfig:
-    """How a contact sheet looks.
+_DPI = 100
+"""Dots per inch, which sets the size of the text relative to the images."""
 
-    Attributes:
-        columns: How many instants are shown, evenly spread from the first to the last.
-        tile_width: Width of one image [px].
-        gap: Gap between images [px].
-        dpi: Dots per inch, which sets the size of the text relative to the images.
-        depth_percentiles: The depths at the ends of the colour scale, so that a few far pixels do
-            not take the scale from the near ones.
-    """
-
-    columns: int = 8
-    tile_width: int = 240
-    gap: int = 4
-    dpi: int = 100
-    depth_percentiles: tuple[float, float] = (2.0, 98.0)
+_DEPTH_PERCENTILES = (2.0, 98.0)
+"""The depths at the ends of the colour scale, so that a few far pixels do not stretch it."""
 
 
 def contact_sheet(
-    demonstration: Demonstration, path: str | Path, *, config: ContactSheetConfig | None = None
+    demonstration: Demonstration, path: str | Path, *, columns: int = 8, tile_width: int = 240
 ) -> None:
     """Writes a PNG with time from left to right and, for each camera, colour above depth.
 
     Args:
         demonstration: The demonstration. Only the frames shown are decoded.
-        path: The file, whose name ends in .png; its folder is made where needed.
-        config: How it looks.
+        path: The file, whose name ends in .png; its folder is made if needed.
+        columns: How many frames are shown, evenly spaced from the first to the last.
+        tile_width: Width of one image [px].
 
     Raises:
-        InvalidValueError: if the name ends otherwise.
+        InvalidValueError: if the name does not end in .png.
     """
     from matplotlib.figure import Figure
 
-    config = config or ContactSheetConfig()
     if Path(path).suffix != ".png":
         raise InvalidValueError(
-            f"The picture '{path}' ends in '{Path(path).suffix}'.", remedy="Let it end in .png."
+            f"The picture '{path}' ends in '{Path(path).suffix}'.", remedy="Use the suffix .png."
         )
-    indices = _spread(len(demonstration.frames), config.columns)
+    count = len(demonstration.frames)
+    indices = np.rint(np.linspace(0, count - 1, min(columns, count))).astype(int).tolist()
     views = [demonstration.frames[i].images for i in indices]
     rows = len(demonstration.cameras)
-    colors = [_strip([images[row].rgb for images in views], config) for row in range(rows)]
-    depths = [_strip([images[row].depth for images in views], config) for row in range(rows)]
+    colors = [_strip([images[row].rgb for images in views], tile_width) for row in range(rows)]
+    depths = [_strip([images[row].depth for images in views], tile_width) for row in range(rows)]
     height, width = colors[0].shape[:2]
     figure = Figure(
-        figsize=(width / config.dpi + 1.3, 2 * rows * height / config.dpi + 1.0),
-        dpi=config.dpi,
+        figsize=(width / _DPI + 1.3, 2 * rows * height / _DPI + 1.0),
+        dpi=_DPI,
         layout="constrained",
     )
     axes = figure.subplots(2 * rows, 1, squeeze=False)[:, 0]
@@ -71,12 +59,12 @@ def contact_sheet(
         axes[2 * row].imshow(colors[row])
         axes[2 * row].set_ylabel(camera.name)
         axes[2 * row + 1].set_ylabel(f"{camera.name}, depth")
-        _draw_depth(figure, axes[2 * row + 1], depths[row], config)
+        _draw_depth(figure, axes[2 * row + 1], depths[row])
     for axis in axes:
         axis.set(xticks=[], yticks=[])
         axis.spines[:].set_visible(False)
     stamps = demonstration.stamps[indices] - demonstration.stamps[0]
-    centres = (np.arange(len(indices)) + 0.5) * (config.tile_width + config.gap) - config.gap / 2
+    centres = (np.arange(len(indices)) + 0.5) * (tile_width + _GAP) - _GAP / 2
     axes[0].set_xticks(centres, [f"{stamp:.2f} s" for stamp in stamps])
     axes[0].tick_params(labeltop=True, labelbottom=False, length=0)
     figure.suptitle(_title(demonstration), fontsize=11)
@@ -84,42 +72,34 @@ def contact_sheet(
     figure.savefig(path, format="png")
 
 
-def _draw_depth(figure: Any, axis: Any, depth: np.ndarray, config: ContactSheetConfig) -> None:
-    """Draws depth [m] in colours, with its scale; invalid pixels are left grey."""
+def _draw_depth(figure: Any, axis: Any, depth: np.ndarray) -> None:
+    """Draws depth [m] in colours, with its scale; invalid pixels are grey."""
     from matplotlib import colormaps
 
     seen = np.ma.masked_equal(depth, 0.0)
     valid = seen.compressed()
-    low, high = np.percentile(valid, config.depth_percentiles) if valid.size else (0.0, 1.0)
+    low, high = np.percentile(valid, _DEPTH_PERCENTILES) if valid.size else (0.0, 1.0)
     palette = colormaps["viridis_r"].with_extremes(bad="lightgrey")
     drawn = axis.imshow(seen, cmap=palette, vmin=low, vmax=high, interpolation="nearest")
     figure.colorbar(drawn, ax=axis, fraction=0.03, pad=0.005, label="depth [m]")
 
 
-def _strip(images: Sequence[np.ndarray], config: ContactSheetConfig) -> np.ndarray:
+def _strip(images: Sequence[np.ndarray], tile_width: int) -> np.ndarray:
     """Returns images side by side; the gaps are white in colour and invalid in depth."""
-    height = round(config.tile_width * images[0].shape[0] / images[0].shape[1])
+    height = round(tile_width * images[0].shape[0] / images[0].shape[1])
     is_color = images[0].ndim == 3
-    gap = np.full((height, config.gap, *images[0].shape[2:]), 255 if is_color else 0)
+    gap = np.full((height, _GAP, *images[0].shape[2:]), 255 if is_color else 0)
     tiles: list[np.ndarray] = []
     for image in images:
-        size = (config.tile_width, height)
-        # Averaging depth would invent surfaces between an object and what is behind it.
+        size = (tile_width, height)
+        # Averaged depth would show surfaces between an object and its background.
         filter_ = cv2.INTER_AREA if is_color else cv2.INTER_NEAREST
         tiles += [gap.astype(image.dtype), cv2.resize(image, size, interpolation=filter_)]
     return np.concatenate(tiles[1:], axis=1)
 
 
 def _title(demonstration: Demonstration) -> str:
-    said = [
-        f"{key} {demonstration.metadata[key]}"
-        for key in _TITLE_KEYS
-        if demonstration.metadata.get(key)
-    ]
+    metadata = demonstration.metadata
     size = f"{len(demonstration.frames)} frames in {demonstration.duration:.2f} s"
-    return ", ".join([Path(demonstration.name).name, size, *said])
-
-
-def _spread(count: int, columns: int) -> list[int]:
-    """Returns at most `columns` indices from 0 to count - 1, evenly spread."""
-    return sorted({int(i) for i in np.rint(np.linspace(0, count - 1, min(columns, count)))})
+    about = [f"{key} {metadata[key]}" for key in _TITLE_KEYS if metadata.get(key)]
+    return ", ".join([Path(demonstration.name).name, size, *about])

@@ -2,17 +2,16 @@
 
 import os
 import sys
-from types import TracebackType
 from typing import Any, Self
 
 from tqdm import tqdm
 
 
 class OneLineTqdm(tqdm):
-    """A tqdm bar that, where standard error is no terminal, writes one line: once it is closed."""
+    """A tqdm bar that writes only its last state if standard error is not a terminal."""
 
     def __init__(self, *args: Any, **kwargs: Any):
-        """Takes what tqdm takes."""
+        """Takes the arguments of tqdm."""
         self._drawn = sys.stderr.isatty()
         super().__init__(*args, **kwargs)
 
@@ -33,30 +32,30 @@ class OneLineTqdm(tqdm):
 
 
 class ProgressBar:
-    """Shows what is being done and how far it is; a `with` block.
+    """A progress bar for one step after the other; use it in a `with` block.
 
-    Calling it with (what, fraction in [0, 1]) moves the bar; a new `what` begins a new bar.
+    A call with (step, fraction in [0, 1]) moves the bar; the name of another step begins a new bar.
     """
 
     def __init__(self, *, disable: bool = False):
         """Prepares; the first call draws.
 
         Args:
-            disable: Draws nothing.
+            disable: Whether to draw nothing.
         """
         self._disable = disable
         self._bar: OneLineTqdm | None = None
-        self._what = ""
+        self._step = ""
 
-    def __call__(self, what: str, fraction: float) -> None:
-        """Shows that the fraction (in [0, 1]) of `what` is done."""
-        if what != self._what or self._bar is None:
+    def __call__(self, step: str, fraction: float) -> None:
+        """Shows that the fraction (in [0, 1]) of the step is done."""
+        if step != self._step or self._bar is None:
             self._finish()
-            self._what = what
-            columns, lines = _unknown_size()
+            self._step = step
+            columns, lines = _default_size()
             self._bar = OneLineTqdm(
                 total=1.0,
-                desc=what,
+                desc=step,
                 disable=self._disable,
                 bar_format="{desc:<28} {percentage:3.0f}% |{bar:30}| {elapsed}",
                 ncols=columns,
@@ -74,17 +73,12 @@ class ProgressBar:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exception_type: type[BaseException] | None,
-        exception: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._finish()
 
 
-def _unknown_size() -> tuple[int | None, int | None]:
-    """Returns the columns and lines to draw for where a terminal says that it has none."""
+def _default_size() -> tuple[int | None, int | None]:
+    """Returns columns and lines for a terminal that reports a size of 0; else None, for tqdm."""
     try:
         size = os.get_terminal_size(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -1,12 +1,11 @@
 """One page that shows how a replay differs from its run."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from poil_drake.recording.comparison.run_comparison import RunComparison
 from poil_drake.recording.comparison.tolerances import JOINT_VELOCITY, TRACKED_POINTS
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
@@ -17,35 +16,31 @@ from poil_drake.reports.summary_panels import (
     STYLE,
     draw_phase_bands,
     draw_phase_names,
+    draw_verdict,
+    joint_colors,
+    label_joints,
 )
 
 _SIZE = (12.0, 7.2)  # [in]
 _DPI = 150
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReplayPictureData:
-    """What the picture shows.
-
-    Attributes:
-        summary: What the replay came to.
-        recorded: The run.
-        replayed: Its replay.
-        velocity_limits: (J,) limits of the joints' velocities [rad/s].
-    """
-
-    summary: ReplaySummary
-    recorded: RecordedRun
-    replayed: RecordedRun
-    velocity_limits: np.ndarray
-
-
-def make_replay_picture(path: str | Path, data: ReplayPictureData) -> Path:
-    """Draws the picture and returns its path; the folder is made where needed.
+def make_replay_picture(
+    path: str | Path,
+    *,
+    summary: ReplaySummary,
+    recorded: RecordedRun,
+    replayed: RecordedRun,
+    velocity_limits: np.ndarray,
+) -> Path:
+    """Draws the picture, makes its folder if needed, and returns its path.
 
     Args:
-        path: Where it goes; the suffix is the format, e.g. `.png` or `.pdf`.
-        data: What it shows.
+        path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
+        summary: The outcome of the replay.
+        recorded: The run.
+        replayed: Its replay.
+        velocity_limits: (J,) velocity limits of the joints [rad/s].
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -53,18 +48,14 @@ def make_replay_picture(path: str | Path, data: ReplayPictureData) -> Path:
 
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    panels: Sequence[Callable[[Any, ReplayPictureData], None]] = (
-        _draw_velocities,
-        _draw_velocity_difference,
-        _draw_track_distance,
-    )
-    phases = [PhaseSpan(name=n, start=s, end=e) for n, s, e in data.summary.comparison.spans]
+    comparison = summary.comparison
+    phases = [PhaseSpan(name=n, start=s, end=e) for n, s, e in comparison.spans]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_SIZE)
         FigureCanvasAgg(figure)
-        _draw_header(figure, data.summary)
+        _draw_header(figure, summary)
         axes = figure.subplots(
-            len(panels),
+            3,
             sharex=True,
             gridspec_kw={
                 "left": 0.075,
@@ -75,32 +66,23 @@ def make_replay_picture(path: str | Path, data: ReplayPictureData) -> Path:
                 "height_ratios": (1.6, 1.0, 1.0),
             },
         )
-        for one, draw in zip(axes, panels, strict=True):
-            one.set_xlim(0.0, max(data.recorded.end, 1e-3))
+        for one in axes:
+            one.set_xlim(0.0, max(recorded.end, 1e-3))
             draw_phase_bands(one, phases)
-            for phase in data.summary.comparison.phases:
+            for phase in comparison.phases:
                 one.axvline(phase.replayed, color=COLORS["muted"], linewidth=0.8, linestyle=":")
-            draw(one, data)
-        axes[-1].set_xlabel("time [s]; dotted: phases of the replay")
+        _draw_velocities(axes[0], recorded, replayed, velocity_limits)
+        _draw_velocity_difference(axes[1], comparison)
+        _draw_track_distance(axes[2], comparison)
+        axes[2].set_xlabel("time [s]; dotted: phases of the replay")
         draw_phase_names(axes[0], phases)
         figure.savefig(path, dpi=_DPI)
     return path
 
 
 def _draw_header(figure: Any, summary: ReplaySummary) -> None:
-    color = COLORS["success"] if summary.same else COLORS["failure"]
-    title = figure.text(
-        0.025,
-        0.965,
-        " SAME " if summary.same else " DIFFERENT ",
-        fontsize=14,
-        weight="bold",
-        color="white",
-        va="top",
-        bbox={"facecolor": color, "edgecolor": "none", "boxstyle": "round,pad=0.25"},
-    )
-    figure.canvas.draw()
-    right = title.get_window_extent().x1 / figure.bbox.width + 0.02
+    verdict = "SAME" if summary.same else "DIFFERENT"
+    right = draw_verdict(figure, verdict, success=summary.same, left=0.025, top=0.965) + 0.02
     reason = f"replay of {Path(summary.log).name}: {summary.reason}"
     figure.text(right, 0.965, reason, fontsize=12, weight="bold", va="top", wrap=True)
     about = f"{summary.station} run, tracker {summary.tracker}"
@@ -110,47 +92,32 @@ def _draw_header(figure: Any, summary: ReplaySummary) -> None:
     figure.text(0.025, 0.905, about, fontsize=9.5, color=COLORS["muted"], va="top", wrap=True)
 
 
-def _draw_velocities(axes: Any, data: ReplayPictureData) -> None:
-    """Draws each joint's speed as a share of its limit: solid as recorded, dashed as replayed."""
-    import matplotlib as mpl
-
-    count = len(data.velocity_limits)
-    colors = mpl.colormaps["turbo"](np.linspace(0.06, 0.94, count))
-    recorded, replayed = (
-        (run.commands.times, 100.0 * run.commands.values / data.velocity_limits)
-        for run in (data.recorded, data.replayed)
-    )
-    for joint in range(count):
+def _draw_velocities(
+    axes: Any, recorded: RecordedRun, replayed: RecordedRun, limits: np.ndarray
+) -> None:
+    """Draws each joint's velocity as a share of its limit: solid recorded, dashed replayed."""
+    for joint, color in enumerate(joint_colors(len(limits))):
+        before, after = recorded.commands, replayed.commands
+        share = 100.0 / limits[joint]
         axes.plot(
-            recorded[0],
-            recorded[1][:, joint],
-            color=colors[joint],
+            before.times,
+            share * before.values[:, joint],
+            color=color,
             linewidth=1.0,
             label=f"{joint + 1}",
         )
         axes.plot(
-            replayed[0],
-            replayed[1][:, joint],
+            after.times,
+            share * after.values[:, joint],
             color="black",
             linewidth=0.7,
             linestyle=(joint, (2, 3)),
-            label="replayed" if joint == count - 1 else None,
+            label="replayed" if joint == len(limits) - 1 else None,
         )
-    axes.set_ylabel("joint velocity\n[% of limit]")
-    axes.legend(
-        title="joint",
-        loc="center left",
-        bbox_to_anchor=(1.005, 0.5),
-        handlelength=1.2,
-        labelspacing=0.15,
-        borderaxespad=0.2,
-        title_fontsize=8.0,
-        fontsize=7.5,
-    )
+    label_joints(axes)
 
 
-def _draw_velocity_difference(axes: Any, data: ReplayPictureData) -> None:
-    comparison = data.summary.comparison
+def _draw_velocity_difference(axes: Any, comparison: RunComparison) -> None:
     shift = 1e3 * comparison.tolerances.shift
     _draw_difference(
         axes,
@@ -163,8 +130,7 @@ def _draw_velocity_difference(axes: Any, data: ReplayPictureData) -> None:
     axes.set_ylabel("their difference\n[rad/s]")
 
 
-def _draw_track_distance(axes: Any, data: ReplayPictureData) -> None:
-    comparison = data.summary.comparison
+def _draw_track_distance(axes: Any, comparison: RunComparison) -> None:
     distances = comparison.differences[TRACKED_POINTS]
     _draw_difference(
         axes,

@@ -1,4 +1,4 @@
-"""What a replay came to: one line for people, one JSON file for programs."""
+"""The summary of a replay: one line for people, one JSON file for programs."""
 
 import dataclasses
 import math
@@ -18,7 +18,7 @@ from poil_drake.recording.mcap.library_versions import library_versions
 from poil_drake.recording.mcap.plain_json import plain_json, write_json
 
 _SIGNALS = {
-    # Signal             in words                        unit, and how many of it are one SI unit
+    # Signal             name                  unit, and how many of it are one SI unit
     JOINT_VELOCITY: ("joint velocities", "rad/s", 1.0),
     ANGULAR_VELOCITY: ("angular velocities", "rad/s", 1.0),
     LINEAR_VELOCITY: ("linear velocities", "mm/s", 1e3),
@@ -28,18 +28,18 @@ _SIGNALS = {
 
 @dataclass(frozen=True, kw_only=True)
 class ReplaySummary:
-    """What a replay came to.
+    """The outcome of a replay.
 
     Attributes:
         log: The log that was replayed.
-        station: What had written it: simulated, hardware or dry_run.
-        tracker: Which tracker followed the points in the replay; "recorded" repeats the tracks.
-        changed: Whether it was replayed with other settings than it was run with.
+        station: The station that wrote it: simulated, hardware or dry_run.
+        tracker: The tracker of the replay; "recorded" repeats the tracks of the log.
+        changed: Whether the settings of the replay differ from those of the run.
         comparison: How the replay differs from the run.
-        replayed: Time that was replayed [s].
-        wall: Wall-clock time that it took [s].
-        notes: What to know about the log, a clause each.
-        outputs: What was written, kind -> path.
+        replayed: The replayed time [s].
+        wall: Wall-clock time of the replay [s].
+        notes: Remarks about the log, a clause each.
+        outputs: Kind -> path of the files written.
         versions: Library -> version.
     """
 
@@ -56,12 +56,12 @@ class ReplaySummary:
 
     @property
     def same(self) -> bool:
-        """Whether the replay did what the run did, within tolerances."""
+        """Whether the replay agrees with the run, within tolerances."""
         return self.comparison.same
 
     @property
     def reason(self) -> str:
-        """What the two have in common, or where they part, in one clause."""
+        """One clause that says what replay and run have in common, or where they first differ."""
         first = self.comparison.first
         if first is None:
             if self.same:
@@ -71,7 +71,7 @@ class ReplaySummary:
             return "the log holds no commands to compare with"
         when = f"from {first.time:.2f} s on, in phase '{first.phase}'"
         if first.began is not None:
-            return f"{when}, the phases differ: {_parting(first.began)}"
+            return f"{when}, the phases differ: {_phase_difference(first.began)}"
         if first.what == TRACKS:
             return f"{when}, {100.0 * first.size:.2g} % of the tracks show no point that both saw"
         name, unit, scale = _SIGNALS[first.what]
@@ -98,7 +98,7 @@ class ReplaySummary:
         return f"{'SAME' if self.same else 'DIFFERENT'}: {'; '.join(clauses)}."
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns everything as JSON can hold it; what is not finite becomes None."""
+        """Returns all fields as JSON values; numbers that are not finite become None."""
         comparison = self.comparison
         signals = {
             signal: {
@@ -137,12 +137,12 @@ class ReplaySummary:
         )
 
     def write_json(self, path: str | Path) -> Path:
-        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        """Writes all fields as JSON, makes the folder if needed, and returns the path."""
         write_json(self.to_dict(), Path(path))
         return Path(path)
 
 
-def _parting(phase: PhaseComparison) -> str:
+def _phase_difference(phase: PhaseComparison) -> str:
     if math.isnan(phase.replayed):
         return f"'{phase.name}' began in the run only"
     if math.isnan(phase.recorded):

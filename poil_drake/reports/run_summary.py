@@ -1,4 +1,4 @@
-"""What a run came to: one line for people, one JSON file for programs."""
+"""The summary of a run: one line for people, one JSON file for programs."""
 
 import dataclasses
 import math
@@ -24,15 +24,15 @@ class PhaseSpan:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorStatistics:
-    """Size of an error over a run [m]; NaN where nothing was measured.
+    """Statistics of an error over a run [m]; NaN if nothing was measured.
 
     Attributes:
-        count: Number of samples that are finite.
-        median: Median.
-        percentile_95: What 95 percent of the samples do not exceed.
-        maximum: Largest.
-        final: Last.
-        missing: Share of all samples that are not finite, so not in the other figures.
+        count: Number of finite samples.
+        median: Their median.
+        percentile_95: Their 95th percentile.
+        maximum: The largest.
+        final: The last.
+        missing: Share of all samples that are not finite; the other figures leave them out.
     """
 
     count: int
@@ -44,7 +44,7 @@ class ErrorStatistics:
 
     @classmethod
     def of(cls, errors: np.ndarray) -> "ErrorStatistics":
-        """Returns the statistics of errors [m] of any shape; those not finite are left out."""
+        """Returns the statistics of errors [m], an array of any shape."""
         samples = np.asarray(errors, dtype=float).ravel()
         values = samples[np.isfinite(samples)]
         missing = 1.0 - values.size / samples.size if samples.size else 0.0
@@ -68,13 +68,12 @@ class RunTiming:
 
     Attributes:
         simulated: Simulated time [s].
-        wall: Wall-clock time that the simulation took [s].
-        parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" is taking in
-            images, which holds their rendering unless the cameras delay them; "waiting" is for what
-            is done concurrently; "physics" is what no other part was measured to take; in a run
-            that is slowed down to a real-time rate it holds the sleep, too.
-        concurrent: Wall-clock time of what other processes do meanwhile [s]: "rendering" of cameras
-            that delay their images, "tracking".
+        wall: Wall-clock time of the simulation [s].
+        parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" includes the
+            rendering of images, unless the cameras delay them; "waiting" is for concurrent work;
+            "physics" is the rest, which includes the sleep of a run at a real-time rate.
+        concurrent: Wall-clock time of the work of other processes [s]: "rendering" of cameras that
+            delay their images, and "tracking".
         stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
             (building the loop and simulating it), report (finishing log, recording, picture).
     """
@@ -87,13 +86,13 @@ class RunTiming:
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated time per wall-clock time; 1 is real time. NaN where nothing was simulated."""
+        """Simulated time per wall-clock time; 1 is real time. NaN without a simulation."""
         return self.simulated / self.wall if self.wall > 0.0 else math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSummary:
-    """What a run came to.
+    """The outcome of a run.
 
     Attributes:
         success: Whether the task succeeded.
@@ -103,19 +102,19 @@ class RunSummary:
         seed: The seed of all randomness.
         timing: How long it took.
         phases: The skill's phases in order.
-        mean_error: Mean distance of the points from the reference's end when it was given up or
-            reached [m].
-        initial_potential: D of POIL eq. 4 where the field took over [m^2].
-        final_potential: D where it ended [m^2].
-        tracking_error: The tracker against the truth; None where the truth is not known.
+        mean_error: Mean distance of the points from the reference's end at the end of the phase
+            `follow` [m].
+        initial_potential: D of POIL eq. 4 at the start of that phase [m^2].
+        final_potential: D at its end [m^2].
+        tracking_error: The tracker against the truth; None if the truth is not known.
         carried_tracking_error: The same while the object is carried, which is harder: in the other
-            phases it rests most of the time.
-        outputs: What was written, kind -> path.
+            phases the object rests most of the time.
+        outputs: Kind -> path of the files written.
         versions: Library -> version.
         tracker: The tracker's name.
-        final_state_digest: SHA-256 of the simulated plant's final positions and velocities, to the
-            last bit: two runs of one scenario with one seed have the same.
-        figures: Anything else that was measured, name (with its unit) -> value.
+        final_state_digest: SHA-256 of the simulated plant's final positions and velocities. Two
+            runs of one scenario with one seed have the same.
+        figures: Further measurements, name (with its unit) -> value.
     """
 
     success: bool
@@ -145,7 +144,7 @@ class RunSummary:
         if self.tracking_error is not None and self.tracking_error.count:
             clauses.append(f"tracking error {self.tracking_error.median * 1e3:.1f} mm (median)")
         if timing.wall > 0.0:
-            # A run in real time knows when it began.
+            # Only a run in real time has an epoch.
             lived = "passed" if "epoch_s" in self.figures else "simulated"
             clauses.append(
                 f"{timing.simulated:.1f} s {lived} in {timing.wall:.1f} s "
@@ -154,27 +153,13 @@ class RunSummary:
         return f"{'SUCCESS' if self.success else 'FAILURE'}: {'; '.join(clauses)}."
 
     def to_dict(self) -> dict[str, Any]:
-        """Returns everything as JSON can hold it; what is not finite becomes None."""
-        values = dataclasses.asdict(
-            dataclasses.replace(
-                self,
-                phases=list(self.phases),
-                outputs=dict(self.outputs),
-                versions=dict(self.versions),
-                figures=dict(self.figures),
-                timing=dataclasses.replace(
-                    self.timing,
-                    parts=dict(self.timing.parts),
-                    concurrent=dict(self.timing.concurrent),
-                    stages=dict(self.timing.stages),
-                ),
-            )
-        )
+        """Returns all fields as JSON values; numbers that are not finite become None."""
+        values = dataclasses.asdict(self)
         values["timing"]["real_time_factor"] = self.timing.real_time_factor
         return plain_json(values)
 
     def write_json(self, path: str | Path) -> Path:
-        """Writes everything as JSON and returns the file's path; its folder is made if needed."""
+        """Writes all fields as JSON, makes the folder if needed, and returns the path."""
         write_json(self.to_dict(), Path(path))
         return Path(path)
 
@@ -182,11 +167,11 @@ class RunSummary:
 def phase_spans(
     times: np.ndarray, phases: np.ndarray, names: Sequence[str]
 ) -> tuple[PhaseSpan, ...]:
-    """Returns the phases in a log of their indices.
+    """Returns the phases from samples of their indices.
 
     Args:
         times: (T,) sample times [s].
-        phases: (T,) indices of phases, as logged.
+        phases: (T,) indices of phases.
         names: The phases' names, by index.
     """
     times, indices = np.asarray(times), np.asarray(phases).astype(int).ravel()

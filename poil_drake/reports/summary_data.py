@@ -1,24 +1,23 @@
-"""What a summary picture shows."""
+"""The contents of a summary picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.reports.run_summary import PhaseSpan
 from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SummaryData:
-    """What a summary picture shows. Anything that is empty is left out.
+    """The contents of a summary picture. Anything that is empty is left out.
 
     Attributes:
         title: The run's name, e.g. "Hang a mug".
         success: Whether the task succeeded.
         reason: Why, in one clause.
-        subtitle: Further figures in one line.
+        subtitle: One line of further figures.
         times: (T,) times [s] of the samples below.
         point_errors: (T, N) distance of each point from its target [m]; NaN where unknown.
         potential: (T,) D of POIL eq. 4 [m^2].
@@ -47,19 +46,3 @@ class SummaryData:
     tracking_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     tracking_errors: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     snapshots: Sequence[Snapshot] = ()
-
-    def __post_init__(self) -> None:
-        count = len(self.times)
-        for name in ("point_errors", "potential", "tau", "joint_velocities"):
-            if len(getattr(self, name)) != count:
-                raise InvalidValueError(
-                    f"SummaryData.{name} has {len(getattr(self, name))} samples, but there are "
-                    f"{count} times.",
-                    remedy="Log all signals at the same period.",
-                )
-        if len(self.tracking_errors) != len(self.tracking_times):
-            raise InvalidValueError(
-                f"SummaryData has {len(self.tracking_errors)} tracking errors at "
-                f"{len(self.tracking_times)} times.",
-                remedy="Pass one row of errors for each time.",
-            )

@@ -1,6 +1,4 @@
-"""The panels of a summary picture: figures over time, with the skill's phases behind them."""
-
-from __future__ import annotations
+"""The panels of a summary picture: signals over time, with the skill's phases behind them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -48,6 +46,26 @@ _BANDS = ("#f3f4f6", "#ffffff")
 _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
 
 
+def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
+    """Writes the verdict in its colour at a corner [figure], and returns its right edge."""
+    verdict = figure.text(
+        left,
+        top,
+        f" {text} ",
+        fontsize=14,
+        weight="bold",
+        color="white",
+        va="top",
+        bbox={
+            "facecolor": COLORS["success" if success else "failure"],
+            "edgecolor": "none",
+            "boxstyle": "round,pad=0.25",
+        },
+    )
+    figure.canvas.draw()
+    return verdict.get_window_extent().x1 / figure.bbox.width
+
+
 def draw_phase_bands(axes: Any, phases: Sequence[PhaseSpan]) -> None:
     """Shades the phases behind a panel."""
     for index, phase in enumerate(phases):
@@ -58,7 +76,7 @@ def draw_phase_bands(axes: Any, phases: Sequence[PhaseSpan]) -> None:
 
 
 def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
-    """Writes the phases' names above the uppermost panel, apart from each other."""
+    """Writes the names of the phases above the top panel, without overlap."""
     start, end = axes.get_xlim()
     box = axes.get_position()
     inches = box.width * axes.figure.get_figwidth()
@@ -88,12 +106,12 @@ def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
 
 
 def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
-    """Returns ascending places moved apart to a least distance, as little as a sweep needs.
+    """Moves ascending places apart to a least distance, in two sweeps.
 
     Args:
         places: (P,) ascending places.
         gap: The least distance.
-        upper: No place is moved beyond this, as long as there is room.
+        upper: Largest place after the move, if there is room.
     """
     moved = np.array(places, dtype=float)
     for i in range(1, len(moved)):
@@ -148,7 +166,7 @@ def draw_potential(axes: Any, data: SummaryData) -> None:
 
 
 def draw_progress(axes: Any, data: SummaryData) -> None:
-    """Draws where the points are along the reference."""
+    """Draws the progress of the points along the reference."""
     axes.plot(data.times, data.tau, color=COLORS["target"])
     axes.set_ylabel("progress τ*\n[s]")
     axes.set_ylim(bottom=0.0)
@@ -159,21 +177,27 @@ def draw_progress(axes: Any, data: SummaryData) -> None:
 
 
 def draw_joint_velocities(axes: Any, data: SummaryData) -> None:
-    """Draws each joint's speed as a share of its limit, with its sign."""
-    import matplotlib as mpl
-
+    """Draws each joint's velocity as a share of its limit."""
     share = 100.0 * data.joint_velocities / data.velocity_limits
-    count = share.shape[1]
-    colors = mpl.colormaps["turbo"](np.linspace(0.06, 0.94, count))
-    for joint in range(count):
-        axes.plot(
-            data.times, share[:, joint], color=colors[joint], linewidth=1.0, label=f"{joint + 1}"
-        )
+    for joint, color in enumerate(joint_colors(share.shape[1])):
+        axes.plot(data.times, share[:, joint], color=color, linewidth=1.0, label=f"{joint + 1}")
     largest = np.nanmax(np.abs(share), initial=0.0)
     reach = min(max(1.25 * largest, 10.0), 110.0) if largest <= 100.0 else 1.1 * largest
     axes.set_ylim(-reach, reach)
     for limit in (-100.0, 100.0):
         axes.axhline(limit, color=COLORS["failure"], linewidth=1.0, linestyle="--")
+    label_joints(axes)
+
+
+def joint_colors(count: int) -> np.ndarray:
+    """Returns one colour for each joint, (J, 4) RGBA."""
+    import matplotlib as mpl
+
+    return mpl.colormaps["turbo"](np.linspace(0.06, 0.94, count))
+
+
+def label_joints(axes: Any) -> None:
+    """Labels a panel of joint velocities, with a legend to its right."""
     axes.set_ylabel("joint velocity\n[% of limit]")
     axes.legend(
         title="joint",
@@ -188,7 +212,7 @@ def draw_joint_velocities(axes: Any, data: SummaryData) -> None:
 
 
 def _write_last(axes: Any, height: float, text: str, color: str) -> None:
-    """Writes a value beside the panel's right edge, at its height."""
+    """Writes a text to the right of the panel, at a height in data coordinates."""
     axes.annotate(
         text,
         xy=(1.0, height),

@@ -1,4 +1,4 @@
-"""One page that shows how a run went: pictures above, figures over time below."""
+"""One page that summarizes a run: camera pictures above, signals over time below."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +17,7 @@ from poil_drake.reports.summary_panels import (
     draw_potential,
     draw_progress,
     draw_tracking_error,
+    draw_verdict,
 )
 from poil_drake.reports.summary_snapshots import common_view, draw_snapshot
 
@@ -32,11 +33,11 @@ _GAP = 0.14  # [in] between panels.
 
 
 def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
-    """Draws the picture and returns its path; the folder is made where needed.
+    """Draws the picture, makes its folder if needed, and returns its path.
 
     Args:
-        path: Where it goes; the suffix is the format, e.g. `.png` or `.pdf`.
-        data: What it shows.
+        path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
+        data: The contents.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -64,13 +65,15 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
 
 
 def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels for which there is anything to draw."""
-    panels = [draw_point_error, draw_potential, draw_progress, draw_joint_velocities]
-    if len(data.times) == 0:
-        panels = []
-    if np.isfinite(data.tracking_errors).any():
-        panels.insert(1 if panels else 0, draw_tracking_error)
-    return panels
+    """Returns the functions that draw the panels; without a known truth, no tracking error."""
+    known = np.isfinite(data.tracking_errors).any()
+    return [
+        draw_point_error,
+        *([draw_tracking_error] if known else []),
+        draw_potential,
+        draw_progress,
+        draw_joint_velocities,
+    ]
 
 
 def _picture_height(data: SummaryData) -> float:
@@ -82,66 +85,53 @@ def _picture_height(data: SummaryData) -> float:
 
 
 def _draw_header(figure: Any, data: SummaryData, height: float) -> None:
-    color = COLORS["success"] if data.success else COLORS["failure"]
-    verdict = "SUCCESS" if data.success else "FAILURE"
     left, top = _SIDE / _WIDTH, 1.0 - 0.16 / height
-    title = figure.text(
-        left,
-        top,
-        f" {verdict} ",
-        fontsize=14,
-        weight="bold",
-        color="white",
-        va="top",
-        bbox={"facecolor": color, "edgecolor": "none", "boxstyle": "round,pad=0.25"},
-    )
-    figure.canvas.draw()
-    right = title.get_window_extent().x1 / figure.bbox.width + 0.2 / _WIDTH
+    verdict = "SUCCESS" if data.success else "FAILURE"
+    right = draw_verdict(figure, verdict, success=data.success, left=left, top=top) + 0.2 / _WIDTH
     figure.text(right, top, f"{data.title}: {data.reason}", fontsize=14, weight="bold", va="top")
-    if data.subtitle:
-        y = 1.0 - 0.52 / height
-        figure.text(left, y, data.subtitle, fontsize=9.5, color=COLORS["muted"], va="top")
+    y = 1.0 - 0.52 / height
+    figure.text(left, y, data.subtitle, fontsize=9.5, color=COLORS["muted"], va="top")
 
 
 def _draw_snapshots(figure: Any, data: SummaryData, height: float, picture_height: float) -> None:
-    view = common_view(data.snapshots)
+    if not data.snapshots:
+        return
+    view, cell = common_view(data.snapshots), (_WIDTH - 2.0 * _SIDE) / len(data.snapshots)
+    bottom = height - _HEADER_HEIGHT - picture_height + _TIME_HEIGHT
+    axes = figure.subplots(
+        1,
+        len(data.snapshots),
+        squeeze=False,
+        gridspec_kw={
+            "left": (_SIDE + 0.03) / _WIDTH,
+            "right": 1.0 - (_SIDE + 0.03) / _WIDTH,
+            "bottom": bottom / height,
+            "top": 1.0 - _HEADER_HEIGHT / height,
+            "wspace": 0.06 / (cell - 0.06),
+        },
+    )[0]
     for index, snapshot in enumerate(data.snapshots):
-        cell = (_WIDTH - 2.0 * _SIDE) / len(data.snapshots)
-        bottom = height - _HEADER_HEIGHT - picture_height + _TIME_HEIGHT
-        axes = figure.add_axes(
-            (
-                (_SIDE + index * cell + 0.03) / _WIDTH,
-                bottom / height,
-                (cell - 0.06) / _WIDTH,
-                (picture_height - _TIME_HEIGHT) / height,
-            )
-        )
-        draw_snapshot(axes, snapshot, view=view, legend=index == 0)
+        draw_snapshot(axes[index], snapshot, view=view, legend=index == 0)
 
 
 def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float) -> None:
     left, right, bottom = _MARGINS
-    end = max(
-        [*data.times[-1:], *data.tracking_times[-1:], *(p.end for p in data.phases)], default=1
+    top = bottom + len(panels) * (_PANEL_HEIGHT + _GAP) - _GAP
+    axes = figure.subplots(
+        len(panels),
+        sharex=True,
+        gridspec_kw={
+            "left": left / _WIDTH,
+            "right": 1.0 - right / _WIDTH,
+            "bottom": bottom / height,
+            "top": top / height,
+            "hspace": _GAP / _PANEL_HEIGHT,
+        },
     )
-    first = None
-    for index, draw in enumerate(panels):
-        row = len(panels) - 1 - index
-        axes = figure.add_axes(
-            (
-                left / _WIDTH,
-                (bottom + row * (_PANEL_HEIGHT + _GAP)) / height,
-                (_WIDTH - left - right) / _WIDTH,
-                _PANEL_HEIGHT / height,
-            ),
-            sharex=first,
-        )
-        first = first or axes
-        axes.set_xlim(0.0, end)
-        draw_phase_bands(axes, data.phases)
-        draw(axes, data)
-        axes.tick_params(labelbottom=row == 0)
-        if row == 0:
-            axes.set_xlabel("time [s]")
-    if first is not None:
-        draw_phase_names(first, data.phases)
+    end = max([*data.times[-1:], *data.tracking_times[-1:], *(p.end for p in data.phases)])
+    for one, draw in zip(axes, panels, strict=True):
+        one.set_xlim(0.0, end)
+        draw_phase_bands(one, data.phases)
+        draw(one, data)
+    axes[-1].set_xlabel("time [s]")
+    draw_phase_names(axes[0], data.phases)

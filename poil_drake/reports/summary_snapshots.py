@@ -11,18 +11,16 @@ from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
 
 def common_view(snapshots: Sequence[Snapshot], *, margin: float = 0.12) -> np.ndarray:
-    """Returns the part of the picture to show of all snapshots: where the points get to.
+    """Returns the part of the camera picture that contains the points of all snapshots.
 
     Args:
-        snapshots: Pictures of one camera.
-        margin: What is added on each side, as a share of the picture's width.
+        snapshots: One or more pictures of one camera.
+        margin: Margin around the points, as a share of the picture's width.
 
     Returns:
-        Left, right, upper and lower edge [px], with the proportions of the picture; all of it if
-        no point is in view.
+        Left, right, upper and lower edge [px], with the proportions of the picture; the whole
+        picture if no point is in view.
     """
-    if not snapshots:
-        return np.zeros(4)
     camera = snapshots[0].camera
     size = np.array([camera.width, camera.height], dtype=float)
     points = np.concatenate([snapshot.points for snapshot in snapshots])
@@ -44,30 +42,23 @@ def draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bo
     Args:
         axes: Where to draw.
         snapshot: The picture.
-        view: The part of it to show, as `common_view` returns it.
-        legend: Whether to say what the marks mean.
+        view: The part of it to show, from `common_view`.
+        legend: Whether to draw a legend.
     """
     camera = snapshot.camera
     axes.imshow(snapshot.rgb, interpolation="antialiased")
-    for name, points, marker in (
-        ("target", snapshot.target_points, "+"),
-        ("points", snapshot.points, "o"),
+    target = {"marker": "+", "markersize": 5.0, "markeredgewidth": 1.3, "label": "target points"}
+    point = {"marker": "o", "markersize": 3.2, "markeredgewidth": 0.5, "label": "points"}
+    for points, color, edge, style in (
+        (snapshot.target_points, COLORS["target"], COLORS["target"], target),
+        (snapshot.points, COLORS["points"], "white", point),
     ):
         known = points[np.isfinite(points).all(axis=1)]
         if len(known) == 0:
             continue
         uv, depth = project(known, camera.K, camera.X_WC)
         uv = uv[depth > 0.0]
-        axes.plot(
-            uv[:, 0],
-            uv[:, 1],
-            marker,
-            color=COLORS[name],
-            markersize=3.2 if marker == "o" else 5.0,
-            markeredgewidth=0.5 if marker == "o" else 1.3,
-            markeredgecolor="white" if marker == "o" else COLORS[name],
-            label={"target": "target points", "points": "points"}[name],
-        )
+        axes.plot(*uv.T, linestyle="", color=color, markeredgecolor=edge, **style)
     axes.set_xlim(view[0], view[1])
     axes.set_ylim(view[3], view[2])
     axes.set_xticks([])

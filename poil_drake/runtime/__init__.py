@@ -1,1 +1,1 @@
-"""Processes, threads, clocks, signals, scheduling and files, independent of what runs on them."""
+"""Worker processes, threads, signals, real-time scheduling, stopwatch, and whole files."""

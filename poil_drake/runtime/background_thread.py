@@ -1,4 +1,4 @@
-"""One thread for the work that a system does beside the simulation."""
+"""One thread for the work of a system beside the simulation."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,22 +11,22 @@ _T = TypeVar("_T")
 
 
 class Background:
-    """Does one thing after the other on a thread, which is there from the beginning."""
+    """Runs work on one thread, which is started by the constructor, one piece after the other."""
 
     def __init__(self, name: str):
         """Starts the thread.
 
         Args:
-            name: What the thread is called, and the error of a use after `close`.
+            name: Name of the thread, also in the error of a use after `close`.
         """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        # It would start its thread with the first work only.
+        # Without work, an executor starts no thread.
         self._executor.submit(int).result()
         self._futures: list[Future[Any]] = []
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Returns what will be the result of the work.
+        """Returns the future result of the work.
 
         Raises:
             StationError: after `close`.
@@ -42,7 +42,7 @@ class Background:
         return future
 
     def close(self) -> None:
-        """Finishes the work in hand, also if the thread has yet to begin, and forgets the rest."""
+        """Finishes the current or next piece of work, and cancels the others."""
         for future in self._unfinished()[1:]:
             future.cancel()
         self._executor.shutdown(wait=True)

@@ -10,15 +10,15 @@ Job = Callable[[], None]
 
 
 class BackgroundWorker:
-    """Runs jobs one after the other, in the order given, in a thread of its own.
+    """Runs jobs in a separate thread, one after the other, in the order of their submission.
 
-    An exception in a job stops the work: it is raised by the next `submit` or by `close`, and
-    the jobs after it are dropped.
+    An exception in a job stops the work: the next `submit` or `close` raises it, and the jobs after
+    it are dropped.
 
     Args:
         name: The thread's name.
-        capacity: How many jobs may wait. A job given when all places are taken either waits for
-            one (so that nothing is lost), or is dropped and counted, as `submit` is told.
+        capacity: How many jobs may wait. If the queue is full, `submit` either waits, so that no
+            job is lost, or drops the job and counts it.
     """
 
     def __init__(self, *, name: str, capacity: int):
@@ -26,21 +26,21 @@ class BackgroundWorker:
         self._error: Exception | None = None
         self._closed = False
         self._dropped = 0
-        # A daemon, so that a program that forgets `close` can still end.
+        # A daemon, so that a program without `close` can still end.
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
     @property
     def dropped(self) -> int:
-        """How many jobs were dropped because the queue was full."""
+        """Number of jobs that were dropped because the queue was full."""
         return self._dropped
 
     def submit(self, job: Job, *, may_drop: bool = False) -> None:
-        """Hands over a job.
+        """Queues a job.
 
         Raises:
             ValueError: after `close`.
-            Exception: that an earlier job raised.
+            Exception: the one that an earlier job raised.
         """
         if self._closed:
             raise ValueError("The worker is closed.")
@@ -54,7 +54,7 @@ class BackgroundWorker:
         """Waits until all jobs are done and ends the thread. A second call does nothing.
 
         Raises:
-            Exception: that a job raised, once.
+            Exception: the one that a job raised, if no `submit` has raised it.
         """
         if self._closed:
             return
@@ -76,7 +76,7 @@ class BackgroundWorker:
             TURNS.wait()
             try:
                 job()
-            # Of whatever kind: it is handed to the caller, who is in another thread.
+            # Any exception: the caller's thread raises it.
             except Exception as error:
                 failed = True
                 self._error = error

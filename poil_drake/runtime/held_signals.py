@@ -1,21 +1,22 @@
-"""Keeps signals from interrupting what must not be left half done."""
+"""Delays Unix signals while a block must not be interrupted."""
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends a process that does not see to it: Ctrl-C, `kill`, a terminal that goes."""
+"""What ends a process by default: Ctrl-C, `kill`, a terminal that closes."""
 
 
 @contextmanager
-def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
-    """Has signals wait until the end of a block, each once.
+def HeldSignals() -> Iterator[None]:
+    """Delays `ENDING` signals until the end of a block; each is then raised once.
 
-    Python handles signals on its main thread; on another one there is nothing to do. (A mask would
-    not help: another thread would get the signal, and the main thread still have to handle it.)
+    Python handles signals on its main thread, so on any other thread this does nothing. (A signal
+    mask would not help: another thread would receive the signal, and the main thread would still
+    handle it.)
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -25,10 +26,10 @@ def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
     def hold(number: int, frame: FrameType | None) -> None:
         waiting[number] = None
 
-    before = {number: signal.getsignal(number) for number in numbers}
-    left, raised = list(numbers), None
+    before = {number: signal.getsignal(number) for number in ENDING}
+    left, raised = list(ENDING), None
     while left:
-        # One that comes now has its handler called still, and what that raises waits.
+        # A signal that arrives here still calls its old handler. What that raises is delayed, too.
         try:
             while left:
                 signal.signal(left[0], hold)
@@ -40,7 +41,7 @@ def HeldSignals(numbers: Sequence[int] = ENDING) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in waiting:
-            signal.raise_signal(number)
+        for held in waiting:
+            signal.raise_signal(held)
         if raised is not None:
             raise raised

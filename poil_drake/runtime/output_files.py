@@ -1,25 +1,29 @@
-"""Whether files can be written, asked before the work whose result they shall hold."""
+"""Output files: checked before the work that makes them, and written whole or not at all."""
 
+import os
+import secrets
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from poil_drake.errors import PoilError
 
 
 class OutputError(PoilError):
-    """An output cannot be written where it shall go."""
+    """An output cannot be written to its path."""
 
 
 def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) -> None:
-    """Checks that a file can be written; its folder is made where needed, the file is left alone.
+    """Checks that a file can be written. Makes its folder if needed; leaves the file alone.
 
     Args:
-        path: Where the output goes.
-        inputs: Files that are read and must stay; None stands for none.
+        path: The output.
+        inputs: Files that the output must not overwrite; None stands for no file.
 
     Raises:
-        OutputError: when it cannot, or is one of the inputs.
+        OutputError: if it cannot be written, or is one of the inputs.
     """
     for given in inputs:
         if given and path.resolve() == Path(given).resolve():
@@ -40,3 +44,34 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
             f"The output '{path}' cannot be written ({error.strerror}).",
             remedy="Choose a folder that can be written to.",
         ) from error
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Yields a binary file to write to, which replaces `path` once it is closed.
+
+    If writing fails, the old file stays. Readers therefore never see half a file, and several
+    processes may write the same one. Folders are made if needed. An existing path that is not a
+    regular file, such as /dev/stdout, is written to directly.
+
+    Args:
+        path: The file; a link is followed.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    # Before the link is followed, because a link to a pipe leads to no path.
+    if path.exists() and not path.is_file():
+        with path.open("wb") as file:
+            yield file
+        return
+    path = path.resolve()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        # Not a `tempfile`, which other users could not read.
+        with scratch.open("xb") as file:
+            yield file
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The user's cache directory, where models made on first use are kept."""
+"""The user's cache directory, which keeps files generated on first use."""
 
 import os
 import shutil
@@ -8,21 +8,21 @@ from pathlib import Path
 
 
 def user_cache_directory() -> Path:
-    """Returns `$XDG_CACHE_HOME/poil_drake`, or `~/.cache/poil_drake` where that is not set."""
+    """Returns `$XDG_CACHE_HOME/poil_drake`, or `~/.cache/poil_drake` if that is not set."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "poil_drake"
 
 
 def cached_directory(*, name: str, version: str, make: Callable[[Path], None]) -> Path:
-    """Returns a directory of generated files, which is made when it is not there yet.
+    """Returns a directory of generated files, and generates it if it does not exist yet.
 
-    The directory appears whole or not at all, so that processes may ask for it at the same time
-    and an interrupted one leaves nothing half-made behind.
+    The directory appears whole or not at all. So several processes may ask for it at the same time,
+    and an interrupted one leaves nothing behind.
 
     Args:
-        name: What the directory holds, e.g. "panda".
-        version: Tells apart contents made from different inputs or by different code.
-        make: Writes the files into the (empty) directory that it is given.
+        name: Name of the contents, e.g. "panda".
+        version: Distinguishes contents made from different inputs or by different code.
+        make: Writes the files into an empty directory.
     """
     target = user_cache_directory() / f"{name}-{version}"
     if target.is_dir():
@@ -35,7 +35,7 @@ def cached_directory(*, name: str, version: str, make: Callable[[Path], None]) -
         try:
             scratch.rename(target)
         except OSError:
-            # Another process was faster: its directory holds the same files.
+            # Another process was faster; its directory has the same files.
             if not target.is_dir():
                 raise
     finally:

@@ -1,20 +1,24 @@
-"""A Python program in a process of its own that answers one request at a time.
+"""Both ends of a worker process: a Python program that answers one request at a time.
 
-Python runs one thread at a time, so work that is to use the second core needs a second process.
-`worker_service` is the other end.
+One Python process computes on one core at a time, so a second core needs a second process.
 """
 
+import gc
 import mmap
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import traceback
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import Any
 
+import cv2
 import numpy as np
 
 from poil_drake.errors import PoilError
@@ -24,58 +28,46 @@ _GRACE = 2.0  # [s] that a worker gets to end by itself
 
 
 class WorkerEndedError(Exception):
-    """The process is not there any more; the message says so, and with which status."""
-
-
-class Answer(NamedTuple):
-    """What a worker answers.
-
-    Attributes:
-        value: Anything that can be pickled.
-        arrays: Large arrays, which come through shared memory. They own their data.
-    """
-
-    value: Any
-    arrays: Sequence[np.ndarray] = ()
+    """The process has ended. The message is a clause with its exit status, if known."""
 
 
 class WorkerProcess:
-    """Runs a module as a program of its own and asks it.
+    """Runs a module as a separate program and asks it.
 
-    Arrays go through shared memory, both ways. The worker is a program of its own, not a fork and
-    not a `multiprocessing.Process`, which would run the user's script once more. It ends when this
-    object or this process does, however that ends. It is not meant to be asked by two threads at
-    once; while it works, other threads run.
+    Arrays go through shared memory in both directions. The worker is neither a fork nor a
+    `multiprocessing.Process`, which would run the user's script again. It ends with this object and
+    with this process, however they end. While the worker computes, other threads of this process
+    run. Only one thread may ask at a time.
     """
 
     def __init__(self, module: str, setup: object):
         """Starts the process; does not wait for it.
 
         Args:
-            module: Name of the module; run as a program, it calls `worker_service.run`.
-            setup: What the worker is told first.
+            module: Name of the module. As a program, it calls `serve`.
+            setup: Passed to the `make_handler` of `serve`.
         """
-        self._connection, theirs = Pipe()
-        self._requests, self._answers = _SharedMemory("requests"), _SharedMemory("answers")
+        connection, theirs = Pipe()
+        files = os.memfd_create("poil_requests"), os.memfd_create("poil_answers")
         with theirs:
-            files = (theirs.fileno(), self._requests.file, self._answers.file)
+            inherited = (theirs.fileno(), *files)
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", module, *map(str, files)],
-                pass_fds=files,
+                [sys.executable, "-P", "-m", module, *map(str, inherited)],
+                pass_fds=inherited,
                 env=_environment(),
                 stdin=subprocess.DEVNULL,
-                # Ctrl-C is for this process, which then ends the worker.
+                # Ctrl-C goes to this process only, which then ends the worker.
                 process_group=0,
             )
-        # The worker ends by itself when this end is closed, so also when this process ends.
-        self._close = weakref.finalize(
-            self, _close, self._connection, (self._requests.file, self._answers.file)
-        )
-        self._connection.send_bytes(pickle.dumps(setup))
+        self._channel = _Channel(connection, *files)
+        # The worker ends once its connection is closed, which the end of this process does, too.
+        self._close = weakref.finalize(self, self._channel.close)
+        # As bytes, because the first request may overwrite the arrays before the worker reads them.
+        self._channel.send(pickle.dumps(setup))
 
     @property
     def pid(self) -> int:
-        """The process's number."""
+        """The process ID."""
         return self._process.pid
 
     @property
@@ -83,33 +75,32 @@ class WorkerProcess:
         """Whether the process still runs."""
         return self._process.poll() is None
 
-    def ask(self, request: object) -> Answer:
-        """Sends a request and waits for the answer.
+    def ask(self, request: object) -> Any:
+        """Sends a request and returns the answer. Contiguous arrays in it are read-only.
 
         Raises:
-            PoilError: what the worker raised.
-            RuntimeError: with the text of any other error of the worker.
-            WorkerEndedError: when the process has ended, or does before it has answered.
+            PoilError: the one that the worker raised.
+            RuntimeError: with the traceback of any other error of the worker.
+            WorkerEndedError: if the process has ended, or ends before it answers.
         """
         if not self._close.alive:
             raise self.ended()
         try:
             TURNS.wait()
-            self._send(request)
-            answer = self._connection.recv()
-        except (EOFError, OSError) as error:
+            self._channel.send(request)
+            answer, error = self._channel.receive()
+        except (EOFError, OSError) as failure:
             self.end()
-            raise self.ended() from error
+            raise self.ended() from failure
         except BaseException:
-            # Whoever is interrupted here must not get this answer to the next request.
+            # An interrupted request must not leave its answer for the next one.
             self.end()
             raise
-        if isinstance(answer, PoilError):
-            raise answer
-        if isinstance(answer, str):
-            raise RuntimeError(f"A worker process failed.\n{answer}")
-        value, layout = answer
-        return Answer(value, self._answers.read(layout))
+        if isinstance(error, PoilError):
+            raise error
+        if error is not None:
+            raise RuntimeError(f"A worker process failed.\n{error}")
+        return answer
 
     def ended(self) -> WorkerEndedError:
         """Returns the error that says how the process has ended."""
@@ -119,7 +110,7 @@ class WorkerProcess:
         )
 
     def kill(self) -> None:
-        """Ends the process at once, whatever it does; who waits for its answer is told."""
+        """Ends the process at once; a pending `ask` raises a WorkerEndedError."""
         self._process.kill()
 
     def end(self) -> None:
@@ -131,70 +122,101 @@ class WorkerProcess:
             self._process.kill()
             self._process.wait()
 
-    def _send(self, request: object) -> None:
-        """Sends a request, its arrays through the shared memory."""
+
+def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
+    """Serves a `WorkerProcess`; the main program of its module calls this.
+
+    Args:
+        make_handler: Makes the function that answers requests from the worker's setup. If it
+            raises an error, that error is the answer to every request.
+    """
+    # Interrupts are for the process that started this one, which then closes the connection.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    connection, requests, answers = map(int, sys.argv[1:4])
+    channel = _Channel(Connection(connection), answers, requests)
+    handler, failure = _try(lambda: make_handler(pickle.loads(channel.receive())))
+    gc.collect()
+    gc.freeze()
+    try:
+        while True:
+            request = channel.receive()
+            channel.send((None, failure) if failure else _try(partial(handler, request)))
+    except (EOFError, OSError):
+        return  # The other end is closed.
+
+
+def _try(function: Callable[[], Any]) -> tuple[Any, PoilError | str | None]:
+    """Returns the result, or the PoilError raised, or the traceback of any other error."""
+    try:
+        return function(), None
+    except PoilError as error:
+        return None, error
+    except Exception:
+        return None, traceback.format_exc()
+
+
+class _Channel:
+    """One end of a connection that passes arrays through shared memory.
+
+    The memory has no name, so nothing remains of it however the processes end.
+    """
+
+    def __init__(self, connection: Connection, sent: int, received: int):
+        """Takes over the open files of the memory for sent and for received arrays."""
+        self._connection = connection
+        self._sent, self._received = _SharedMemory(sent), _SharedMemory(received)
+
+    def send(self, value: object) -> None:
+        """Sends anything that can be pickled; its contiguous arrays go through shared memory."""
         buffers: list[pickle.PickleBuffer] = []
-        message = pickle.dumps(request, protocol=5, buffer_callback=buffers.append)
-        views = [buffer.raw() for buffer in buffers]
-        self._requests.write(views)
-        self._connection.send([view.nbytes for view in views])
+        message = pickle.dumps(value, protocol=5, buffer_callback=buffers.append)
+        arrays = [np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers]
+        sizes = [array.nbytes for array in arrays]
+        for place, array in zip(self._sent.places(sizes), arrays, strict=True):
+            np.copyto(place, array)  # NumPy releases the interpreter while it copies.
+        self._connection.send(sizes)
         self._connection.send_bytes(message)
+
+    def receive(self) -> Any:
+        """Waits for a value and returns it; arrays from shared memory are read-only copies.
+
+        Raises:
+            EOFError: if the other end is closed.
+        """
+        sizes, message = self._connection.recv(), self._connection.recv_bytes()
+        buffers = [place.copy() for place in self._received.places(sizes)]
+        for buffer in buffers:
+            buffer.flags.writeable = False
+        return pickle.loads(message, buffers=buffers)
+
+    def close(self) -> None:
+        self._connection.close()
+        os.close(self._sent.file)
+        os.close(self._received.file)
 
 
 class _SharedMemory:
-    """Memory without a name: nothing is left behind, however the processes end.
-
-    Attributes:
-        file: Number of the open file that is the memory.
-    """
-
-    def __init__(self, name: str):
-        self.file = os.memfd_create(f"poil_{name}")
+    def __init__(self, file: int):
+        self.file = file
         self._memory: mmap.mmap | None = None
 
-    def write(self, views: Sequence[memoryview]) -> None:
-        """Puts the views one after the other."""
-        write_shared(self._mapped(sum(view.nbytes for view in views)), views)
-
-    def read(self, layout: Sequence[tuple[tuple[int, ...], str]]) -> list[np.ndarray]:
-        """Returns copies of the arrays that lie there one after the other."""
-        arrays = [np.empty(shape, dtype) for shape, dtype in layout]
-        memory = self._mapped(sum(array.nbytes for array in arrays))
-        place = 0
-        for array in arrays:
-            found = np.frombuffer(memory, array.dtype, array.size, place)
-            np.copyto(array, found.reshape(array.shape))
-            place += array.nbytes
-        return arrays
-
-    def _mapped(self, size: int) -> mmap.mmap:
-        if self._memory is None or len(self._memory) < size:
-            self._memory = map_shared(self.file, size)
-        return self._memory
-
-
-def map_shared(file: int, size: int) -> mmap.mmap:
-    """Returns the first bytes of an open file as memory; a file that is shorter grows."""
-    size = max(size, mmap.PAGESIZE)
-    if os.fstat(file).st_size < size:
-        os.ftruncate(file, size)
-    return mmap.mmap(file, size)
-
-
-def write_shared(memory: mmap.mmap, views: Sequence[memoryview]) -> None:
-    """Puts views of bytes one after the other into memory that has room for them."""
-    place = 0
-    for view in views:
-        # NumPy leaves the interpreter to other threads while it copies.
-        there = np.frombuffer(memory, np.uint8, view.nbytes, place)
-        np.copyto(there, np.frombuffer(view, np.uint8))
-        place += view.nbytes
+    def places(self, sizes: list[int]) -> list[np.ndarray]:
+        """Returns arrays of bytes that lie in the memory one after the other."""
+        end = np.cumsum([0, *sizes])
+        if self._memory is None or len(self._memory) < end[-1]:
+            size = max(int(end[-1]), mmap.PAGESIZE)
+            if os.fstat(self.file).st_size < size:
+                os.ftruncate(self.file, size)
+            self._memory = mmap.mmap(self.file, size)
+        shared = np.frombuffer(self._memory, np.uint8)
+        return [shared[start : start + size] for start, size in zip(end, sizes, strict=False)]
 
 
 def _environment() -> dict[str, str]:
-    """Returns the worker's: it finds what this process finds, and computes on one core.
+    """Returns the worker's environment: the same modules as here, and one thread for maths.
 
-    More threads than that would only wait for each other.
+    More threads would only compete for the cores.
     """
     return {
         **os.environ,
@@ -202,9 +224,3 @@ def _environment() -> dict[str, str]:
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
     }
-
-
-def _close(connection: Connection, files: tuple[int, ...]) -> None:
-    connection.close()
-    for file in files:
-        os.close(file)

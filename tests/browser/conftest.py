@@ -1,7 +1,7 @@
 """Meshcat pages in headless Chromium: what a viewer sees, as pixels.
 
-An object's appearance is the difference between two screenshots, with it and without it, so a test
-cannot be satisfied by something else that happens to have the same colour.
+The appearance of an object is the difference between two screenshots, with it and without it. So no
+other object of the same colour can satisfy a test.
 """
 
 import colorsys
@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 WINDOW = (900, 700)  # [px] Small, because every pixel is drawn in software.
-PATIENCE = 1800.0  # [s] until a page counts as broken; only a test that fails waits for so long.
-BACKGROUND_NOISE = 12  # Largest change of a colour channel that is not a change.
+PATIENCE = 1800.0  # [s] before a page counts as broken; only a failing test waits that long.
+BACKGROUND_NOISE = 12  # Largest change of a colour channel that counts as noise.
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -47,7 +47,7 @@ class Appearance:
     """The pixels that an object changes.
 
     Attributes:
-        mask: (H, W) where they are.
+        mask: (H, W) their mask in the screenshot.
         colors: (P, 3) their colours with the object, RGB in [0, 1].
     """
 
@@ -56,7 +56,7 @@ class Appearance:
 
     @property
     def pixels(self) -> int:
-        """How many they are."""
+        """Number of pixels."""
         return len(self.colors)
 
     @property
@@ -66,18 +66,18 @@ class Appearance:
 
     @property
     def centre(self) -> np.ndarray:
-        """(2,) their mean place, right and down [px]."""
+        """(2,) their mean position, right and down [px]."""
         rows, columns = np.nonzero(self.mask)
         return np.array([columns.mean(), rows.mean()])
 
     @property
     def size(self) -> np.ndarray:
-        """(2,) width and height of the box around them [px]."""
+        """(2,) width and height of their bounding box [px]."""
         rows, columns = np.nonzero(self.mask)
         return np.array([np.ptp(columns) + 1, np.ptp(rows) + 1])
 
     def share_of_hue(self, color: tuple[float, ...], tolerance: float = 25.0) -> float:
-        """Returns which share of the pixels has the hue of `color`, to within some degrees."""
+        """Returns the share of the pixels with the hue of `color`, within a tolerance [deg]."""
         wanted = colorsys.rgb_to_hsv(*color[:3])[0]
         hsv = np.array([colorsys.rgb_to_hsv(*rgb) for rgb in self.colors]).reshape(-1, 3)
         distance = np.abs((hsv[:, 0] - wanted + 0.5) % 1.0 - 0.5) * 360.0
@@ -97,23 +97,23 @@ class MeshcatPage:
             self.open(address)
 
     def open(self, address: str | Path) -> None:
-        """Opens an address or a file, and waits until it shows something and stands still."""
+        """Opens an address or a file, and waits until it shows a scene at rest."""
         url = address.resolve().as_uri() if isinstance(address, Path) else address
         self._driver.get(url)
         self._wait_for("return typeof viewer !== 'undefined' && !!viewer.scene_tree;")
-        # A recording plays by itself; paused, it can come to rest.
+        # A recording starts to play, and comes to rest only if it is paused.
         self._driver.execute_script("viewer.animator.pause();")
         self._address = address
         self.settle()
 
     def wait_for_objects(self, paths: Iterable[str]) -> None:
-        """Waits until there is something at Meshcat paths: a live page gets it by and by."""
+        """Waits until objects exist at Meshcat paths; a live page receives them one by one."""
         for path in paths:
             self._wait_for(_NODE + "return !!node;", _names(path))
         self.settle()
 
     def leave(self) -> None:
-        """Shows nothing: a page draws for ever, and asks for its server once that has gone."""
+        """Opens an empty page, because a page keeps drawing, and keeps calling its server."""
         self._driver.get("about:blank")
         self._address = None
 
@@ -123,14 +123,14 @@ class MeshcatPage:
         self._driver.execute_script("viewer.animator.pause();")
 
     def seek(self, seconds: float) -> None:
-        """Shows a moment of the recording."""
+        """Shows the recording at a time."""
         self.pause()
         self._driver.execute_script("viewer.animator.seek(arguments[0]);", seconds)
         self._render()
 
     @property
     def duration(self) -> float:
-        """How long the recording is [s]."""
+        """The length of the recording [s]."""
         self.pause()
         return self._driver.execute_script("return viewer.animator.duration;")
 
@@ -140,12 +140,12 @@ class MeshcatPage:
         return self._driver.title
 
     def set_visible(self, path: str, visible: bool) -> None:
-        """Shows or hides what is below a Meshcat path, in this page only."""
+        """Shows or hides the objects below a Meshcat path, in this page only."""
         script = "viewer.set_property(arguments[0], 'visible', arguments[1]);"
         self._driver.execute_script(script, _names(path), visible)
 
     def is_visible(self, path: str) -> bool:
-        """Returns whether nothing on the way to a Meshcat path is hidden."""
+        """Returns whether a Meshcat path and all its parents are visible."""
         script = """let node = viewer.scene_tree, visible = true;
             for (const name of arguments[0]) {
                 node = node.children[name]; visible = visible && node.object.visible; }
@@ -153,7 +153,7 @@ class MeshcatPage:
         return self._driver.execute_script(script, _names(path))
 
     def move_viewer(self, position: list[float]) -> None:
-        """Puts the viewer at a place in the world [m]; what is looked at stays the same."""
+        """Moves the camera to a position in the world [m]; its target stays the same."""
         x, y, z = position
         # The page's camera lives in a frame with y up.
         names = ["Cameras", "default", "rotated", "<object>"]
@@ -162,16 +162,17 @@ class MeshcatPage:
         self._driver.execute_script("viewer.controls.update();")
 
     def screenshot(self) -> np.ndarray:
-        """Returns what is on the screen, (H, W, 3) uint8 RGB."""
+        """Returns a screenshot, (H, W, 3) uint8 RGB."""
         self._render()
-        return self._grab()
+        png = np.frombuffer(self._driver.get_screenshot_as_png(), np.uint8)
+        return cv2.cvtColor(cv2.imdecode(png, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
     def appearance(self, path: str) -> Appearance:
-        """Returns the pixels that what is below a path changes, by hiding it for a moment."""
+        """Returns the pixels that the objects below a path change, by hiding them briefly."""
         return self.appearances([path])[path]
 
     def appearances(self, paths: Iterable[str]) -> dict[str, Appearance]:
-        """Returns the pixels that what is below each of some paths changes."""
+        """Returns the pixels that the objects below each of several paths change."""
         with_it = self.screenshot()
         found = {}
         for path in paths:
@@ -184,12 +185,12 @@ class MeshcatPage:
         return found
 
     def errors(self) -> list[str]:
-        """Returns what the page complained about since the last call."""
+        """Returns the errors of the page since the last call."""
         entries = self._driver.get_log("browser")
         return [entry["message"] for entry in entries if entry["level"] == "SEVERE"]
 
     def settle(self) -> None:
-        """Waits until two pictures are the same; models are loaded in the background."""
+        """Waits until two screenshots are equal, because models are loaded in the background."""
         deadline = time.monotonic() + PATIENCE
         last = self.screenshot()
         while time.monotonic() < deadline:
@@ -205,26 +206,22 @@ class MeshcatPage:
             requestAnimationFrame(() => { viewer.render(); requestAnimationFrame(done); });"""
         )
 
-    def _grab(self) -> np.ndarray:
-        png = np.frombuffer(self._driver.get_screenshot_as_png(), np.uint8)
-        return cv2.cvtColor(cv2.imdecode(png, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-
     def _wait_for(self, script: str, *arguments: object) -> None:
         deadline = time.monotonic() + PATIENCE
         while not self._driver.execute_script(script, *arguments):
             if time.monotonic() > deadline:
-                pytest.fail(f"Waited {PATIENCE} s in vain for: {script}")
+                pytest.fail(f"Waited {PATIENCE} s without success for: {script}")
 
 
 def _names(path: str) -> list[str]:
-    """Returns a path's names. As everywhere in Drake, one without a leading / is below /drake."""
+    """Returns the names in a path. As in Drake, a path without a leading / is below /drake."""
     absolute = path if path.startswith("/") else f"/drake/{path}"
     return [name for name in absolute.split("/") if name]
 
 
 @pytest.fixture(scope="session")
 def chromium(tmp_path_factory):
-    """A headless Chromium with WebGL in software; skips where there is none."""
+    """A headless Chromium with WebGL in software; skips the test if there is none."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
     names = ("chromium", "chromium-browser", "google-chrome")
     binary = next((found for name in names if (found := shutil.which(name))), None)
@@ -248,11 +245,11 @@ def chromium(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(chromium):
-    """A page to open addresses in. Tests share it; leave it as it was, or open anew."""
+    """A page to open addresses in. Tests share it, and restore what they change."""
     assert chromium.execute_script(
         "return !!document.createElement('canvas').getContext('webgl2');"
     ), "This Chromium has no WebGL."
     page = MeshcatPage(chromium)
-    page.errors()  # Of pages before.
+    page.errors()  # Discard those of earlier pages.
     yield page
     page.leave()

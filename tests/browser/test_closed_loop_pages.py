@@ -1,4 +1,4 @@
-"""What a viewer sees of a real closed loop: on the live page, and in the recording of the run."""
+"""What a viewer sees of the real closed loop: on the live page, and in the recording of a run."""
 
 import dataclasses
 from pathlib import Path
@@ -14,9 +14,9 @@ from poil_drake.systems.visualization.point_set_visualizer import PointSetVisual
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-FOLLOWING = 7.0  # [s]: in the phase in which the field drives the mug.
+FOLLOWING = 7.0  # [s] A time in the phase in which the field drives the mug.
 DRAWN = {
-    # Path below /drake                 fewest pixels that must be its own
+    # Path below /drake                 fewest pixels
     "illustration/panda": 5000,
     "illustration/mug": 300,
     "poil/reference": 100,
@@ -26,7 +26,7 @@ DRAWN = {
 
 
 def check_all_is_drawn(page) -> None:
-    inside = "poil/tracked_points"  # Of the points, unless these have moved on since the images.
+    inside = "poil/tracked_points"  # Inside the points, unless these have moved since the images.
     seen = page.appearances([path for path in DRAWN if path != inside])
     page.set_visible("poil/points", False)
     seen[inside] = page.appearance(inside)
@@ -40,7 +40,7 @@ def test_the_live_page_draws(page, plan: ExecutionPlan, scenario: Scenario) -> N
     meshcat = MakeMeshcat()
     poil = dataclasses.replace(scenario.poil, tracker="ground_truth")
     with MakeClosedLoop(dataclasses.replace(scenario, poil=poil), plan, meshcat=meshcat) as loop:
-        Simulator(loop.diagram).AdvanceTo(0.5)  # The first track is there.
+        Simulator(loop.diagram).AdvanceTo(0.5)  # The first track is available.
 
         page.open(meshcat.web_url())
         page.wait_for_objects(DRAWN)

@@ -1,4 +1,4 @@
-"""What a viewer sees of a scene that is made by hand: live, and in a recording."""
+"""What a viewer sees of a scene made by hand: live, and in a recording."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ from pydrake.geometry import Box, Cylinder, Rgba
 from pydrake.math import RigidTransform
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat, MeshcatViewConfig
+from poil_drake.diagrams.run.html_recording import CAMERA_POSITION, HtmlRecording, MakeMeshcat
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.visualization.meshcat_overlay import CAMERA_PATH
+from poil_drake.systems.visualization.meshcat_overlay import OVERLAY_PATH
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
@@ -21,17 +21,16 @@ FRAMES_PER_SECOND = 32
 ROBOT_COLOR = (0.95, 0.95, 0.95)
 MUG_COLOR = (0.05, 0.65, 0.75)
 CONFIG = PointSetVisualizerConfig(point_radius=0.012, target_radius=0.010, tracked_radius=0.008)
-OVERLAY = f"{CAMERA_PATH}/poil"
 
 
 def make_reference() -> PointTrajectory:
-    """Six points that rise by 0.3 m and move by 0.4 m along y within the duration."""
+    """Six points that move by 0.3 m up and by 0.4 m along y within the duration."""
     times = np.linspace(0.0, DURATION, 33)
     corners = 0.05 * np.array(
         [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float
     )
-    way = np.array([0.0, 0.4, 0.3]) * (times / DURATION)[:, None]
-    positions = corners + np.array([0.45, -0.2, 0.15]) + way[:, None, :]
+    motion = np.array([0.0, 0.4, 0.3]) * (times / DURATION)[:, None]
+    positions = corners + np.array([0.45, -0.2, 0.15]) + motion[:, None, :]
     velocities = np.gradient(positions, times, axis=0)
     velocities[-1] = 0.0
     return PointTrajectory(times, positions, velocities)
@@ -55,7 +54,7 @@ class Scene:
         self._context = self.visualizer.CreateDefaultContext()
 
     def publish(self, time: float) -> None:
-        """Shows the scene at a time: points 20 mm behind their targets, twist growing."""
+        """Shows the scene at a time: points 20 mm behind their targets, and a growing twist."""
         target = self.reference.positions[int(time / DURATION * 32)]
         points = target - [0.0, 0.02, 0.0]
         X_WG = np.eye(4)
@@ -86,10 +85,10 @@ def scene():
 def recording(scene, tmp_path_factory):
     """The scene's HTML recording."""
     path = tmp_path_factory.mktemp("recording") / "run.html"
-    with HtmlRecording(scene.meshcat, path, title="By hand") as html:
+    with HtmlRecording(scene.meshcat, path, title="By hand"):
         for frame in range(int(DURATION * FRAMES_PER_SECOND) + 1):
             scene.publish(frame / FRAMES_PER_SECOND)
-    return html.path
+    return path
 
 
 @pytest.fixture
@@ -107,13 +106,8 @@ def replay(page, recording):
     return page
 
 
-def hue_share(appearance, color):
-    assert appearance.pixels > 0
-    return appearance.share_of_hue(color)
-
-
 def test_the_live_page_shows_everything_in_its_colour(live):
-    # Lower limits are half of what was counted when the picture was right to the eye.
+    # Lower limits are half of the counts in a picture that looked right.
     wanted = {
         "mug": (MUG_COLOR, 700, 10_000),
         "poil/points": (CONFIG.point_color, 250, 5_000),
@@ -126,7 +120,7 @@ def test_the_live_page_shows_everything_in_its_colour(live):
     seen = live.appearances([*wanted, "robot"])
     for path, (color, least, most) in wanted.items():
         assert least < seen[path].pixels < most, path
-        assert hue_share(seen[path], color) > 0.5, path
+        assert seen[path].share_of_hue(color) > 0.5, path
     robot = seen["robot"]
     assert robot.pixels > 5_000
     assert np.ptp(robot.color) < 0.1, "white or grey"
@@ -164,18 +158,18 @@ def test_a_recording_moves_the_points(replay):
     replay.seek(DURATION)
     end = replay.appearance("poil/points")
 
-    # Seen from the front of the robot, its left (+y) is on the right, and up is up.
+    # The camera looks at the robot's front, so +y is on the right.
     across, down = end.centre - start.centre
     assert across > 100.0
     assert down < -50.0
-    assert hue_share(end, CONFIG.point_color) > 0.5
+    assert end.share_of_hue(CONFIG.point_color) > 0.5
 
 
 def test_a_recording_moves_points_and_mug_together(replay):
     for seconds in (0.0, DURATION / 2, DURATION):
         replay.seek(seconds)
         seen = replay.appearances(["mug", "poil/target_points"])
-        # The points surround the mug's middle; it hides those behind.
+        # The points surround the mug's centre; it hides those behind it.
         assert np.linalg.norm(seen["mug"].centre - seen["poil/target_points"].centre) < 30.0
 
 
@@ -183,7 +177,7 @@ def test_a_recording_changes_the_phase_shown(replay):
     shown = {}
     for seconds in (0.5, 1.5):
         replay.seek(seconds)
-        names = [f"{OVERLAY}/phase/name/{index}" for index in range(2)]
+        names = [f"{OVERLAY_PATH}/phase/name/{index}" for index in range(2)]
         shown[seconds] = [seen.pixels for seen in replay.appearances(names).values()]
 
     assert shown[0.5][0] > 300
@@ -199,7 +193,7 @@ def test_a_recording_changes_the_error_shown(replay):
             [
                 digit
                 for digit in range(10)
-                if replay.is_visible(f"{OVERLAY}/error/number/place_{place}/{digit}")
+                if replay.is_visible(f"{OVERLAY_PATH}/error/place_{place}/{digit}")
             ]
             for place in range(4)
         ]
@@ -207,7 +201,7 @@ def test_a_recording_changes_the_error_shown(replay):
     # 20 mm + 100 mm/s.
     assert digits(0.5) == [[], [7], [0], [0]]
     assert digits(1.5) == [[1], [7], [0], [0]]
-    assert replay.appearance(f"{OVERLAY}/error").pixels > 1_000
+    assert replay.appearance(f"{OVERLAY_PATH}/error").pixels > 1_000
 
 
 def test_a_recording_scales_the_arrows(replay):
@@ -220,22 +214,21 @@ def test_a_recording_scales_the_arrows(replay):
     assert long[1] > 2.0 * short[1]
 
 
-def test_text_stays_before_the_viewer(replay):
-    """The display is where it was when the viewer goes elsewhere; the mug is not."""
+def test_the_text_moves_with_the_viewer_and_the_mug_does_not(replay):
     replay.seek(0.5)
-    text = f"{OVERLAY}/phase"
+    text = f"{OVERLAY_PATH}/phase"
     before = replay.appearances([text, "mug"])
 
     replay.move_viewer([0.6, 1.4, 0.5])
     after = replay.appearances([text, "mug"])
-    replay.move_viewer(MeshcatViewConfig().camera_position)
+    replay.move_viewer(list(CAMERA_POSITION))
 
     assert np.linalg.norm(after[text].centre - before[text].centre) < 1.0
     assert np.linalg.norm(after["mug"].centre - before["mug"].centre) > 30.0
 
 
 def test_the_legend_names_the_colours(replay):
-    legend = replay.appearance(f"{OVERLAY}/legend")
+    legend = replay.appearance(f"{OVERLAY_PATH}/legend")
 
     for color in (CONFIG.point_color, CONFIG.target_color, CONFIG.reference_color):
         assert legend.share_of_hue(color) * legend.pixels > 50

@@ -7,7 +7,7 @@ import pytest
 from command_line import Command
 
 from poil_drake.benchmarks.control import study
-from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.errors import InvalidValueError
 
 NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_timeout: 0.1}}}"

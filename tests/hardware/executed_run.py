@@ -7,7 +7,7 @@ from pathlib import Path
 from hardware_bench import swinging_plan
 
 from poil_drake.cli import Stopped, _stop
-from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan
 from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.runtime.held_signals import ENDING

@@ -24,7 +24,7 @@ from poil_drake.benchmarks.hardware.stand_in_robot import (
     with_own_networks,
 )
 from poil_drake.diagrams.loop import perception as closed_loop_perception
-from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan

@@ -18,7 +18,7 @@ with ProgressBar() as progress:
 """
 
 
-def test_each_thing_that_is_done_has_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_step_has_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressBar() as dut:
         dut("planning", 0.0)
         dut("planning", 0.25)
@@ -31,7 +31,7 @@ def test_each_thing_that_is_done_has_a_bar(capsys: pytest.CaptureFixture[str]) -
     assert "100% |" in closed_loop
 
 
-def test_what_is_no_terminal_gets_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_one_line_goes_to_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     with OneLineTqdm(total=3, desc="trials", mininterval=0.0) as dut:
         for trial in range(3):
             OneLineTqdm.write(f"trial {trial}")
@@ -44,7 +44,7 @@ def test_what_is_no_terminal_gets_one_line(capsys: pytest.CaptureFixture[str]) -
 
 
 def shown_on_terminal(columns: int, lines: int, *, stdout: int | None = None) -> str:
-    """What a terminal of a size gets to see of two bars on its standard error."""
+    """Returns the output of two bars to a terminal of some size on standard error."""
     terminal, end = pty.openpty()
     fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
     try:
@@ -62,14 +62,14 @@ def shown_on_terminal(columns: int, lines: int, *, stdout: int | None = None) ->
         os.close(terminal)
 
 
-def test_bars_can_be_read_on_a_terminal_that_says_it_has_no_columns() -> None:
+def test_bars_are_readable_on_a_terminal_that_reports_no_columns() -> None:
     shown = shown_on_terminal(0, 0)
 
     assert "planning" in shown
     assert "closed loop" in shown
 
 
-def test_bars_are_no_wider_than_the_terminal_that_they_are_on() -> None:
+def test_bars_are_no_wider_than_their_terminal() -> None:
     shown = shown_on_terminal(50, 24, stdout=subprocess.DEVNULL)
 
     assert "planning" in shown

@@ -4,21 +4,24 @@ import pytest
 from replay_comparisons import make_run, make_summary
 
 from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.reports.replay_picture import ReplayPictureData, make_replay_picture
+from poil_drake.reports.replay_picture import make_replay_picture
 
 
 def draw(path, recorded: RecordedRun, replayed: RecordedRun):
-    data = ReplayPictureData(
+    return make_replay_picture(
+        path,
         summary=make_summary(recorded, replayed),
         recorded=recorded,
         replayed=replayed,
         velocity_limits=np.full(7, 2.0),
     )
-    return make_replay_picture(path, data)
 
 
-def test_a_picture_is_drawn_and_its_folder_made(tmp_path):
-    path = draw(tmp_path / "out" / "replay.png", make_run(), make_run(speed=0.52))
+def test_signals_of_only_one_run_are_drawn_and_the_folder_is_made(tmp_path):
+    replayed = make_run(last="fault")
+    replayed.tracks = []
+
+    path = draw(tmp_path / "out" / "replay.png", make_run(), replayed)
 
     assert cv2.imread(str(path)).shape == (1080, 1800, 3)
 
@@ -30,7 +33,7 @@ def test_the_verdict_and_the_axes_are_written(tmp_path, speed, verdict):
     path = draw(tmp_path / "replay.svg", make_run(), make_run(speed=speed))
 
     text = path.read_text()
-    for said in (
+    for text_part in (
         verdict,
         "joint velocity",
         "tracked points",
@@ -38,13 +41,4 @@ def test_the_verdict_and_the_axes_are_written(tmp_path, speed, verdict):
         "follow",
         "tolerance",
     ):
-        assert said in text
-
-
-def test_what_only_one_of_them_has_can_be_drawn(tmp_path):
-    replayed = make_run(last="fault")
-    replayed.tracks = []
-
-    path = draw(tmp_path / "replay.png", make_run(), replayed)
-
-    assert path.stat().st_size > 10_000
+        assert text_part in text

@@ -7,7 +7,7 @@ from poil_drake.recording.run_log.recorded_run import PhaseStart
 from poil_drake.recording.run_log.series import Series
 
 
-def test_what_is_the_same_is_said_in_one_line():
+def test_the_closing_line_sums_up_a_replay_without_differences():
     dut = make_summary(make_run(), make_run(speed=0.52, shift=0.0005), notes=["the log is cut off"])
 
     assert dut.same
@@ -21,32 +21,31 @@ def test_what_is_the_same_is_said_in_one_line():
     )
 
 
-def test_where_two_runs_part_is_said():
-    dut = make_summary(make_run(), make_run(speed=0.75))
+@pytest.mark.parametrize(
+    ("replay", "reason"),
+    [
+        (
+            {"speed": 0.75},
+            "from 1.00 s on, in phase 'follow', joint velocities differ by more than 0.1 rad/s",
+        ),
+        (
+            {"shift": 0.002},
+            "from 0.20 s on, in phase 'wait', tracked points differ by more than 1 mm",
+        ),
+        (
+            {"last": "fault"},
+            "from 1.00 s on, in phase 'follow', the phases differ: 'follow' began in the run only",
+        ),
+    ],
+)
+def test_the_reason_names_the_first_difference(replay, reason):
+    dut = make_summary(make_run(), make_run(**replay))
 
     assert not dut.same
-    assert dut.reason == (
-        "from 1.00 s on, in phase 'follow', joint velocities differ by more than 0.1 rad/s"
-    )
+    assert dut.reason == reason
 
 
-def test_lengths_are_told_in_millimetres():
-    dut = make_summary(make_run(), make_run(shift=0.002))
-
-    assert dut.reason == (
-        "from 0.20 s on, in phase 'wait', tracked points differ by more than 1 mm"
-    )
-
-
-def test_phases_that_part_are_named():
-    dut = make_summary(make_run(), make_run(last="fault"))
-
-    assert dut.reason == (
-        "from 1.00 s on, in phase 'follow', the phases differ: 'follow' began in the run only"
-    )
-
-
-def test_of_phases_that_begin_at_once_the_one_that_differs_is_named():
+def test_of_phases_that_begin_at_the_same_time_the_one_that_differs_is_named():
     replayed = make_run()
     replayed.phases[1] = replayed.phases[1]._replace(time=1.0)
     replayed.phases.append(PhaseStart(1.0, "fault", ""))
@@ -56,7 +55,7 @@ def test_of_phases_that_begin_at_once_the_one_that_differs_is_named():
     assert dut.reason.endswith("the phases differ: 'fault' began in the replay only")
 
 
-def test_tracks_that_show_other_points_are_a_difference():
+def test_tracks_with_other_visible_points_are_a_difference():
     replayed = make_run()
     replayed.tracks[:6] = []
 
@@ -73,7 +72,7 @@ def test_tracks_that_show_other_points_are_a_difference():
     ("recorded", "said"),
     [(True, "no command of the log is of a time of the replay's"), (False, "holds no commands")],
 )
-def test_commands_that_cannot_be_compared_are_told_from_none(recorded, said):
+def test_a_log_without_comparable_commands_is_not_the_same(recorded, said):
     run = make_run()
     run.commands = Series(run.commands.times + 1e-3, run.commands.values)
     if not recorded:
@@ -85,10 +84,10 @@ def test_commands_that_cannot_be_compared_are_told_from_none(recorded, said):
     assert said in dut.reason
 
 
-def test_the_figures_are_json():
+def test_the_figures_are_json(tmp_path):
     dut = make_summary(make_run(), make_run(speed=0.75), changed=True)
 
-    figures = json.loads(json.dumps(dut.to_dict(), allow_nan=False))
+    figures = json.loads(dut.write_json(tmp_path / "out" / "replay.json").read_text())
 
     assert figures["same"] is False
     assert figures["changed"] is True
@@ -107,9 +106,3 @@ def test_the_figures_are_json():
     assert speeds["phases"]["follow"]["count"] == 33
     assert figures["phases"][1] == {"name": "follow", "recorded": 1.0, "replayed": 1.0}
     assert "drake" in figures["versions"]
-
-
-def test_the_figures_are_written(tmp_path):
-    path = make_summary(make_run(), make_run()).write_json(tmp_path / "out" / "replay.json")
-
-    assert json.loads(path.read_text())["same"] is True

@@ -15,7 +15,7 @@ from poil_drake.reports.run_summary import (
 TIMING = RunTiming(simulated=20.0, wall=16.0, parts={"rendering": 8.0})
 
 
-def test_statistics_are_of_the_finite_errors():
+def test_statistics_use_the_finite_errors():
     # 0, 1, ..., 100 mm: the median is 50 and 95 percent do not exceed 95.
     errors = np.r_[np.nan, np.arange(101) * 1e-3, np.nan]
 
@@ -28,7 +28,7 @@ def test_statistics_are_of_the_finite_errors():
     assert dut.missing == pytest.approx(2 / 103)
 
 
-def test_statistics_of_nothing_are_not_a_number():
+def test_statistics_without_finite_errors_are_nan():
     dut = ErrorStatistics.of(np.full((3, 2), np.nan))
 
     assert (dut.count, dut.missing) == (0, 1.0)
@@ -41,7 +41,7 @@ def test_real_time_factor():
     assert math.isnan(RunTiming(simulated=0.0, wall=0.0).real_time_factor)
 
 
-def test_phases_follow_from_a_log_of_indices():
+def test_phase_spans_of_sampled_indices():
     times = np.arange(6) * 0.5
 
     dut = phase_spans(times, np.array([0, 0, 1, 1, 1, 3.0]), ["wait", "go", "stay", "done"])
@@ -53,31 +53,32 @@ def test_phases_follow_from_a_log_of_indices():
     )
 
 
-def test_no_log_has_no_phases():
+def test_no_samples_have_no_phases():
     assert phase_spans(np.zeros(0), np.zeros(0), []) == ()
 
 
-def test_the_closing_line_says_what_matters():
-    dut = RunSummary(
-        success=True,
-        reason="the mug hung for 2.0 s",
-        timing=TIMING,
-        mean_error=0.00183,
-        tracking_error=ErrorStatistics.of(np.array([0.0024])),
-    )
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [
+        (
+            {"mean_error": 0.00183, "tracking_error": ErrorStatistics.of(np.array([0.0024]))},
+            "SUCCESS: it hangs; mean point error 1.8 mm; tracking error 2.4 mm (median); "
+            "20.0 s simulated in 16.0 s (1.25x real time).",
+        ),
+        (
+            {"figures": {"epoch_s": 1e9}},
+            "SUCCESS: it hangs; 20.0 s passed in 16.0 s (1.25x real time).",
+        ),
+        (
+            {"success": False, "timing": RunTiming(simulated=0.0, wall=0.0)},
+            "FAILURE: it hangs.",
+        ),
+    ],
+)
+def test_the_closing_line_has_the_known_figures(fields, line):
+    values = {"success": True, "reason": "it hangs", "timing": TIMING}
 
-    assert dut.closing_line() == (
-        "SUCCESS: the mug hung for 2.0 s; mean point error 1.8 mm; tracking error 2.4 mm (median); "
-        "20.0 s simulated in 16.0 s (1.25x real time)."
-    )
-
-
-def test_the_closing_line_leaves_out_what_is_not_known():
-    dut = RunSummary(
-        success=False, reason="no grasp was found", timing=RunTiming(simulated=0.0, wall=0.0)
-    )
-
-    assert dut.closing_line() == "FAILURE: no grasp was found."
+    assert RunSummary(**values | fields).closing_line() == line
 
 
 def test_json_holds_every_figure_and_no_nan(tmp_path):

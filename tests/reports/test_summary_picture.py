@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
 from poil_drake.reports.run_summary import PhaseSpan
 from poil_drake.reports.summary_data import SummaryData
@@ -14,7 +13,7 @@ from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.reports.summary_snapshots import common_view
 from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
-# A camera at the origin that looks along +z, with its middle at pixel (80, 60).
+# A camera at the origin that looks along +z, with its principal point at pixel (80, 60).
 CAMERA = CameraModel(
     "left", 160, 120, np.array([[100, 0, 80], [0, 100, 60], [0, 0, 1.0]]), np.eye(4)
 )
@@ -83,7 +82,7 @@ def test_snapshots_show_the_points(tmp_path):
     assert count(with_points, COLORS["target"]) > count(without, COLORS["target"]) + 100
 
 
-def test_the_tracking_error_has_a_panel_where_the_truth_is_known(tmp_path):
+def test_the_tracking_error_has_a_panel_if_the_truth_is_known(tmp_path):
     known = {"tracking_times": np.array([1.0, 2.0]), "tracking_errors": np.full((2, 3), 0.002)}
 
     without = draw(tmp_path / "a.png", make_data())
@@ -93,25 +92,7 @@ def test_the_tracking_error_has_a_panel_where_the_truth_is_known(tmp_path):
     assert with_truth.shape[1] == without.shape[1] == 1800
 
 
-def test_a_run_that_never_moved_has_a_picture(tmp_path):
-    nothing = np.zeros(0)
-    dut = make_data(
-        success=False,
-        reason="no grasp was found",
-        times=nothing,
-        point_errors=np.zeros((0, 3)),
-        potential=nothing,
-        tau=nothing,
-        joint_velocities=np.zeros((0, 7)),
-        phases=[],
-    )
-
-    picture = draw(tmp_path / "a.png", dut)
-
-    assert count(picture, COLORS["failure"]) > 1_000
-
-
-def test_signals_that_are_nowhere_finite_are_drawn_empty(tmp_path):
+def test_signals_without_finite_values_are_drawn_empty(tmp_path):
     times = make_data().times
     unknown = np.full(len(times), np.nan)
     dut = make_data(
@@ -132,35 +113,19 @@ def test_the_same_data_give_the_same_picture(tmp_path):
     np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize("name", ["point_errors", "potential", "tau", "joint_velocities"])
-def test_signals_of_another_length_are_named(name):
-    with pytest.raises(InvalidValueError, match=name):
-        make_data(**{name: np.zeros((5, 7))})
-
-
-def test_the_view_surrounds_the_points_in_the_pictures_proportions():
-    # At depth 1 m these are the pixels (80, 60) and (100, 60).
-    dut = common_view([make_snapshot([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0]])], margin=0.1)
-
-    left, right, top, bottom = dut
-    # 20 px between the points and 16 px on either side; 4:3.
-    assert right - left == pytest.approx(52.0)
-    assert bottom - top == pytest.approx(39.0)
-    assert (left + right) / 2 + 0.5 == pytest.approx(90.0)
-
-
-def test_the_view_stays_in_the_picture():
-    left, right, top, bottom = common_view([make_snapshot([[-0.79, -0.59, 1.0]])], margin=0.25)
-
-    assert (left, top) == pytest.approx((-0.5, -0.5))
-    # 2 x 40 px around one point, upwards too, in a picture of 4:3.
-    assert (right - left, bottom - top) == pytest.approx((320.0 / 3.0, 80.0))
-
-
-def test_the_view_is_the_whole_picture_where_no_point_is():
-    np.testing.assert_allclose(
-        common_view([make_snapshot([[0.0, 0.0, -1.0]])]), [-0.5, 159.5, -0.5, 119.5]
-    )
+@pytest.mark.parametrize(
+    ("points", "margin", "view"),
+    [
+        # The pixels (80, 60) and (100, 60), with 16 px on either side, in the proportions 4:3.
+        ([[0.0, 0.0, 1.0], [0.2, 0.0, 1.0]], 0.1, [63.5, 115.5, 40.0, 79.0]),
+        # 80 px high around the pixel (1, 1), moved into the picture.
+        ([[-0.79, -0.59, 1.0]], 0.25, [-0.5, 320.0 / 3.0 - 0.5, -0.5, 79.5]),
+        # The whole picture, because the point is behind the camera.
+        ([[0.0, 0.0, -1.0]], 0.1, [-0.5, 159.5, -0.5, 119.5]),
+    ],
+)
+def test_the_view_surrounds_the_points(points, margin, view):
+    np.testing.assert_allclose(common_view([make_snapshot(points)], margin=margin), view)
 
 
 @given(st.lists(st.floats(0.0, 10.0), max_size=10).map(sorted))
@@ -171,7 +136,7 @@ def test_names_are_moved_apart_and_stay_in_order(places):
     assert np.all(dut <= 10.0 + 1e-9)
 
 
-def test_names_that_are_apart_stay():
+def test_names_far_enough_apart_stay():
     np.testing.assert_array_equal(
         spread_out(np.array([0.0, 1.0, 2.0]), gap=0.5, upper=2.0), [0, 1, 2]
     )

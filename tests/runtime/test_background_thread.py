@@ -9,10 +9,10 @@ from poil_drake.errors import StationError
 from poil_drake.runtime.background_thread import Background
 
 
-def test_work_that_the_thread_has_not_come_to_is_finished() -> None:
+def test_close_finishes_work_that_has_yet_to_begin() -> None:
     background = Background("worker")
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(10.0)  # The thread begins when this one waits for it, and not before.
+    sys.setswitchinterval(10.0)  # The thread begins only when this one waits for it.
     try:
         future = background.submit(int, "3")
         background.close()
@@ -22,7 +22,7 @@ def test_work_that_the_thread_has_not_come_to_is_finished() -> None:
     assert future.result() == 3
 
 
-def test_work_that_waits_behind_other_work_is_forgotten() -> None:
+def test_close_cancels_work_that_waits_behind_other_work() -> None:
     background, go = Background("worker"), threading.Event()
     first = background.submit(go.wait)
     others = [background.submit(int), background.submit(int)]
@@ -34,7 +34,7 @@ def test_work_that_waits_behind_other_work_is_forgotten() -> None:
     assert all(other.cancelled() for other in others)
 
 
-def test_after_closing_it_takes_no_work() -> None:
+def test_submit_after_close_is_an_error() -> None:
     background = Background("cameras' thread")
     background.close()
 

@@ -28,7 +28,7 @@ def test_an_error_reaches_the_caller_and_stops_the_work():
 
     def submit_and_close():
         dut.submit(fail)
-        # The thread may or may not have failed by now; one of the two calls reports it.
+        # Either call reports the error, depending on whether the thread has failed by now.
         dut.submit(lambda: done.append(1))
         dut.close()
 
@@ -39,7 +39,7 @@ def test_an_error_reaches_the_caller_and_stops_the_work():
     assert done == []
 
 
-def test_a_full_queue_drops_what_may_be_dropped():
+def test_a_full_queue_drops_jobs_that_may_be_dropped():
     gate, started, done = threading.Event(), threading.Event(), []
     dut = BackgroundWorker(name="test", capacity=1)
 
@@ -54,7 +54,7 @@ def test_a_full_queue_drops_what_may_be_dropped():
     assert dut.dropped == 1
 
 
-def test_nothing_is_taken_after_close():
+def test_a_closed_worker_rejects_jobs():
     dut = BackgroundWorker(name="test", capacity=1)
     dut.close()
 
@@ -62,8 +62,8 @@ def test_nothing_is_taken_after_close():
         dut.submit(lambda: None)
 
 
-def test_jobs_begin_when_no_loop_computes(monkeypatch):
-    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
+def test_jobs_wait_while_a_loop_computes(monkeypatch):
+    monkeypatch.setattr(interpreter_turns, "_TIMEOUT", None)
     done = threading.Event()
     dut = BackgroundWorker(name="worker", capacity=4)
     TURNS.take()

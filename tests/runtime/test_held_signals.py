@@ -8,7 +8,7 @@ from poil_drake.runtime.held_signals import HeldSignals
 
 @pytest.fixture
 def caught() -> "list[int]":
-    """Signals that were handled, in order."""
+    """The handled signals, in order."""
     numbers: list[int] = []
     kinds = (signal.SIGTERM, signal.SIGHUP)
     before = {n: signal.signal(n, lambda number, frame: numbers.append(number)) for n in kinds}
@@ -17,7 +17,7 @@ def caught() -> "list[int]":
         signal.signal(number, handler)
 
 
-def test_signals_wait_until_the_end_and_come_once(caught: list[int]) -> None:
+def test_signals_are_delayed_until_the_end_and_raised_once(caught: list[int]) -> None:
     with HeldSignals():
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGTERM)
@@ -27,13 +27,7 @@ def test_signals_wait_until_the_end_and_come_once(caught: list[int]) -> None:
     assert caught == [signal.SIGTERM, signal.SIGHUP]
 
 
-def test_other_signals_come_at_once(caught: list[int]) -> None:
-    with HeldSignals([signal.SIGTERM]):
-        signal.raise_signal(signal.SIGHUP)
-        assert caught == [signal.SIGHUP]
-
-
-def test_they_come_after_an_exception_too(caught: list[int]) -> None:
+def test_signals_are_raised_after_an_exception_too(caught: list[int]) -> None:
     def fail() -> None:
         with HeldSignals():
             signal.raise_signal(signal.SIGTERM)
@@ -45,7 +39,7 @@ def test_they_come_after_an_exception_too(caught: list[int]) -> None:
     assert caught == [signal.SIGTERM]
 
 
-def test_a_signal_on_the_way_in_waits_too(
+def test_an_exception_of_a_signal_on_entry_is_delayed_too(
     caught: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(number: int, frame: object) -> None:
@@ -73,7 +67,7 @@ def test_a_signal_on_the_way_in_waits_too(
     assert signal.getsignal(signal.SIGHUP) is stop
 
 
-def test_on_another_thread_it_does_nothing(caught: list[int]) -> None:
+def test_another_thread_does_not_delay_signals(caught: list[int]) -> None:
     done = []
 
     def work() -> None:

@@ -7,8 +7,8 @@ from poil_drake.runtime import interpreter_turns
 from poil_drake.runtime.interpreter_turns import InterpreterTurns
 
 
-def test_nobody_waits_where_no_loop_computes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interpreter_turns, "_PATIENCE", 60.0)
+def test_no_thread_waits_while_no_loop_computes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_TIMEOUT", 60.0)
     dut = InterpreterTurns()
 
     dut.wait()
@@ -17,8 +17,8 @@ def test_nobody_waits_where_no_loop_computes(monkeypatch: pytest.MonkeyPatch) ->
     dut.wait()
 
 
-def test_who_asks_goes_on_when_the_loop_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(interpreter_turns, "_PATIENCE", None)
+def test_a_thread_continues_when_the_loop_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreter_turns, "_TIMEOUT", None)
     dut = InterpreterTurns()
     dut.take()
     done = threading.Event()
@@ -35,9 +35,9 @@ def test_who_asks_goes_on_when_the_loop_is_done(monkeypatch: pytest.MonkeyPatch)
     thread.join()
 
 
-def test_a_loop_that_never_waits_stops_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_thread_waits_again_after_a_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     waits: list[float] = []
-    monkeypatch.setattr(interpreter_turns, "_FED_UP", math.inf)
+    monkeypatch.setattr(interpreter_turns, "_BACK_OFF", math.inf)
     dut = InterpreterTurns()
     monkeypatch.setattr(dut._free, "wait", waits.append)
     dut.take()
@@ -45,4 +45,4 @@ def test_a_loop_that_never_waits_stops_nobody(monkeypatch: pytest.MonkeyPatch) -
     for _ in range(3):
         dut.wait()
 
-    assert waits == [interpreter_turns._PATIENCE]
+    assert waits == [interpreter_turns._TIMEOUT]

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from poil_drake.diagrams.run.report import OutputPaths
-from poil_drake.runtime.output_files import OutputError, require_writable
+from poil_drake.runtime.output_files import OutputError, require_writable, whole_file
 
 
-def test_folders_are_made_and_files_left_alone(tmp_path: Path) -> None:
+def test_require_writable_makes_folders_and_leaves_files_alone(tmp_path: Path) -> None:
     path = tmp_path / "new" / "plan.npz"
 
     require_writable(path)
@@ -19,68 +18,89 @@ def test_folders_are_made_and_files_left_alone(tmp_path: Path) -> None:
     assert [p.name for p in path.parent.iterdir()] == ["plan.npz"]
 
 
-def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"is a folder.*Name a file"):
-        require_writable(tmp_path)
-
-
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("", "is a folder.*Name a file"),
+        ("file/plan.npz", "cannot be written.*Choose a folder"),
+        pytest.param(
+            "/proc/self/run.html",
+            r"'/proc/self/run\.html' cannot be written",
+            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc"),
+        ),
+    ],
+)
+def test_require_writable_rejects_paths_that_cannot_be_files(
+    tmp_path: Path, name: str, error: str
+) -> None:
     (tmp_path / "file").write_text("")
 
-    with pytest.raises(OutputError, match=r"cannot be written.*Choose a folder"):
-        require_writable(tmp_path / "file" / "plan.npz")
+    with pytest.raises(OutputError, match=error):
+        require_writable(tmp_path / name)
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that nobody can write to")
-def test_a_folder_that_cannot_be_written_to_is_refused() -> None:
-    with pytest.raises(OutputError, match=r"'/proc/self/run\.html' cannot be written"):
-        require_writable(Path("/proc/self/run.html"))
+def test_the_file_appears_at_the_end(tmp_path):
+    path = tmp_path / "folder" / "figures.json"
+
+    with whole_file(path) as file:
+        file.write(b"all")
+        assert not path.exists()
+
+    assert path.read_bytes() == b"all"
+    assert os.listdir(path.parent) == [path.name]
 
 
-def test_old_outputs_are_removed(tmp_path: Path) -> None:
-    dut = OutputPaths.under(tmp_path)
-    dut.json.write_text("{}")
+def test_the_old_file_stays_if_writing_fails(tmp_path):
+    path = tmp_path / "figures.json"
+    path.write_bytes(b"old")
 
-    dut.remove()
+    def write_half() -> None:
+        with whole_file(path) as file:
+            file.write(b"half")
+            raise RuntimeError
 
-    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(RuntimeError):
+        write_half()
 
-
-@pytest.mark.parametrize("kind", ["html", "mcap", "png", "json"])
-def test_an_output_that_is_a_folder_is_refused(kind: str, tmp_path: Path) -> None:
-    (tmp_path / f"run.{kind}").mkdir()
-
-    with pytest.raises(OutputError, match=f"run.{kind}' is a folder"):
-        OutputPaths.under(tmp_path).remove()
-
-
-def test_two_outputs_in_one_file_are_refused(tmp_path: Path) -> None:
-    same = tmp_path / "run.txt"
-
-    with pytest.raises(OutputError, match="'html' and 'json' both go to"):
-        OutputPaths(html=same, json=same).remove()
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [path.name]
 
 
-@pytest.mark.parametrize("name", ["run.gif", "run"])
-def test_a_picture_of_unknown_format_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"\.png, \.pdf, \.svg"):
-        OutputPaths(png=tmp_path / name).remove()
+def test_the_file_has_the_users_default_mode(tmp_path):
+    ordinary, path = tmp_path / "ordinary", tmp_path / "figures.json"
+    ordinary.write_bytes(b"")
+
+    with whole_file(path) as file:
+        file.write(b"all")
+
+    assert path.stat().st_mode == ordinary.stat().st_mode
 
 
-def test_outputs_can_be_checked_without_removing_them(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text("{}")
+def test_a_link_stays_a_link(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_bytes(b"old")
+    link.symlink_to(target)
 
-    OutputPaths.under(tmp_path).check()
+    with whole_file(link) as file:
+        file.write(b"new")
 
-    assert (tmp_path / "run.json").exists()
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
 
 
-def test_only_regular_files_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe = tmp_path / "pipe.json"
-    os.mkfifo(pipe)
-    removed: list[Path] = []
-    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok: removed.append(path))
+def test_a_device_is_written_to_directly():
+    with whole_file(Path("/dev/null")) as file:
+        file.write(b"all")
 
-    OutputPaths(json=pipe, mcap=Path("/dev/stdout"), png=Path("/dev/null")).unlink()
+    assert Path("/dev/null").is_char_device()
 
-    assert removed == []
+
+def test_a_pipe_is_written_to_directly():
+    read, write = os.pipe()
+
+    with whole_file(Path(f"/dev/fd/{write}")) as file:
+        file.write(b"new")
+
+    os.close(write)
+    assert os.read(read, 10) == b"new"
+    os.close(read)

@@ -5,16 +5,16 @@ import pytest
 from poil_drake.runtime.user_cache import cached_directory, user_cache_directory
 
 
-def test_the_cache_follows_xdg(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.fixture(autouse=True)
+def cache_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
+
+def test_the_cache_follows_xdg(tmp_path: Path) -> None:
     assert user_cache_directory() == tmp_path / "poil_drake"
 
 
-def test_a_directory_is_made_once_per_version(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+def test_a_directory_is_made_once_per_version() -> None:
     calls = []
 
     def make(directory: Path) -> None:
@@ -31,9 +31,7 @@ def test_a_directory_is_made_once_per_version(
     assert len(calls) == 2
 
 
-def test_a_failure_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-
+def test_a_failure_leaves_nothing_behind() -> None:
     def make(directory: Path) -> None:
         (directory / "half").write_text("made")
         raise KeyboardInterrupt
@@ -44,11 +42,7 @@ def test_a_failure_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert list(user_cache_directory().iterdir()) == []
 
 
-def test_the_slower_of_two_processes_takes_what_the_faster_made(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-
+def test_the_slower_of_two_processes_uses_the_directory_of_the_faster() -> None:
     def make(directory: Path) -> None:
         faster = user_cache_directory() / "thing-1"
         faster.mkdir()

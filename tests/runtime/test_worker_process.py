@@ -1,7 +1,5 @@
 import os
-import signal
 from collections.abc import Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +18,24 @@ def dut() -> Iterator[WorkerProcess]:
     worker.end()
 
 
-def test_it_is_told_first_and_answers_from_a_process_of_its_own(dut: WorkerProcess) -> None:
-    setup, pid, word = dut.ask(("word", [])).value
+def test_it_gets_its_setup_and_answers_from_another_process(dut: WorkerProcess) -> None:
+    setup, pid, word, _ = dut.ask(("word", []))
 
     assert (setup, word) == ("hello", "word")
     assert pid == dut.pid != os.getpid()
     assert dut.alive
 
 
-def test_arrays_come_back_as_they_were(dut: WorkerProcess) -> None:
+def test_requests_do_not_overwrite_the_arrays_of_the_setup() -> None:
+    dut = WorkerProcess(WORKER, [np.arange(10.0)])
+
+    setup, *_ = dut.ask(("word", [np.zeros(1000)]))
+
+    np.testing.assert_array_equal(setup, [np.arange(10.0)])
+    dut.end()
+
+
+def test_arrays_come_back_unchanged(dut: WorkerProcess) -> None:
     rng = np.random.default_rng(0)
     arrays = [
         rng.normal(size=(3, 4)),
@@ -40,39 +47,39 @@ def test_arrays_come_back_as_they_were(dut: WorkerProcess) -> None:
         np.array([True, False]),
     ]
 
-    answer = dut.ask(("word", arrays))
+    answers = dut.ask(("word", arrays))[3]
 
-    assert len(answer.arrays) == len(arrays)
-    for before, after in zip(arrays, answer.arrays, strict=True):
+    for before, after in zip(arrays, answers, strict=True):
         np.testing.assert_array_equal(after, before, strict=True)
+    assert not answers[0].flags.writeable
 
 
-def test_what_was_answered_stays_while_more_and_larger_is_asked(dut: WorkerProcess) -> None:
-    first = dut.ask(("word", [np.arange(10.0)])).arrays[0]
+def test_answers_are_not_overwritten_by_later_ones(dut: WorkerProcess) -> None:
+    first = dut.ask(("word", [np.arange(10.0)]))[3][0]
 
-    larger = dut.ask(("word", [np.full(1_000_000, 7.0)])).arrays[0]
-    smaller = dut.ask(("word", [np.full(4, 9.0)])).arrays[0]
+    larger = dut.ask(("word", [np.full(1_000_000, 7.0)]))[3][0]
+    smaller = dut.ask(("word", [np.full(4, 9.0)]))[3][0]
 
     np.testing.assert_array_equal(first, np.arange(10.0))
     assert (larger == 7.0).all()
     assert larger.shape == (1_000_000,)
     np.testing.assert_array_equal(smaller, np.full(4, 9.0))
-    assert first.flags.owndata
 
 
-def test_an_error_with_a_remedy_comes_through_and_the_worker_goes_on(dut: WorkerProcess) -> None:
-    with pytest.raises(TrackingError) as caught:
-        dut.ask(("fail", []))
+@pytest.mark.parametrize(
+    ("word", "error", "text"),
+    [
+        ("fail", TrackingError, r"Nothing is seen\. Look again\."),
+        ("stumble", RuntimeError, "ZeroDivisionError: by mistake"),
+    ],
+)
+def test_an_error_of_the_worker_is_raised_here_and_the_worker_goes_on(
+    dut: WorkerProcess, word: str, error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        dut.ask((word, []))
 
-    assert (caught.value.problem, caught.value.remedy) == ("Nothing is seen.", "Look again.")
-    assert dut.ask(("word", [])).value[2] == "word"
-
-
-def test_a_mistake_shows_where_it_was_made_and_the_worker_goes_on(dut: WorkerProcess) -> None:
-    with pytest.raises(RuntimeError, match="ZeroDivisionError: by mistake"):
-        dut.ask(("stumble", []))
-
-    assert dut.ask(("word", [])).value[2] == "word"
+    assert dut.ask(("word", []))[2] == "word"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +89,7 @@ def test_a_mistake_shows_where_it_was_made_and_the_worker_goes_on(dut: WorkerPro
         ("broken", RuntimeError, "ZeroDivisionError: in the beginning"),
     ],
 )
-def test_what_goes_wrong_at_the_start_is_the_answer_to_everything(
+def test_an_error_of_the_setup_is_the_answer_to_every_request(
     setup: str, error: type[Exception], says: str
 ) -> None:
     dut = WorkerProcess(WORKER, setup)
@@ -93,24 +100,24 @@ def test_what_goes_wrong_at_the_start_is_the_answer_to_everything(
     dut.end()
 
 
-def test_a_worker_that_dies_over_a_request_says_with_which_status(dut: WorkerProcess) -> None:
-    for _ in range(2):  # and again to whoever asks later
+def test_a_worker_that_dies_during_a_request_is_reported_with_its_status(
+    dut: WorkerProcess,
+) -> None:
+    for _ in range(2):
         with pytest.raises(WorkerEndedError, match="has ended with status 7"):
             dut.ask(("die", []))
 
     assert not dut.alive
 
 
-def test_a_worker_that_was_killed_says_so(dut: WorkerProcess) -> None:
-    dut.ask(("word", []))
-
-    os.kill(dut.pid, signal.SIGKILL)
+def test_a_killed_worker_is_reported(dut: WorkerProcess) -> None:
+    dut.kill()
 
     with pytest.raises(WorkerEndedError, match="has ended with status -9"):
         dut.ask(("word", []))
 
 
-def test_an_interrupt_from_the_keyboard_does_not_reach_it_even_while_it_starts() -> None:
+def test_ctrl_c_does_not_reach_the_worker_even_while_it_starts() -> None:
     dut = WorkerProcess(WORKER, "hello")
 
     # A terminal sends the interrupt to the whole group in the foreground.
@@ -130,7 +137,7 @@ def test_ending_leaves_no_process(dut: WorkerProcess) -> None:
         dut.ask(("word", []))
 
 
-def test_a_worker_that_nobody_holds_ends_by_itself() -> None:
+def test_a_worker_ends_with_its_last_reference() -> None:
     dut = WorkerProcess(WORKER, "hello")
     dut.ask(("word", []))
     process = dut._process
@@ -153,31 +160,24 @@ def test_it_computes_on_one_core(monkeypatch: pytest.MonkeyPatch) -> None:
     dut.end()
 
 
-def test_files_of_the_folder_one_works_in_do_not_hide_libraries(
+def test_files_in_the_working_directory_do_not_shadow_libraries(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "queue.py").write_text("raise RuntimeError('not this one')")
     monkeypatch.chdir(tmp_path)
     dut = WorkerProcess(WORKER, "hello")
 
-    assert dut.ask(("word", [])).value[2] == "word"
+    assert dut.ask(("word", []))[2] == "word"
     dut.end()
 
 
-def test_whoever_is_interrupted_leaves_no_answer_for_the_next(
+def test_an_interrupted_request_leaves_no_answer_for_the_next(
     dut: WorkerProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Interrupted:
-        def __init__(self, connection: Connection):
-            self._connection = connection
+    def interrupted() -> None:
+        raise KeyboardInterrupt
 
-        def recv(self) -> object:
-            raise KeyboardInterrupt
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self._connection, name)
-
-    monkeypatch.setattr(dut, "_connection", Interrupted(dut._connection))
+    monkeypatch.setattr(dut._channel, "receive", interrupted)
     with pytest.raises(KeyboardInterrupt):
         dut.ask(("first", []))
     monkeypatch.undo()
@@ -186,10 +186,10 @@ def test_whoever_is_interrupted_leaves_no_answer_for_the_next(
         dut.ask(("second", []))
 
 
-def test_asking_one_that_has_ended_touches_no_file(dut: WorkerProcess, tmp_path: Path) -> None:
+def test_asking_an_ended_worker_writes_to_no_file(dut: WorkerProcess, tmp_path: Path) -> None:
     dut.ask(("word", []))
     dut.end()
-    # These get the numbers that the worker's files had.
+    # These get the file descriptors that the worker's memory had.
     files = [(tmp_path / f"{k}").open("w+b") for k in range(8)]
 
     with pytest.raises(WorkerEndedError):

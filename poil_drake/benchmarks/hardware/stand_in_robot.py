@@ -25,7 +25,7 @@ from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
-from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
+from poil_drake.runtime.real_time import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmNetwork

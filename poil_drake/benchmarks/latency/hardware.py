@@ -24,12 +24,7 @@ from poil_drake.benchmarks.hardware.stand_in_robot import (
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run.planning import PlanScenario
-from poil_drake.diagrams.run.real_time_loop import (
-    LoopTiming,
-    QuietInterpreter,
-    RealTimeLoop,
-    RealTimeLoopConfig,
-)
+from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -40,8 +35,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 from poil_drake.reports.progress import OneLineTqdm
-from poil_drake.runtime.real_time_memory import KeepMemory
-from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
+from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
 from poil_drake.systems.skill.phases import Phase, SkillState
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
@@ -198,11 +192,7 @@ def _run(
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
         try:
             simulator = Simulator(loop.diagram)
-            pace = RealTimeLoop(
-                simulator,
-                period=scenario.poil.rates.control,
-                config=RealTimeLoopConfig(pause=COMMAND_SHARE),
-            )
+            pace = RealTimeLoop(simulator, period=scenario.poil.rates.control, pause=COMMAND_SHARE)
             simulator.Initialize()
             loop.station.WarmUp()
             stall = _Stall(loop)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from poil_drake.benchmarks.trials.pool import LostTrial
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.planning import PlanScenario
-from poil_drake.diagrams.run.report import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.randomization import ObjectDirective

@@ -6,15 +6,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.replay.cameras import CameraNotes
 from poil_drake.diagrams.replay.setup import RECORDED, ReplaySetup, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.run.output_paths import OutputPaths
-from poil_drake.diagrams.run.real_time_loop import QuietInterpreter
-from poil_drake.diagrams.run.simulator import MakeSimulator
 from poil_drake.diagrams.station.replay_station import ReplayStation
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.comparison.run_comparison import compare_runs
@@ -32,8 +30,9 @@ from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.progress import ProgressBar
-from poil_drake.reports.replay_picture import ReplayPictureData, make_replay_picture
+from poil_drake.reports.replay_picture import make_replay_picture
 from poil_drake.reports.replay_summary import ReplaySummary
+from poil_drake.runtime.real_time import QuietInterpreter
 from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.skill.stop_requests import StopSwitch
 
@@ -96,9 +95,10 @@ def Replay(
         limits = MakePandaKinematics().velocity_limits
         make_replay_picture(
             outputs.png,
-            ReplayPictureData(
-                summary=summary, recorded=setup.run, replayed=replayed, velocity_limits=limits
-            ),
+            summary=summary,
+            recorded=setup.run,
+            replayed=replayed,
+            velocity_limits=limits,
         )
     if outputs.json is not None:
         summary.write_json(outputs.json)
@@ -135,7 +135,9 @@ def _run(
             stop_switch=switch,
         ) as loop,
     ):
-        simulator = MakeSimulator(loop.diagram, setup.scenario, realtime_rate=0.0)
+        simulator = Simulator(loop.diagram)
+        ApplySimulatorConfig(setup.scenario.simulator_config, simulator)
+        simulator.set_target_realtime_rate(0.0)
         with QuietInterpreter(collecting=True):
             _advance(loop, simulator, setup.run, switch, progress)
     progress("replay", 1.0)

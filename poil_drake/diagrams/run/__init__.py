@@ -1,1 +1,1 @@
-"""Plans, executes and reports a run."""
+"""Plans, executes and reports a run of the skill, in simulation or on hardware."""

@@ -1,4 +1,4 @@
-"""Opens the log of a run, with all that a replay needs to begin."""
+"""Opens the log of a run, with all that a replay needs to start."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,15 +19,15 @@ def OpenRunLog(
     metadata: Mapping[str, str] | None = None,
     config: RunLogConfig | None = None,
 ) -> RunLogWriter:
-    """Opens the log of a run; whoever opens it closes it.
+    """Opens the log of a run. The caller closes it.
 
     Args:
-        path: Where it goes.
-        plan: What is executed; it is kept in the log.
-        scenario: Where; likewise.
-        station: What executes it: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
-        metadata: What else to say about the run.
-        config: How to log. None: as suits the station.
+        path: The log's file.
+        plan: The plan that is executed; the log contains it.
+        scenario: The scenario of the run; the log contains it.
+        station: The kind of station: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
+        metadata: Further metadata of the run.
+        config: How to log; by default as suits the station.
     """
     if config is None:
         config = RunLogConfig() if station == SIMULATED else RunLogConfig.for_hardware()

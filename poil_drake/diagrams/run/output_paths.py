@@ -1,19 +1,24 @@
-"""Where the outputs of a run go."""
+"""Where the outputs of a run go, and the figures of a run that fails before it has any."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import PoilError
+from poil_drake.reports.run_summary import RunSummary, RunTiming
 from poil_drake.runtime.output_files import OutputError, require_writable
+from poil_drake.runtime.stopwatch import Stopwatch
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
-"""What the picture's name may end in, which tells its format."""
+"""Allowed suffixes of the picture. They choose its format."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputPaths:
-    """Where the outputs of a run go; None leaves one out.
+    """Where the outputs of a run go; an output that is None is not written.
 
     Attributes:
         html: The Meshcat recording.
@@ -29,50 +34,96 @@ class OutputPaths:
 
     @classmethod
     def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns the usual files in a directory, but for those given."""
+        """Returns the usual files in a directory, except for those given."""
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
-    def remove(self, *, inputs: Sequence[str | Path | None] = ()) -> None:
-        """Removes the files after checking that all can be written, see `check` and `unlink`."""
-        self.check(inputs=inputs)
-        self.unlink()
-
     def check(self, *, inputs: Sequence[str | Path | None] = ()) -> None:
-        """Checks that all files can be written; those that are there stay.
+        """Checks that all files can be written, and leaves them alone.
 
         Args:
-            inputs: Files that are read and must stay; None stands for none.
+            inputs: Files that must not be overwritten; None stands for no file.
 
         Raises:
-            OutputError: when one cannot be written, is an input, or two are the same.
+            OutputError: if a file cannot be written or is an input, or if two are the same.
         """
-        paths = self._paths
+        paths = self.as_dict()
         for kind, path in paths.items():
             place = path.resolve()
             twins = [k for k, other in paths.items() if k != kind and other.resolve() == place]
             if twins:
                 raise OutputError(
                     f"The outputs '{kind}' and '{twins[0]}' both go to '{path}'.",
-                    remedy="Name a file of its own for each.",
+                    remedy="Name a separate file for each.",
                 )
             require_writable(path, inputs=inputs)
         if self.png is not None and self.png.suffix not in PICTURE_SUFFIXES:
             raise OutputError(
                 f"The picture '{self.png}' ends in '{self.png.suffix}'.",
-                remedy=f"Let it end in one of: {', '.join(PICTURE_SUFFIXES)}.",
+                remedy=f"Use one of these suffixes: {', '.join(PICTURE_SUFFIXES)}.",
             )
 
     def unlink(self) -> None:
-        """Removes the files, where there are any, so that nobody takes them for new ones.
+        """Removes older files, so that they cannot be mistaken for new ones.
 
-        What is no regular file, such as /dev/stdout, stays, whatever it leads to.
+        Paths that are not regular files stay, such as /dev/stdout, whatever it leads to.
         """
-        for path in self._paths.values():
+        for path in self.as_dict().values():
             devices = {Path("/dev"), Path("/proc")} & set(path.absolute().parents)
             if path.is_file() and not devices:
                 path.unlink(missing_ok=True)
 
-    @property
-    def _paths(self) -> dict[str, Path]:
+    def as_dict(self) -> dict[str, Path]:
+        """Returns kind -> path of the outputs that are written."""
         return {kind: path for kind, path in vars(self).items() if path is not None}
+
+
+@contextmanager
+def FreshOutputs(
+    outputs: OutputPaths,
+    scenario: Scenario,
+    stages: Stopwatch,
+    *,
+    inputs: Sequence[str | Path | None] = (),
+) -> Iterator[None]:
+    """Removes older outputs, and writes figures even if the block raises.
+
+    If the block raises before it has written its own figures, those written here say that the job
+    failed, and why. The exception propagates.
+
+    Args:
+        outputs: Where the outputs go.
+        scenario: The scenario of the job.
+        stages: How long the finished stages of the job took.
+        inputs: Files that must not be overwritten, besides the scenario and its demonstration.
+
+    Raises:
+        OutputError: if an output cannot be written; all older ones stay then.
+    """
+    outputs.check(inputs=(scenario.source.file, scenario.poil.demonstration, *inputs))
+    outputs.unlink()
+    try:
+        yield
+    except BaseException as error:
+        if outputs.json is not None and not outputs.json.exists():
+            RunSummary(
+                success=False,
+                reason=failure_reason(error),
+                scenario=scenario.source.name,
+                scenario_file=scenario.source.file,
+                seed=scenario.random_seed,
+                tracker=scenario.poil.tracker,
+                timing=RunTiming(simulated=0.0, wall=0.0, stages=stages.totals()),
+                outputs={"json": str(outputs.json)},
+            ).write_json(outputs.json)
+        raise
+
+
+def failure_reason(error: BaseException) -> str:
+    """Returns one clause that says why a job ended with an exception."""
+    if isinstance(error, PoilError):
+        return error.problem.rstrip(".")
+    text = " ".join(str(error).split())
+    if not isinstance(error, Exception):  # Of a Unix signal, such as KeyboardInterrupt.
+        return text or "stopped by the user"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,6 +1,4 @@
-"""Whether a plan fits the scene in which it is to be executed."""
-
-from dataclasses import dataclass
+"""Checks that a plan fits the scene in which it is executed."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,77 +11,34 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.transfer.part_points import view_part
 
+_JOINT_TOLERANCE = 0.01
+"""Largest distance of a joint from the start of the approach [rad]. With the arm stretched out,
+0.01 rad move the hand by 1 cm, about the clearance that motions keep from obstacles."""
 
-@dataclass(frozen=True, kw_only=True)
-class PlanFitConfig:
-    """How far a scene may differ from what a plan has seen.
+_SURFACE_TOLERANCE = 0.003
+"""Largest mean distance between the object, or its part, in the plan and in the scene [m]. Two
+captures of one scene differ by 1 mm; a shift by 5 mm, or a turn of a mug by 5 degrees, makes 3."""
 
-    Attributes:
-        joint_tolerance: How far a joint may stand from where the approach begins [rad]. With the
-            arm stretched out, 0.01 rad move the hand by 1 cm, about what motions keep clear of
-            obstacles.
-        surface_tolerance: Largest mean distance between what the plan has seen of the object, or
-            of its part, and what is seen now [m]. Two looks at the same scene differ by 1 mm; a
-            shift by 5 mm, or a turn of a mug by 5 degrees, makes 3 mm.
-        kept_share: Share of the points that counts, those nearest; the others may be noise at
-            edges.
-    """
-
-    joint_tolerance: float = 0.01
-    surface_tolerance: float = 0.003
-    kept_share: float = 0.9
+_KEPT_SHARE = 0.9
+"""Share of the points that counts, the nearest ones; the others may be noise at edges."""
 
 
-def CheckPlanFits(
-    plan: ExecutionPlan,
-    scenario: Scenario,
-    *,
-    hardware: bool = False,
-    config: PlanFitConfig | None = None,
-) -> None:
-    """Checks that a plan was made for this scene, as the station shows it before it moves.
+def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = False) -> None:
+    """Checks that a plan was made for this scene, in the station's initial state.
 
-    Object and part are looked for with the scenario's detector, as when the plan was made; no
-    ground truth is used. Where nothing looks through cameras, because there are none or the
-    ground-truth baseline needs none, it is not checked where the object stands.
+    The scenario's detector finds object and part, as it did for the plan; no ground truth is used.
+    The object's pose is not checked if the station has no cameras, or if the tracker is the
+    ground-truth baseline, which needs none.
 
     Args:
         plan: The plan.
         scenario: Where it is to be executed.
         hardware: Whether the station is the real robot.
-        config: Tolerances.
 
     Raises:
         PlanningError: naming the first difference.
-        DetectionError: when the object or its part is not seen.
+        DetectionError: if the object or its part is not detected.
     """
-    config = config or PlanFitConfig()
-    _check_labels(plan, scenario)
-    looking = scenario.poil.tracker != GROUND_TRUTH
-    with MakeStation(
-        scenario, hardware=hardware, dry_run=True, cameras=looking, ignore_output_delay=True
-    ) as station:
-        CheckArmStands(plan, station, config)
-        if station.camera_names:
-            _check_object(plan, station, config)
-
-
-def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
-    """Returns how far two clouds of one surface are apart [m].
-
-    The mean distance of the points of either to the nearest ones of the other, without the farthest
-    points; the larger of both directions.
-
-    Args:
-        first: (N, 3) points [m].
-        second: (M, 3) points [m].
-        kept_share: Share of the points that counts, in (0, 1].
-    """
-    distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
-    return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)
-
-
-def _check_labels(plan: ExecutionPlan, scenario: Scenario) -> None:
     pairs = (
         ("object", plan.object_label, scenario.poil.object),
         ("part", plan.part_label, scenario.poil.part),
@@ -94,26 +49,25 @@ def _check_labels(plan: ExecutionPlan, scenario: Scenario) -> None:
                 f"The plan is for the {role} '{planned}', but poil.{role} is '{wanted}'.",
                 remedy="Execute it in the scenario it was made for, or plan again: poil transfer.",
             )
+    cameras = scenario.poil.tracker != GROUND_TRUTH
+    with MakeStation(
+        scenario, hardware=hardware, dry_run=True, cameras=cameras, ignore_output_delay=True
+    ) as station:
+        CheckArmPosition(plan, station)
+        if station.camera_names:
+            _check_object(plan, station)
 
 
-def CheckArmStands(
-    plan: ExecutionPlan, station: Station, config: PlanFitConfig | None = None
-) -> None:
-    """Checks that the arm stands where a plan begins.
-
-    Args:
-        plan: The plan.
-        station: The arm, as it is measured now.
-        config: Tolerances.
+def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
+    """Checks that the measured arm position is where the plan begins.
 
     Raises:
         PlanningError: naming the joint that is farthest away.
     """
-    config = config or PlanFitConfig()
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])
     joint = int(np.argmax(gaps))
-    if gaps[joint] > config.joint_tolerance:
+    if gaps[joint] > _JOINT_TOLERANCE:
         raise PlanningError(
             f"The arm does not stand where the plan begins: joint {joint + 1} is "
             f"{gaps[joint]:.3f} rad away.",
@@ -122,7 +76,7 @@ def CheckArmStands(
         )
 
 
-def _check_object(plan: ExecutionPlan, station: Station, config: PlanFitConfig) -> None:
+def _check_object(plan: ExecutionPlan, station: Station) -> None:
     poil = station.scenario.poil
     view = view_part(
         CaptureFrame(station, station.CreateDefaultContext(), labels=True),
@@ -135,11 +89,26 @@ def _check_object(plan: ExecutionPlan, station: Station, config: PlanFitConfig) 
         (f"part '{poil.part}' of '{poil.object}'", plan.part_points, view.part.points),
     )
     for name, planned, seen in pairs:
-        distance = surface_distance(planned, seen, config.kept_share)
-        if distance > config.surface_tolerance:
+        distance = surface_distance(planned, seen, _KEPT_SHARE)
+        if distance > _SURFACE_TOLERANCE:
             raise PlanningError(
-                f"The {name} is not as the plan has seen it: surfaces are {1e3 * distance:.0f} mm "
-                "apart.",
-                remedy="Put back object and cameras as they were (option --seed draws another "
-                "pose), or plan again: poil transfer.",
+                f"The {name} differs from what the plan saw: the surfaces are "
+                f"{1e3 * distance:.0f} mm apart.",
+                remedy="Put object and cameras back (option --seed draws another pose), "
+                "or plan again: poil transfer.",
             )
+
+
+def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
+    """Returns the distance between two clouds of the same surface [m].
+
+    This is the mean distance from the points of one cloud to their nearest neighbours in the other,
+    without the farthest points; the larger value of both directions.
+
+    Args:
+        first: (N, 3) points [m].
+        second: (M, 3) points [m].
+        kept_share: Share of the points that counts, in (0, 1].
+    """
+    distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
+    return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)

@@ -1,13 +1,12 @@
-"""From a demonstration and a scenario to an execution plan."""
+"""Makes an execution plan from a demonstration and a scenario."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
+from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -16,29 +15,14 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
-from poil_drake.perception.images import MultiViewFrame
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.pipeline import TransferConfig, transfer
+from poil_drake.transfer.progress import Progress
 
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlanningConfig:
-    """How a demonstration becomes a plan.
-
-    Attributes:
-        scene_fusion: How all that the cameras see becomes obstacle points; coarser than for the
-            object, but fine enough to tell contact of the object with the fixture. A few stray
-            points do no harm, so none are sought.
-        planner: How the grasp and the way to it are chosen.
-    """
-
-    scene_fusion: FusionConfig = field(
-        default_factory=lambda: FusionConfig(voxel_size=0.004, outlier_neighbours=0)
-    )
-    planner: PlannerConfig = field(default_factory=PlannerConfig)
+_OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
+"""How all that the cameras see becomes obstacle points: coarser than for the object, but fine
+enough to detect contact between object and fixture. A few outliers do no harm."""
 
 
 def PlanScenario(
@@ -47,26 +31,23 @@ def PlanScenario(
     *,
     hardware: bool = False,
     output: str | Path | None = None,
-    config: PlanningConfig | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
     """Transfers a demonstration to the scenario's object and chooses a grasp.
 
-    The scene is looked at once, through the station's cameras, as it stands at the start.
+    The station's cameras capture the scene once, in its initial state.
 
     Args:
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
-        hardware: Whether the station is the real robot, which is looked at and not moved.
-        output: Where to save the plan, and beside it an HTML page that shows it; None: nowhere.
-        config: All parameters; of table, boxes and field, the scenario's values are taken.
-        progress: Told what is being done and which share of it, in [0, 1].
+        hardware: Whether the station is the real robot, which does not move.
+        output: Path of the plan, which an HTML page beside it shows; None: neither is written.
+        progress: Called with the name of each step and the finished share of it, in [0, 1].
 
     Raises:
-        PoilError: One of its kinds: the demonstration is damaged, a part is not seen, the motion
-            cannot be transferred, no grasp is feasible.
+        PoilError: if the demonstration is damaged, a part is not detected, the motion cannot be
+            transferred, or no grasp is feasible.
     """
-    config = config or PlanningConfig()
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     detector = make_detector(poil.detector)
@@ -77,7 +58,6 @@ def PlanScenario(
         context = station.CreateDefaultContext()
         frame = CaptureFrame(station, context, labels=True)
         q_start = station.ArmPosition(context)
-    transfer_config = TransferConfig()
     transferred = transfer(
         recorded,
         frame,
@@ -86,20 +66,21 @@ def PlanScenario(
         object_label=poil.object,
         part_label=poil.part,
         demonstration_object_label=poil.demonstration_object_label,
-        config=replace(transfer_config, num_points=poil.num_points),
+        config=replace(TransferConfig(), num_points=poil.num_points),
         progress=progress,
     )
     model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
+    everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
     result = plan_execution(
         transferred.matchings,
         object_label=poil.object,
         part_label=poil.part,
         object_cloud=transferred.object_cloud,
         part_points=transferred.part_cloud.points,
-        scene_points=_everything(frame, config.scene_fusion),
+        scene_points=fuse_views(frame, everything, _OBSTACLE_FUSION).points,
         q_start=q_start,
         model=model,
-        config=_with_the_scenarios_values(config.planner, poil),
+        config=_planner_config(poil),
         seed=scenario.random_seed,
         metadata={
             "poil_drake": version("poil-drake"),
@@ -116,8 +97,9 @@ def PlanScenario(
     return result.plan
 
 
-def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> PlannerConfig:
-    """Returns the planner's parameters with the scene's table and boxes, and the field."""
+def _planner_config(poil: PoilConfig) -> PlannerConfig:
+    """Returns the default planner with the scenario's table, safety limits and field."""
+    config = PlannerConfig()
     path = replace(
         config.path,
         field=BcsdmConfig(eta=poil.eta),
@@ -127,8 +109,3 @@ def _with_the_scenarios_values(config: PlannerConfig, poil: PoilConfig) -> Plann
     collision = replace(config.feasibility.collision, ground_height=poil.table_height)
     feasibility = replace(config.feasibility, collision=collision, posture=poil.safety.posture)
     return replace(config, path=path, feasibility=feasibility)
-
-
-def _everything(frame: MultiViewFrame, fusion: FusionConfig) -> np.ndarray:
-    masks = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
-    return fuse_views(frame, masks, fusion).points

@@ -1,41 +1,21 @@
-"""Advances a simulator at the pace of the clock, and notes how well that went."""
+"""Advances a simulator in real time, and records how well that works."""
 
 import gc
 import math
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.runtime.interpreter_turns import TURNS
 
-_SWITCH_INTERVAL = 1e-4
-"""For so long another thread may keep the interpreter from the loop [s]."""
+_GIVE_UP = 3
+"""A loop that is late by this many periods does not catch up, because commands that are late and
+in quick succession are of no use. It continues at its pace from the present time."""
 
-_TIDY_PERIOD = 1.0
-"""Between two looks for young garbage [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RealTimeLoopConfig:
-    """How the loop keeps its pace.
-
-    Attributes:
-        time_scale: Seconds of the simulator per second.
-        give_up: A loop that is so many periods late does not catch up: what it would do late, and
-            hurriedly, is of no use. From then on it keeps its pace from where it is.
-        pause: Share of the period after which it waits once more, so that what happens from then on
-            in the period is not done early; 0: it does not.
-    """
-
-    time_scale: float = 1.0
-    give_up: int = 3
-    pause: float = 0.0
+_COLLECTION_PERIOD = 1.0
+"""Time between two collections of young garbage [s]."""
 
 
 @dataclass
@@ -43,10 +23,10 @@ class LoopTiming:
     """When the ticks of a loop began and how long they took.
 
     Attributes:
-        starts: When each began [s], by a clock of its own.
+        starts: When each began [s], from an arbitrary zero.
         lateness: How long after it was due each began [s].
         durations: How long each took, without waiting [s].
-        missed: Ticks that were due while an earlier one was still to begin.
+        missed: Ticks that were due while an earlier one had yet to begin.
     """
 
     starts: list[float] = field(default_factory=list)
@@ -55,7 +35,7 @@ class LoopTiming:
     missed: int = 0
 
     def latest(self, ticks: int = 8) -> dict[str, float]:
-        """Returns the worst of the last ticks, and how many were missed in all, for a log."""
+        """Returns the worst of the last ticks, and the number of all missed ones, for a log."""
         return {
             "lateness": max(self.lateness[-ticks:], default=math.nan),
             "duration": max(self.durations[-ticks:], default=math.nan),
@@ -82,15 +62,15 @@ class LoopTiming:
 
 
 class RealTimeLoop:
-    """Calls a simulator's AdvanceTo once a period, when it is due.
+    """Calls a simulator's AdvanceTo once in each period, when the period begins.
 
-    Drake's own `target_realtime_rate` waits in C++ after each of its steps. This waits before each
-    period, so that what arrives meanwhile is known to the update which follows, and, if it shall,
-    within a period, so that commands go out at an even pace however long the update took. It leaves
-    the interpreter to other threads while it waits (`InterpreterTurns`).
+    Drake's own `target_realtime_rate` waits in C++ after each of its steps. This loop waits before
+    each period, so that the update at its start sees every message that arrived meanwhile, and,
+    with a `pause`, within the period, so that commands leave at an even pace however long the
+    update took. While it waits, other threads have the interpreter (`InterpreterTurns`).
 
     Attributes:
-        timing: Of all ticks so far.
+        timing: The timing of all ticks so far.
     """
 
     def __init__(
@@ -98,67 +78,65 @@ class RealTimeLoop:
         simulator: Simulator,
         *,
         period: float,
-        config: RealTimeLoopConfig | None = None,
+        time_scale: float = 1.0,
+        pause: float = 0.0,
     ):
-        """Keeps what it needs; the pace begins with the first `AdvanceTo`.
+        """Prepares; the pace begins with the first `AdvanceTo`.
 
         Args:
-            simulator: What to advance, as fast as it can.
-            period: Of the ticks [s, of the simulator].
-            config: The pace.
+            simulator: What to advance. It must not wait itself.
+            period: Of the ticks [s, simulated].
+            time_scale: Simulated seconds per second.
+            pause: Share of the period after which to wait again, so that nothing due later in the
+                period happens early. 0 for no second wait.
         """
         self._simulator, self._period = simulator, period
-        self._config = config or RealTimeLoopConfig()
+        self._time_scale, self._pause = time_scale, pause
         self._context = simulator.get_mutable_context()
         self._due: float | None = None
-        self._tidied, self._behind = 0.0, 0
+        self._collected, self._behind = 0.0, 0
         self.timing = LoopTiming()
 
     def AdvanceTo(self, boundary: float) -> None:
         """Ticks until the simulator's time is `boundary` [s], a multiple of the period."""
         try:
-            self._tick_until(boundary)
+            done = round(self._context.get_time() / self._period)
+            for tick in range(done + 1, round(boundary / self._period) + 1):
+                self._tick(tick)
         finally:
             TURNS.give()
 
-    def _tick_until(self, boundary: float) -> None:
-        step = self._period / self._config.time_scale
-        pause = self._config.pause
+    def _tick(self, tick: int) -> None:
+        step = self._period / self._time_scale
         now = time.perf_counter()
         due = now if self._due is None else self._due
-        ticks = round((boundary - self._context.get_time()) / self._period)
-        first = round(self._context.get_time() / self._period) + 1
-        timing = self.timing
-        for tick in range(first, first + ticks):
-            now = _wait_until(due, now)
-            late = now - due
-            behind = int(late / step)
-            # Those that were missed before are late still, while it catches up.
-            timing.missed += max(0, behind - self._behind)
-            if behind >= self._config.give_up:
-                due, behind = now, 0
-            self._behind = behind
-            waited = 0.0
-            if pause:
-                # To some time before: all that is due by then, and not what is due at it.
-                self._simulator.AdvanceTo((tick - 1.0 + 0.5 * pause) * self._period)
-                computed = time.perf_counter()
-                waited = _wait_until(due + pause * step, computed) - computed
-            self._simulator.AdvanceTo(tick * self._period)
-            after = time.perf_counter()
-            timing.starts.append(now)
-            timing.lateness.append(late)
-            timing.durations.append(after - now - waited)
-            if after - self._tidied > _TIDY_PERIOD:
-                gc.collect(0)
-                self._tidied = after
-            now = time.perf_counter()
-            due += step
-            self._due = due
+        now = _wait_until(due, now)
+        late = now - due
+        behind = int(late / step)
+        # While the loop catches up, ticks counted as missed before are late again.
+        self.timing.missed += max(0, behind - self._behind)
+        if behind >= _GIVE_UP:
+            due, behind = now, 0
+        self._behind = behind
+        waited = 0.0
+        if self._pause:
+            # Into the middle of the pause: only the events that are due after it wait.
+            self._simulator.AdvanceTo((tick - 1.0 + 0.5 * self._pause) * self._period)
+            computed = time.perf_counter()
+            waited = _wait_until(due + self._pause * step, computed) - computed
+        self._simulator.AdvanceTo(tick * self._period)
+        after = time.perf_counter()
+        self.timing.starts.append(now)
+        self.timing.lateness.append(late)
+        self.timing.durations.append(after - now - waited)
+        if after - self._collected > _COLLECTION_PERIOD:
+            gc.collect(0)
+            self._collected = after
+        self._due = due + step
 
 
 def _wait_until(due: float, now: float) -> float:
-    """Returns the time when the wait was over."""
+    """Waits if `due` is after `now`; returns the time after that."""
     if now >= due:
         return now
     TURNS.give()
@@ -167,32 +145,3 @@ def _wait_until(due: float, now: float) -> float:
         now = time.perf_counter()
     TURNS.take()
     return now
-
-
-@contextmanager
-def QuietInterpreter(*, collecting: bool = False) -> Iterator[None]:
-    """Keeps garbage collection, and long turns of other threads, out of a loop.
-
-    Imported libraries and the diagram stay; scanning them for garbage again and again is waste.
-    OpenCV works on the thread that asks it to: its own would not have the loop's priority.
-
-    Args:
-        collecting: Whether what is new is scanned as ever, and threads take turns as ever: for a
-            loop that nobody waits for.
-    """
-    interval, enabled = sys.getswitchinterval(), gc.isenabled()
-    threads = cv2.getNumThreads()
-    gc.collect()
-    gc.freeze()
-    if not collecting:
-        gc.disable()
-        sys.setswitchinterval(_SWITCH_INTERVAL)
-        cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(interval)
-        cv2.setNumThreads(threads)
-        if enabled:
-            gc.enable()
-        gc.unfreeze()

@@ -1,4 +1,4 @@
-"""Samples a running closed loop for its summary. Nothing in the loop depends on it."""
+"""Samples a running closed loop for its summary. Nothing in the loop depends on this."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -7,8 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop
-from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
-from poil_drake.diagrams.run.task_success import HangingJudge
+from poil_drake.diagrams.run.task_success import HangingJudge, SimulatedTruth
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.safety.faults import SafetyFault
@@ -31,14 +30,14 @@ _VECTORS = {
 
 
 class Sample(NamedTuple):
-    """What was seen at one time: name of a signal -> its value."""
+    """The value of each signal, by its name, at one time [s]."""
 
     time: float
     values: dict[str, np.ndarray]
 
 
 class CheckedTrack(NamedTuple):
-    """A track that was released, and (N, 3) where the points truly were at its stamp [m, world]."""
+    """A released track, and the true positions (N, 3) [m, world] of its points at its stamp."""
 
     track: TrackedPoints
     truth: np.ndarray
@@ -46,17 +45,16 @@ class CheckedTrack(NamedTuple):
 
 @dataclass
 class RunRecorder:
-    """Collects samples of a closed loop; `sample` is called between steps of the simulation.
+    """Collects samples of a closed loop; a run calls `sample` between steps of the simulation.
 
-    A sample is added whole or not at all, so that a signal which stops the run in the middle of
-    one leaves a record that fits together.
+    A sample is added as a whole or not at all. So a Unix signal that stops the run during a sample
+    leaves a consistent record.
 
     Attributes:
         loop: The closed loop.
         query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
-        truth: Where the object truly is, and whether it hangs; None on hardware, where only the
-            cameras could say.
-        samples: What was seen, in order.
+        truth: The true state of the object; None on hardware.
+        samples: The samples, in order.
         tracks: Every track that was released.
     """
 
@@ -68,11 +66,7 @@ class RunRecorder:
     _poses: dict[float, np.ndarray] = field(default_factory=dict)
 
     def sample(self, root: Context) -> None:
-        """Takes one sample.
-
-        Args:
-            root: The root context of the loop's diagram.
-        """
+        """Takes one sample from the root context of the loop's diagram."""
         values = {
             name: np.array(self._evaluate(root, system, port))
             for name, (system, port) in _VECTORS.items()
@@ -83,16 +77,16 @@ class RunRecorder:
         self._poses[root.get_time()] = self.truth.object_pose(root)
         self._sample_track(root)
         if self.phase >= Phase.RELEASE:
-            self.truth.judge_now(root)
+            self.truth.observe(root)
 
     @property
     def judge(self) -> HangingJudge | None:
-        """Tells whether the object hangs; None where nobody can."""
+        """Measures how long the object has hung; None on hardware."""
         return None if self.truth is None else self.truth.judge
 
     @property
     def times(self) -> list[float]:
-        """Times of the samples [s]."""
+        """The times of the samples [s]."""
         return [sample.time for sample in self.samples]
 
     @property
@@ -105,7 +99,7 @@ class RunRecorder:
         return Fault(int(self._evaluate(root, "sequencer", "fault")[0]))
 
     def phase_start(self, root: Context) -> float:
-        """Returns when the present phase began [s]."""
+        """Returns when the current phase began [s]."""
         return float(self._evaluate(root, "sequencer", "phase_start")[0])
 
     def safety_fault(self, root: Context) -> SafetyFault:
@@ -113,14 +107,14 @@ class RunRecorder:
         return SafetyFault(int(self._evaluate(root, "supervisor", "fault")[0]))
 
     def signal(self, name: str) -> np.ndarray:
-        """Returns one signal, a row (or, for scalars, an entry) for each sample."""
+        """Returns one signal: a row for each sample, or an entry if it is a scalar."""
         rows = np.array([sample.values[name] for sample in self.samples])
         return rows[:, 0] if rows.shape[1] == 1 else rows
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the stamps (S,) [s] of all tracks and the (S, N) distances to the truth [m].
+        """Returns the stamps (S,) [s] of all tracks, and the (S, N) distances to the truth [m].
 
-        NaN where a point was not observed.
+        The distance of a point that was not observed is NaN.
         """
         errors = np.full((len(self.tracks), len(self.query_points)), np.nan)
         for row, (track, truth) in zip(errors, self.tracks, strict=True):

@@ -4,13 +4,12 @@ import dataclasses
 import math
 import time
 import traceback
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
@@ -18,18 +17,13 @@ from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
-from poil_drake.diagrams.run.plan_validation import CheckArmStands, CheckPlanFits
+from poil_drake.diagrams.run.output_paths import FreshOutputs, OutputPaths
+from poil_drake.diagrams.run.plan_validation import CheckArmPosition, CheckPlanFits
 from poil_drake.diagrams.run.planning import PlanScenario
-from poil_drake.diagrams.run.real_time_loop import (
-    QuietInterpreter,
-    RealTimeLoop,
-    RealTimeLoopConfig,
-)
+from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.run.recorder import RunRecorder
-from poil_drake.diagrams.run.report import FreshOutputs, OutputPaths, Report, WriteReport
-from poil_drake.diagrams.run.shutdown import Brake, Resting
-from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
-from poil_drake.diagrams.run.simulator import MakeSimulator
+from poil_drake.diagrams.run.report import Report, WriteReport
+from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
 from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
@@ -38,6 +32,7 @@ from poil_drake.diagrams.station.station import (
     MakeStation,
     RequireLabels,
     SimulatedStation,
+    Station,
 )
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -46,13 +41,15 @@ from poil_drake.recording.run_log.layout import DRY_RUN, HARDWARE, SIMULATED
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.progress import ProgressBar
 from poil_drake.reports.run_summary import RunSummary
-from poil_drake.runtime.real_time_memory import KeepMemory
-from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
+from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.stop_requests import StopSwitch
 from poil_drake.systems.skill.terminal_stop_key import TerminalStopKey
+
+_LONGEST_BRAKING = 1.0
+"""More time than the supervisor ever takes to bring the arm to rest [s]."""
 
 
 def RunSkill(
@@ -63,34 +60,33 @@ def RunSkill(
     dry_run: bool = False,
     show: bool = True,
     realtime_rate: float | None = None,
-    demonstration: Path | None = None,
 ) -> RunSummary:
-    """Does the main job: demonstration, transfer, grasp, closed loop.
+    """Records a demonstration, transfers it, and executes the plan in closed loop.
+
+    A demonstration that the scenario does not name is simulated, and recorded beside the outputs.
 
     Args:
         scenario: The station and the task.
         outputs: Where the outputs go.
         hardware: Whether to drive the real robot.
-        dry_run: On hardware: whether nothing is sent to the robot, and the motion only shown.
+        dry_run: On hardware: whether to send nothing to the robot, and only show the motion.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
-            the scenario's `simulator_config` says.
-        demonstration: Where to record the built-in demonstration, if the scenario names none. None:
-            beside the outputs.
+        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. By default as
+            in the scenario's `simulator_config`.
 
     Raises:
-        PoilError: when there is no plan to execute, which the figures written say, too; a failed
-            execution is in the summary.
-        BaseException: that stopped it and is no error, e.g. KeyboardInterrupt, after the outputs
-            were written.
+        PoilError: if there is no plan to execute; the figures say so, too. A failed execution does
+            not raise: it is in the summary.
+        BaseException: the one that stopped the run and is not an error, e.g. KeyboardInterrupt,
+            after the outputs are written.
     """
     stages = Stopwatch()
     recorded = scenario.poil.demonstration
     if recorded is None:
         beside = outputs.json or outputs.mcap or outputs.html or Path("out/run")
-        recorded = str(demonstration or beside.parent / "demo.mcap")
+        recorded = str(beside.parent / "demo.mcap")
     with FreshOutputs(outputs, scenario, stages, inputs=(recorded,)):
-        # Mistakes in the scenario show before minutes are spent on a demonstration.
+        # Find mistakes in the scenario before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
         if hardware:
@@ -99,7 +95,7 @@ def RunSkill(
         RequireLabels(station)
         if hardware:
             with station:
-                pass  # A robot or a camera that is not there shows now.
+                pass  # Raises an error if the robot or a camera is missing.
         if scenario.poil.demonstration is None:
             with stages.measure("demonstration"):
                 RecordScenarioDemonstration(scenario, Path(recorded))
@@ -122,11 +118,7 @@ def RunSkill(
 def RecordScenarioDemonstration(scenario: Scenario, path: Path) -> int:
     """Records the scenario's built-in demonstration with a progress bar; returns its frames."""
     with ProgressBar() as progress:
-        return RecordDemonstration(
-            scenario,
-            path,
-            progress=progress,
-        )
+        return RecordDemonstration(scenario, path, progress=progress)
 
 
 def ExecutePlan(
@@ -146,36 +138,36 @@ def ExecutePlan(
     """Executes a plan in closed loop, judges the outcome and writes the outputs.
 
     Args:
-        plan: What to do.
+        plan: The plan.
         scenario: The station and the task.
         outputs: Where the outputs go. They are written even if the run fails or is stopped.
         hardware: Whether to drive the real robot.
-        dry_run: On hardware: whether nothing is sent to the robot, and the motion only shown.
+        dry_run: On hardware: whether to send nothing to the robot, and only show the motion.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs as fast as it can. None: as
-            the scenario's `simulator_config` says.
+        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. By default as
+            in the scenario's `simulator_config`.
         show_progress: Whether to draw a progress bar.
-        stages: How long the stages of the job before this one took.
-        check: Whether to look first if the plan fits the scene; there is no need to right after
-            it was made.
+        stages: How long the earlier stages of the job took.
+        check: Whether to check first that the plan fits the scene, which a new plan does.
         inputs: Files that the outputs must not overwrite, such as the plan's.
 
     Raises:
-        PoilError: when the plan does not fit the scene, or the loop cannot be built.
-        BaseException: that stopped it and is no error, e.g. KeyboardInterrupt, after the outputs
-            were written.
+        PoilError: if the plan does not fit the scene, or the loop cannot be built.
+        BaseException: the one that stopped the run and is not an error, e.g. KeyboardInterrupt,
+            after the outputs are written.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
     if hardware:
         KeepMemory()
     with FreshOutputs(outputs, scenario, stages, inputs=inputs), ExitStack() as stack:
-        if not show:
-            outputs = dataclasses.replace(outputs, html=None)
-        album = SnapshotAlbum() if outputs.png is not None else None
-        meshcat = MakeMeshcat() if show else None
-        if meshcat is not None:
+        meshcat = album = log = None
+        if show:
+            meshcat = MakeMeshcat()
             print(f"watch live: {meshcat.web_url()}", flush=True)
-        log = None
+        else:
+            outputs = dataclasses.replace(outputs, html=None)
+        if outputs.png is not None:
+            album = SnapshotAlbum()
         if outputs.mcap is not None:
             station = (DRY_RUN if dry_run else HARDWARE) if hardware else SIMULATED
             log = stack.enter_context(
@@ -188,7 +180,7 @@ def ExecutePlan(
             if hardware:
                 key = stack.enter_context(TerminalStopKey(switch))
                 keys = "space, Enter, q or Escape" if key.active else "no key (no terminal)"
-                page = ", the button on the page" if meshcat is not None else ""
+                page = ", the button on the page" if show else ""
                 print(f"what stops the arm: {keys}{page}, Ctrl-C", flush=True)
             loop = MakeClosedLoop(
                 scenario,
@@ -202,16 +194,21 @@ def ExecutePlan(
                 stopwatch=stopwatch,
             )
             stack.callback(loop.Close)
+            truth = None
+            if isinstance(loop.station, SimulatedStation):
+                truth = SimulatedTruth.of(loop.station)
+            recorder = RunRecorder(loop=loop, query_points=plan.target_points, truth=truth)
             if meshcat is not None and outputs.html is not None:
-                stack.enter_context(_recording(meshcat, outputs.html, scenario))
-            recorder = RunRecorder(
-                loop=loop,
-                query_points=plan.target_points,
-                truth=_truth(loop),
-            )
+                recording = HtmlRecording(
+                    meshcat,
+                    outputs.html,
+                    title=f"poil_drake: {scenario.poil.object} on {scenario.poil.fixture}",
+                    frames_per_second=1.0 / scenario.poil.rates.logger,
+                )
+                stack.enter_context(recording)
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
             report = _simulate(
-                loop, plan, scenario, recorder, stopwatch, realtime_rate, progress, log
+                loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate
             )
             report = dataclasses.replace(report, dry_run=dry_run)
         with stages.measure("report"):
@@ -227,33 +224,39 @@ def _simulate(
     plan: ExecutionPlan,
     scenario: Scenario,
     recorder: RunRecorder,
-    stopwatch: Stopwatch,
-    realtime_rate: float | None,
-    progress: ProgressBar,
     log: RunLogWriter | None,
+    stopwatch: Stopwatch,
+    progress: ProgressBar,
+    realtime_rate: float | None,
 ) -> Report:
-    if isinstance(loop.station, HardwareStation):
-        realtime_rate = 0.0  # Who waits is the loop.
-    simulator = MakeSimulator(loop.diagram, scenario, realtime_rate=realtime_rate)
+    """Advances the loop until the skill is done, has failed, or runs out of time."""
+    station, hardware = loop.station, scenario.poil.hardware
+    rates, clock = scenario.poil.rates, hardware.clock()
+    simulator = Simulator(loop.diagram)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
     root = simulator.get_mutable_context()
-    expected = _expected_duration(plan, scenario, loop.speed)
-    rates = scenario.poil.rates
-    pace, clock = _pace(loop, simulator), scenario.poil.hardware.clock()
+    pace: RealTimeLoop | None = None
+    if isinstance(station, HardwareStation):
+        simulator.set_target_realtime_rate(0.0)  # `RealTimeLoop` does the pacing.
+        pace = RealTimeLoop(
+            simulator, period=rates.control, time_scale=hardware.time_scale, pause=COMMAND_SHARE
+        )
+    elif realtime_rate is not None:
+        simulator.set_target_realtime_rate(realtime_rate)
     advance = simulator.AdvanceTo if pace is None else pace.AdvanceTo
+    expected = _expected_duration(plan, loop.speed)
     stopped: BaseException | None = None
-    epoch = math.nan
-    start = time.perf_counter()
-    priority = 0 if pace is None else scenario.poil.hardware.realtime_priority
+    epoch, start = math.nan, time.perf_counter()
     try:
         with (
             QuietInterpreter(collecting=pace is None),
-            RealTimeScheduling(priority, followers=True),
-            Resting(loop.station),
+            RealTimeScheduling(0 if pace is None else hardware.realtime_priority, followers=True),
+            rest_on_exit(station),
         ):
             simulator.Initialize()
             if pace is not None:
-                loop.station.WarmUp()  # What came before all this was built is old.
-                CheckArmStands(plan, loop.station)
+                station.WarmUp()  # Messages that arrived while the loop was built are old.
+                CheckArmPosition(plan, station)
                 epoch = clock()
             with stopwatch.measure("reporting"):
                 recorder.sample(root)
@@ -265,18 +268,20 @@ def _simulate(
                     log.write_status("/loop/status", pace.timing.latest(), time=root.get_time())
                 progress("closed loop", min(root.get_time() / expected, 0.99))
             if pace is not None:
-                # Now, as the loop may have fallen behind since; its last tick has just been.
+                # Read again after the last tick, because the loop may have fallen behind meanwhile.
                 epoch = clock() - (root.get_time() - rates.control)
-            if pace is not None and recorder.phase is Phase.FAULT:
-                Brake(loop, root, pace)
-    except BaseException as error:  # Also of signals; it goes on once the outputs are written.
+                if recorder.phase is Phase.FAULT:
+                    Brake(loop, root, pace)
+    except BaseException as error:  # KeyboardInterrupt, too: `ExecutePlan` raises it again.
         if not recorder.times:
             raise
         if isinstance(error, Exception) and not isinstance(error, PoilError):
-            traceback.print_exc()  # The figures say it in one clause only.
+            traceback.print_exc()  # The figures hold only one clause of it.
         stopped = error
     wall = time.perf_counter() - start
     progress("closed loop", 1.0)
+    supervisor, truth = loop.supervisor, recorder.truth
+    posture = supervisor.posture_problem(supervisor.GetMyContextFromRoot(root))
     return Report(
         plan=plan,
         scenario=scenario,
@@ -287,57 +292,33 @@ def _simulate(
         wall=wall,
         stopwatch=stopwatch,
         stopped=stopped,
-        final_state=_plant_state(loop, root),
-        problems=_problems(loop, root),
+        final_state=np.empty(0) if truth is None else truth.plant_state(root),
+        problems=(*(() if posture is None else (posture,)), *station.Problems()),
         loop_timing=None if pace is None else pace.timing,
         fault_time=recorder.phase_start(root) if recorder.phase is Phase.FAULT else math.nan,
         epoch=epoch,
     )
 
 
-def _pace(loop: ClosedLoop, simulator: Simulator) -> RealTimeLoop | None:
-    """Returns what advances a loop with a real robot; a simulation needs nothing."""
-    station = loop.station
-    if not isinstance(station, HardwareStation):
-        return None
-    return RealTimeLoop(
-        simulator,
-        period=station.scenario.poil.rates.control,
-        config=RealTimeLoopConfig(time_scale=station.config.time_scale, pause=COMMAND_SHARE),
-    )
+@contextmanager
+def rest_on_exit(station: Station) -> Iterator[None]:
+    """Brings the robot to rest at the end of the block, before anything else happens."""
+    try:
+        yield
+    finally:
+        station.Rest()
 
 
-def _problems(loop: ClosedLoop, root: Context) -> tuple[str, ...]:
-    """Returns what may have led to a failure, a clause each."""
-    supervisor = loop.supervisor
-    posture = supervisor.posture_problem(supervisor.GetMyContextFromRoot(root))
-    return (*(() if posture is None else (posture,)), *loop.station.Problems())
+def Brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
+    """Advances the loop until the supervisor has brought the arm to rest."""
+    context = loop.supervisor.GetMyContextFromRoot(root)
+    period, end = loop.station.scenario.poil.rates.control, root.get_time() + _LONGEST_BRAKING
+    while loop.supervisor.commanded_motion(context).velocity.any() and root.get_time() < end:
+        pace.AdvanceTo(root.get_time() + period)
 
 
-def _truth(loop: ClosedLoop) -> SimulatedTruth | None:
-    station = loop.station
-    return SimulatedTruth.of(station) if isinstance(station, SimulatedStation) else None
-
-
-def _plant_state(loop: ClosedLoop, root: Context) -> np.ndarray:
-    """Returns the simulated plant's state; nothing where there is none."""
-    if not isinstance(loop.station, SimulatedStation):
-        return np.empty(0)
-    plant = loop.station.plant()
-    return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
-
-
-def _expected_duration(plan: ExecutionPlan, scenario: Scenario, speed: float) -> float:
+def _expected_duration(plan: ExecutionPlan, speed: float) -> float:
     """Returns about how long a run takes [s], for the progress bar."""
     expected = plan.metadata.get("expected_duration")
     following = float(expected) if isinstance(expected, (int, float)) else 8.0
     return (plan.approach.duration + plan.descent.duration + following) / speed + 8.0
-
-
-def _recording(meshcat: Meshcat, path: Path, scenario: Scenario) -> HtmlRecording:
-    return HtmlRecording(
-        meshcat,
-        path,
-        title=f"poil_drake: {scenario.poil.object} on {scenario.poil.fixture}",
-        frames_per_second=1.0 / scenario.poil.rates.logger,
-    )

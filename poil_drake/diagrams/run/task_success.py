@@ -1,12 +1,17 @@
-"""Ground-truth judgement of a simulated run: does the object hang on its fixture?"""
+"""Ground truth of a simulated run: the object's pose, and whether it hangs on its fixture."""
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
+import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.station.station import SimulatedStation
+from poil_drake.diagrams.station.station_state import GetObjectPose
 
 
 def TouchedGeometries(
@@ -19,9 +24,9 @@ def TouchedGeometries(
 
     Args:
         plant: The simulated plant.
-        inspector: Its scene graph's inspector.
+        inspector: The inspector of its scene graph.
         contact_results: The value of the plant's `contact_results` port.
-        model: The instance whose contacts are asked for. Contacts within it are left out.
+        model: The model instance. Contacts within it are left out.
     """
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
@@ -42,13 +47,13 @@ def TouchedGeometries(
 def HolderGeometries(
     plant: MultibodyPlant, inspector: SceneGraphInspector, fixture: str, part: str
 ) -> frozenset[str]:
-    """Returns the scoped names of a fixture's geometries on which an object hangs.
+    """Returns the scoped names of the geometries of a fixture that hold a hanging object.
 
     Args:
         plant: The plant.
-        inspector: Its scene graph's inspector.
+        inspector: The inspector of its scene graph.
         fixture: The fixture's model instance.
-        part: Its link, or a pattern on the names of geometries.
+        part: Its link, or a pattern for the names of geometries; see `CollisionGeometries`.
     """
     return frozenset(
         ScopedGeometryName(plant, inspector, geometry_id)
@@ -58,19 +63,19 @@ def HolderGeometries(
 
 @dataclass
 class HangingJudge:
-    """Watches contacts until the object has hung for long enough.
+    """Observes contacts, and measures how long the object has hung.
 
-    The object hangs while it touches the fixture's holder, and nothing but the fixture: it may
-    lean against the rest of the fixture, but standing on that is no hanging. What counts is the
-    time for which it has done so without a break, up to now.
+    The object hangs while it touches the fixture's holder and nothing but the fixture. It may lean
+    against the rest of the fixture, but standing on that is not hanging. The time counts from the
+    start of the present, unbroken stretch.
 
     Attributes:
         fixture: The fixture's model instance, e.g. "rack".
         holder: Scoped names of the geometries that hold a hanging object, e.g. "rack::rod::bar".
-        longest_flight: For how long an object may touch nothing, e.g. while it swings [s].
-        hanging_since: Since when the object hangs [s]; None while it does not.
+        longest_flight: How long an object may touch nothing, e.g. while it swings [s].
+        hanging_since: When the object began to hang [s]; None while it does not.
         holder_touched_at: When it last touched the holder [s].
-        last_touched: What the object touched last.
+        last_touched: The geometries that the object touched at the last observation.
     """
 
     fixture: str
@@ -81,7 +86,7 @@ class HangingJudge:
     last_touched: frozenset[str] = frozenset()
 
     def observe(self, time: float, touched: frozenset[str]) -> None:
-        """Takes in which geometries, by their scoped names, the object touches at a time [s]."""
+        """Takes in the scoped names of the geometries that the object touches at a time [s]."""
         self.last_touched = touched
         if self.holder & touched:
             self.holder_touched_at = time
@@ -97,5 +102,51 @@ class HangingJudge:
         return frozenset(name.rpartition("::")[0] for name in self.last_touched)
 
     def hanging_time(self, time: float) -> float:
-        """Returns for how long [s] the object has hung."""
+        """Returns how long [s] the object has hung at a time [s]."""
         return 0.0 if self.hanging_since is None else time - self.hanging_since
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedTruth:
+    """The true state of the object in a simulated station. Nothing in a loop may depend on it.
+
+    Attributes:
+        station: The station.
+        judge: Measures how long the object has hung.
+    """
+
+    station: SimulatedStation
+    judge: HangingJudge
+
+    @classmethod
+    def of(cls, station: SimulatedStation) -> Self:
+        """Returns the truth about a station."""
+        poil = station.scenario.poil
+        holder = HolderGeometries(
+            station.plant(),
+            station.scene_graph().model_inspector(),
+            poil.fixture,
+            poil.demonstration_motion.hanging.rod,
+        )
+        return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
+
+    def object_pose(self, root: Context) -> np.ndarray:
+        """Returns X_WO (4, 4), the pose of the object's base body, from the root context."""
+        context = self.station.GetMyContextFromRoot(root)
+        return GetObjectPose(self.station, context).GetAsMatrix4()
+
+    def plant_state(self, root: Context) -> np.ndarray:
+        """Returns the positions and velocities of the simulated plant."""
+        plant = self.station.plant()
+        return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
+
+    def observe(self, root: Context) -> None:
+        """Shows the judge what the object touches now."""
+        context = self.station.GetMyContextFromRoot(root)
+        touched = TouchedGeometries(
+            self.station.plant(),
+            self.station.GetOutputPort("query_object").Eval(context).inspector(),
+            self.station.GetOutputPort("contact_results").Eval(context),
+            self.station.scenario.poil.object,
+        )
+        self.judge.observe(root.get_time(), touched)

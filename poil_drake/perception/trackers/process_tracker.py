@@ -97,11 +97,10 @@ class ProcessTracker:
         dropped = self._dropped[:]
         del self._dropped[: len(dropped)]
         try:
-            answer = self._worker.ask((method, key, arguments, dropped))
+            new_key, points, lost = self._worker.ask((method, key, arguments, dropped))
         except WorkerEndedError as error:
             self.close()
             raise _lost(str(error)) from error
-        new_key, points, lost = answer.value
         state = RemoteState(self._workers, new_key)
         weakref.finalize(state, self._dropped.append, new_key)
         return TrackerOutput(state, points, lost)

@@ -3,9 +3,9 @@
 from itertools import count
 from typing import Any
 
+from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import PointTracker
-from poil_drake.runtime.worker_process import Answer
-from poil_drake.runtime.worker_service import run
+from poil_drake.runtime.worker_process import serve
 
 
 class TrackerService:
@@ -16,8 +16,10 @@ class TrackerService:
         self._states: dict[int, Any] = {}
         self._keys = count()
 
-    def __call__(self, request: tuple[str, int | None, tuple, list[int]]) -> Answer:
-        """Calls (method, key of the state or None, arguments), and forgets the states of some keys.
+    def __call__(
+        self, request: tuple[str, int | None, tuple, list[int]]
+    ) -> tuple[int, TrackedPoints, bool]:
+        """Answers (method, key of the state or None, arguments, keys to forget).
 
         Returns:
             Key of the new state, points, and whether the object is lost.
@@ -29,8 +31,8 @@ class TrackerService:
         output = getattr(self._tracker, method)(*before, *arguments)
         new = next(self._keys)
         self._states[new] = output.state
-        return Answer((new, output.points, output.lost))
+        return new, output.points, output.lost
 
 
 if __name__ == "__main__":
-    run(TrackerService)
+    serve(TrackerService)

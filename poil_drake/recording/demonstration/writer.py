@@ -25,7 +25,7 @@ from poil_drake.recording.mcap.library_versions import version_metadata
 from poil_drake.recording.mcap.message_encoder import MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
-from poil_drake.runtime.whole_file import whole_file
+from poil_drake.runtime.output_files import whole_file
 
 
 class DemonstrationWriter:

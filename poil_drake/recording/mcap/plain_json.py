@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.recording.mcap.timestamps import NANOSECONDS_PER_SECOND
-from poil_drake.runtime.whole_file import whole_file
+from poil_drake.runtime.output_files import whole_file
 
 _TIMESTAMP_SCHEMA = {
     "type": "object",

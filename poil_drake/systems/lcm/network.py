@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import StationError
 from poil_drake.runtime.interpreter_turns import TURNS
-from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
+from poil_drake.runtime.real_time import RealTimeScheduling
 
 
 class MessageNetwork(Protocol):

@@ -1,6 +1,7 @@
 """Measures the duration of all publishing in a diagram."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
@@ -26,9 +27,8 @@ class PublishingClock:
             stopwatch: Where to note the durations.
             schedules: When anything in the diagram publishes.
         """
-        self._schedules = sorted(set(schedules))
-        self._measurement = stopwatch.measure("publishing")
-        self._is_running = False
+        self._stopwatch, self._schedules = stopwatch, sorted(set(schedules))
+        self._running: AbstractContextManager[None] | None = None
 
     def AddStart(self, builder: DiagramBuilder) -> None:
         """Adds the system that starts the clock: before all others."""
@@ -41,11 +41,12 @@ class PublishingClock:
     def _add(self, builder: DiagramBuilder, name: str, *, starts: bool) -> None:
         def publish(context: Context) -> None:
             # Where two schedules meet, this runs twice.
-            if starts and not self._is_running:
-                self._measurement.__enter__()
-            elif self._is_running and not starts:
-                self._measurement.__exit__(None, None, None)
-            self._is_running = starts
+            if starts and self._running is None:
+                self._running = self._stopwatch.measure("publishing")
+                self._running.__enter__()
+            elif self._running is not None and not starts:
+                self._running.__exit__(None, None, None)
+                self._running = None
 
         system = builder.AddNamedSystem(name, LeafSystem())
         system.DeclareInitializationPublishEvent(publish)

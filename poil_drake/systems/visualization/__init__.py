@@ -1,1 +1,1 @@
-"""Draws the skill in Meshcat."""
+"""Draws the skill in Meshcat: points, reference, twist, and text in front of the scene."""

@@ -1,7 +1,7 @@
-"""Marks in Meshcat that can be recorded: spheres, arrows and tubes.
+"""Spheres, arrows and tubes in Meshcat that a recording can show.
 
-A recording holds changes of poses and properties, never new objects. So every mark is drawn once,
-when it is made, and only moved, scaled, shown and hidden afterwards.
+A recording holds changes of poses and properties, never new objects. A mark is therefore drawn once
+by its constructor, and only moved, scaled, shown and hidden afterwards.
 """
 
 from collections.abc import Sequence
@@ -10,9 +10,11 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
+_SIDES = 6  # Of a tube.
+
 
 class SphereMarkers:
-    """A fixed count of spheres that move, in one of several looks each."""
+    """A fixed number of spheres that move, each with one of several looks."""
 
     def __init__(
         self, meshcat: Meshcat, path: str, *, count: int, radius: float, colors: Sequence[Rgba]
@@ -21,10 +23,10 @@ class SphereMarkers:
 
         Args:
             meshcat: Where to draw.
-            path: The Meshcat path below which the spheres stand.
-            count: How many.
+            path: The Meshcat path of the group of spheres.
+            count: Number of spheres.
             radius: Their radius [m].
-            colors: Their looks. Each look after the first is drawn smaller.
+            colors: The colour of each look. Every look after the first is drawn smaller.
         """
         self._meshcat, self._path = meshcat, path
         self._paths = [f"{path}/{index}" for index in range(count)]
@@ -32,17 +34,17 @@ class SphereMarkers:
         for sphere_path in self._paths:
             for look, color in enumerate(colors):
                 meshcat.SetObject(f"{sphere_path}/{look}", Sphere(radius * 0.7**look), color)
-        self.hide()
+        meshcat.SetProperty(path, "visible", False)
         self.choose_looks(np.zeros(count, dtype=int))
 
-    def hide(self, time: float | None = None) -> None:
-        """Hides all spheres at `time` in the recording [s]."""
-        self._meshcat.SetProperty(self._path, "visible", False, time)
-
     def move(self, positions: np.ndarray, time: float | None = None) -> None:
-        """Moves the spheres to `positions` (N, 3) [m, world]; those not finite stay behind."""
-        self._meshcat.SetProperty(self._path, "visible", True, time)
+        """Moves the spheres to `positions` (N, 3) [m, world] at `time` in the recording [s].
+
+        A sphere whose position is not finite stays where it is. Without any finite position all
+        spheres are hidden.
+        """
         finite = np.isfinite(positions).all(axis=1)
+        self._meshcat.SetProperty(self._path, "visible", bool(finite.any()), time)
         for path, position, known in zip(self._paths, positions, finite, strict=True):
             if known:
                 self._meshcat.SetTransform(path, RigidTransform(position), time)
@@ -62,7 +64,7 @@ class ArrowMarker:
 
         Args:
             meshcat: Where to draw.
-            path: The Meshcat path below which the arrow stands.
+            path: The Meshcat path of the arrow.
             radius: Radius of its shaft [m].
             color: Its colour.
         """
@@ -70,34 +72,30 @@ class ArrowMarker:
         self._head_length = 6.0 * radius
         meshcat.SetObject(f"{path}/shaft/unit", Cylinder(radius, 1.0), color)
         meshcat.SetTransform(f"{path}/shaft/unit", RigidTransform([0.0, 0.0, 0.5]))
-        # Meshcat's cone stands on its tip: turned over, its base is at the origin.
+        # Meshcat's cone has its tip at the origin. Turned over, it has its base there.
         head = MeshcatCone(self._head_length, 2.5 * radius, 2.5 * radius)
         meshcat.SetObject(f"{path}/head/cone", head, color)
         meshcat.SetTransform(
             f"{path}/head/cone",
             RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0.0, 0.0, self._head_length]),
         )
-        self.hide()
-
-    def hide(self, time: float | None = None) -> None:
-        """Hides the arrow at `time` in the recording [s]."""
-        self._meshcat.SetProperty(self._path, "visible", False, time)
+        meshcat.SetProperty(path, "visible", False)
 
     def show(self, start: np.ndarray, vector: np.ndarray, time: float | None = None) -> None:
-        """Draws the arrow from `start` (3,) along `vector` (3,) [m, world].
+        """Draws the arrow from `start` (3,) along `vector` (3,) [m, world] at `time` [s].
 
         An arrow shorter than half its head, or one that is not finite, is hidden.
         """
         length = float(np.linalg.norm(vector))
-        if not np.isfinite(start).all() or not length > 0.5 * self._head_length:
-            self.hide(time)
+        visible = bool(np.isfinite(start).all() and 0.5 * self._head_length < length < np.inf)
+        self._meshcat.SetProperty(self._path, "visible", visible, time)
+        if not visible:
             return
         head = min(self._head_length, length)
         shaft = max(length - head, 1e-4)
         X_WA = RigidTransform(RotationMatrix.MakeFromOneVector(vector / length, 2), start)
-        self._meshcat.SetProperty(self._path, "visible", True, time)
         self._meshcat.SetTransform(self._path, X_WA, time)
-        # Scales are properties here because a transform with scale in it is not recorded.
+        # Meshcat does not record a transform that scales, but it does record the property `scale`.
         self._meshcat.SetProperty(f"{self._path}/shaft", "scale", [1.0, 1.0, shaft], time)
         self._meshcat.SetProperty(f"{self._path}/head", "position", [0.0, 0.0, shaft], time)
         scale = head / self._head_length
@@ -105,18 +103,18 @@ class ArrowMarker:
 
 
 def make_tube_mesh(
-    curve: np.ndarray, *, radius: float, sides: int = 6
+    curve: np.ndarray, *, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns a tube around a curve, as a triangle mesh.
 
     Args:
-        curve: (T, 3) points of the curve [m]. Where it rests, points are left out.
+        curve: (T, 3) points of the curve [m]. Points closer to the last one kept than `radius` are
+            left out.
         radius: The tube's radius [m].
-        sides: How many sides the tube has.
 
     Returns:
-        vertices (S * sides, 3) [m], faces (F, 3) int32, and the indices (S,) of the points kept;
-        all empty for a curve that does not move further than its radius.
+        vertices (6S, 3) [m] of S hexagons, faces (F, 3) int32, and the indices (S,) of the points
+        kept; all empty for a curve that moves no further than its radius.
     """
     kept = [0]
     for index in range(1, len(curve)):
@@ -128,7 +126,7 @@ def make_tube_mesh(
     tangents = np.gradient(points, axis=0)
     tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-12)
     normal = np.eye(3)[np.argmin(np.abs(tangents[0]))]
-    angles = np.arange(sides) * 2.0 * np.pi / sides
+    angles = np.arange(_SIDES) * 2.0 * np.pi / _SIDES
     rings = []
     for point, tangent in zip(points, tangents, strict=True):
         # The normal is carried along the curve, so that the tube does not twist.
@@ -138,9 +136,9 @@ def make_tube_mesh(
         rings.append(
             point + radius * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal))
         )
-    ring = np.arange(len(kept) - 1)[:, None] * sides
-    a, b = ring + np.arange(sides), ring + np.roll(np.arange(sides), -1)
-    faces = np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1).reshape(-1, 3)
+    ring = np.arange(len(kept) - 1)[:, None] * _SIDES
+    a, b = ring + np.arange(_SIDES), ring + np.roll(np.arange(_SIDES), -1)
+    faces = np.stack([a, b, b + _SIDES, a, b + _SIDES, a + _SIDES], axis=-1).reshape(-1, 3)
     return np.concatenate(rings), faces.astype(np.int32), np.array(kept)
 
 
@@ -153,7 +151,7 @@ def DrawTubes(
     start_color: Rgba,
     end_color: Rgba,
 ) -> None:
-    """Draws curves (N, T, 3) [m, world] as tubes whose colour runs from start to end."""
+    """Draws curves (N, T, 3) [m, world] as tubes whose colour changes from start to end."""
     vertices, faces, colors = [], [], []
     ends = np.array([[c.r(), c.g(), c.b()] for c in (start_color, end_color)])
     count = 0

@@ -1,26 +1,27 @@
 """Text in front of the scene: the phase and the error above, a colour legend below.
 
-The text hangs on the page's camera, so it faces whoever looks, from wherever they look, in the live
-page and in a recording alike.
+The text moves with the page's camera, so it faces every viewer, on the live page and in a
+recording alike.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 
 from poil_drake.systems.visualization.meshcat_text import (
+    LINE_HEIGHT,
+    DrawRectangle,
     DrawText,
-    MakeSelfLit,
-    NumberDisplay,
-    TextChoice,
-    make_text_mesh,
+    text_width,
 )
 
 CAMERA_PATH = "/Cameras/default/rotated/<object>"
 """Where Meshcat's page keeps its camera; objects below it move with the viewer."""
+
+OVERLAY_PATH = f"{CAMERA_PATH}/poil"
+"""The Meshcat path below which the overlay is drawn."""
 
 FIELD_OF_VIEW = math.radians(45.0)
 """The page's vertical field of view [rad]. The default, 75 degrees, distorts a scene this small."""
@@ -32,12 +33,16 @@ _HALF_SCREEN = _DISTANCE * math.tan(FIELD_OF_VIEW / 2.0)  # [m]
 _PANEL_MARGIN = 0.05 * _HALF_SCREEN  # [m] to the left and the right of text.
 _PANEL_OFFSET = 0.0005  # [m] How far panels stand behind their text.
 
-# Sizes and heights as fractions of half the screen's height; 0 is the middle, 1 the upper edge.
-_PHASE_SIZE, _PHASE_HEIGHT = 0.085, 0.885
-_ERROR_SIZE, _ERROR_HEIGHT = 0.060, 0.790
-_LEGEND_SIZE, _LEGEND_HEIGHT = 0.046, -0.955
+# Font sizes and heights as fractions of half the screen's height; 0 is the middle, 1 the top.
+_PHASE_SIZE, _PHASE_HEIGHT = 0.085, 0.911
+_ERROR_SIZE, _ERROR_HEIGHT = 0.060, 0.808
+_LEGEND_SIZE, _LEGEND_HEIGHT = 0.046, -0.941
 _TEXT_COLOR = Rgba(0.08, 0.08, 0.12, 1.0)
 _PANEL_COLOR = Rgba(1.0, 1.0, 1.0, 0.8)
+
+# The error is a display of four digits, drawn over spaces that are as wide as a digit.
+_LABEL, _DIGIT_SPACE = "mean point error ", "\u2007"
+_ERROR_LINE = f"{_LABEL}{3 * _DIGIT_SPACE}.{_DIGIT_SPACE} mm"
 
 
 class MeshcatOverlay:
@@ -49,7 +54,6 @@ class MeshcatOverlay:
         *,
         phase_names: Sequence[str] = (),
         legend: Mapping[str, Rgba] | None = None,
-        path: str = f"{CAMERA_PATH}/poil",
     ):
         """Draws everything that can be shown, and hides all of it but the legend.
 
@@ -59,120 +63,93 @@ class MeshcatOverlay:
             meshcat: Where to draw.
             phase_names: The phases' names, in the order of their indices.
             legend: What is drawn in which colour; None or empty for no legend.
-            path: The Meshcat path to draw below.
         """
-        self._meshcat, self._path = meshcat, path
+        self._meshcat, self._num_phases = meshcat, len(phase_names)
         meshcat.SetProperty(CAMERA_PATH, "fov", math.degrees(FIELD_OF_VIEW))
-        meshcat.Delete(path)
-        meshcat.SetTransform(path, RigidTransform([0.0, 0.0, -_DISTANCE]))
+        meshcat.Delete(OVERLAY_PATH)
+        meshcat.SetTransform(OVERLAY_PATH, RigidTransform([0.0, 0.0, -_DISTANCE]))
         names = [name.replace("_", " ") for name in phase_names]
-        widths = [make_text_mesh(name, bold=True).width for name in names]
-        width = max([_PHASE_SIZE * _HALF_SCREEN * width for width in widths], default=0.0)
         # Both lines get the same panel width, so that they look like one display.
-        width = max(width, self._draw_error())
-        self._draw_panel("error", width, _ERROR_SIZE * _HALF_SCREEN)
-        self._draw_phases(names)
-        self._draw_panel("phase", width, _PHASE_SIZE * _HALF_SCREEN)
-        self._draw_legend(legend or {})
+        width = max(
+            [_ERROR_SIZE * text_width(_ERROR_LINE)]
+            + [_PHASE_SIZE * text_width(name, bold=True) for name in names]
+        )
+        self._place_line("phase", _PHASE_HEIGHT, _PHASE_SIZE, width)
+        for index, name in enumerate(names):
+            self._draw_text(f"phase/name/{index}", [(name, _TEXT_COLOR)], _PHASE_SIZE, bold=True)
+        self._place_line("error", _ERROR_HEIGHT, _ERROR_SIZE, width)
+        self._draw_text("error/line", [(_ERROR_LINE, _TEXT_COLOR)], _ERROR_SIZE)
+        self._draw_digits()
+        if legend:
+            self._draw_legend(legend)
         self.show_phase(None)
         self.show_error(math.nan)
 
     def show_phase(self, index: int | None, time: float | None = None) -> None:
-        """Shows the phase with that index at `time` in the recording [s]; None hides it."""
-        known = index is not None and 0 <= index < self._phase_count
-        self._meshcat.SetProperty(f"{self._path}/phase", "visible", known, time)
-        self._phases.show(index, time)
+        """Shows the phase with that index at `time` in the recording [s].
+
+        None hides the phase, and so does an index without a name.
+        """
+        known = index is not None and 0 <= index < self._num_phases
+        self._meshcat.SetProperty(f"{OVERLAY_PATH}/phase", "visible", known, time)
+        self._show_one("phase/name", self._num_phases, index, time)
 
     def show_error(self, mean_error: float, time: float | None = None) -> None:
-        """Shows the mean point error [m] at `time` in the recording [s]; NaN hides it."""
+        """Shows the mean point error [m] at `time` in the recording [s], in mm up to 999.9.
+
+        A value that is not finite hides it.
+        """
         finite = math.isfinite(mean_error)
-        self._meshcat.SetProperty(f"{self._path}/error", "visible", finite, time)
-        self._error.show(mean_error * 1e3 if finite else math.nan, time)
+        self._meshcat.SetProperty(f"{OVERLAY_PATH}/error", "visible", finite, time)
+        shown = f"{min(1e3 * mean_error, 999.9):5.1f}" if finite else "   . "
+        for place, digit in enumerate(shown.replace(".", "")):
+            self._show_one(f"error/place_{place}", 10, None if digit == " " else int(digit), time)
 
-    def _draw_phases(self, names: Sequence[str]) -> None:
-        size = _PHASE_SIZE * _HALF_SCREEN
-        self._place("phase", _PHASE_HEIGHT)
-        self._phase_count = len(names)
-        self._phases = TextChoice(
-            self._meshcat,
-            f"{self._path}/phase/name",
-            names,
-            size=size,
-            color=_TEXT_COLOR,
-            align=0.5,
-            bold=True,
-        )
-
-    def _draw_error(self) -> float:
-        """Draws the line of the error and returns its width [m]."""
-        size = _ERROR_SIZE * _HALF_SCREEN
-        self._place("error", _ERROR_HEIGHT)
-        line, label, unit = f"{self._path}/error", "mean point error ", " mm"
-        widths = [make_text_mesh(text).width * size for text in (label, unit)]
-        self._error = NumberDisplay(
-            self._meshcat,
-            f"{line}/number",
-            integer_places=3,
-            decimal_places=1,
-            size=size,
-            color=_TEXT_COLOR,
-        )
-        total = widths[0] + self._error.width + widths[1]
-        for name, text, left in (
-            ("label", label, 0.0),
-            ("unit", unit, widths[0] + self._error.width),
-        ):
-            DrawText(self._meshcat, f"{line}/{name}", text, size=size, color=_TEXT_COLOR)
-            self._meshcat.SetTransform(
-                f"{line}/{name}", RigidTransform([left - total / 2.0, 0.0, 0.0])
+    def _show_one(self, name: str, count: int, chosen: int | None, time: float | None) -> None:
+        """Shows one of `count` texts. All get a keyframe, so that any part can be replayed."""
+        for index in range(count):
+            self._meshcat.SetProperty(
+                f"{OVERLAY_PATH}/{name}/{index}", "visible", index == chosen, time
             )
-        self._meshcat.SetTransform(
-            f"{line}/number", RigidTransform([widths[0] - total / 2.0, 0.0, 0.0])
-        )
-        return total
+
+    def _draw_digits(self) -> None:
+        """Draws ten digits for each place of the error's display."""
+        left = text_width(_LABEL) - text_width(_ERROR_LINE) / 2.0
+        for place, before in enumerate(("", "0", "00", "000.")):
+            x = left + text_width(before) + text_width("0") / 2.0
+            self._meshcat.SetTransform(
+                f"{OVERLAY_PATH}/error/place_{place}",
+                RigidTransform([x * _ERROR_SIZE * _HALF_SCREEN, 0.0, 0.0]),
+            )
+            for digit in range(10):
+                self._draw_text(
+                    f"error/place_{place}/{digit}", [(str(digit), _TEXT_COLOR)], _ERROR_SIZE
+                )
 
     def _draw_legend(self, legend: Mapping[str, Rgba]) -> None:
-        if not legend:
-            return
-        size = _LEGEND_SIZE * _HALF_SCREEN
-        dot, gap = 0.7 * size, 1.0 * size
-        self._place("legend", _LEGEND_HEIGHT)
-        widths = [1.5 * dot + make_text_mesh(name).width * size for name in legend]
-        total = sum(widths) + gap * (len(widths) - 1)
-        left = -total / 2.0
-        for index, (name, color) in enumerate(legend.items()):
-            path = f"{self._path}/legend/{index}"
-            self._meshcat.SetTransform(path, RigidTransform([left, 0.0, 0.0]))
-            _draw_rectangle(self._meshcat, f"{path}/dot", (0.0, 0.0), (dot, dot), color)
-            DrawText(self._meshcat, f"{path}/text", name, size=size, color=_TEXT_COLOR)
-            self._meshcat.SetTransform(f"{path}/text", RigidTransform([1.5 * dot, 0.0, 0.0]))
-            left += widths[index] + gap
-        self._draw_panel("legend", total, size)
+        pieces: list[tuple[str, Rgba]] = []
+        for name, color in legend.items():
+            pieces += [("   ■" if pieces else "■", color), (f" {name}", _TEXT_COLOR)]
+        width = _LEGEND_SIZE * sum(text_width(text) for text, _ in pieces)
+        self._place_line("legend", _LEGEND_HEIGHT, _LEGEND_SIZE, width)
+        self._draw_text("legend/line", pieces, _LEGEND_SIZE)
 
-    def _place(self, line: str, height: float) -> None:
-        self._meshcat.SetTransform(
-            f"{self._path}/{line}", RigidTransform([0.0, height * _HALF_SCREEN, 0.0])
+    def _place_line(self, name: str, height: float, size: float, width: float) -> None:
+        """Moves a line to its height, and draws the panel behind it."""
+        path = f"{OVERLAY_PATH}/{name}"
+        self._meshcat.SetTransform(path, RigidTransform([0.0, height * _HALF_SCREEN, 0.0]))
+        DrawRectangle(
+            self._meshcat,
+            f"{path}/panel",
+            width=width * _HALF_SCREEN + 2.0 * _PANEL_MARGIN,
+            height=LINE_HEIGHT * size * _HALF_SCREEN,
+            color=_PANEL_COLOR,
         )
+        self._meshcat.SetTransform(f"{path}/panel", RigidTransform([0.0, 0.0, -_PANEL_OFFSET]))
 
-    def _draw_panel(self, line: str, width: float, size: float) -> None:
-        path = f"{self._path}/{line}/panel"
-        half = width / 2.0 + _PANEL_MARGIN
-        lower_left, upper_right = (-half, -0.4 * size), (half, 1.0 * size)
-        _draw_rectangle(self._meshcat, path, lower_left, upper_right, _PANEL_COLOR)
-        self._meshcat.SetTransform(path, RigidTransform([0.0, 0.0, -_PANEL_OFFSET]))
-
-
-def _draw_rectangle(
-    meshcat: Meshcat,
-    path: str,
-    lower_left: tuple[float, float],
-    upper_right: tuple[float, float],
-    color: Rgba,
-) -> None:
-    (x0, y0), (x1, y1) = lower_left, upper_right
-    vertices = np.array([[x0, x1, x1, x0], [y0, y0, y1, y1], [0.0, 0.0, 0.0, 0.0]])
-    faces = np.array([[0, 0], [1, 2], [2, 3]], dtype=np.int32)
-    meshcat.SetTriangleMesh(
-        path, np.asfortranarray(vertices), np.asfortranarray(faces), Rgba(0, 0, 0, color.a())
-    )
-    MakeSelfLit(meshcat, path, color)
+    def _draw_text(
+        self, name: str, pieces: Sequence[tuple[str, Rgba]], size: float, *, bold: bool = False
+    ) -> None:
+        DrawText(
+            self._meshcat, f"{OVERLAY_PATH}/{name}", pieces, size=size * _HALF_SCREEN, bold=bold
+        )

@@ -1,4 +1,4 @@
-"""The skill's points, reference, twist, phase and error in Meshcat."""
+"""Draws the skill's points, reference, twist, phase and error in Meshcat."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +13,19 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.visualization.meshcat_markers import ArrowMarker, DrawTubes, SphereMarkers
 from poil_drake.systems.visualization.meshcat_overlay import MeshcatOverlay
 
+_PATH = "poil"
+"""The Meshcat path to draw below."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PointSetVisualizerConfig:
     """How the skill is drawn. Colours are (r, g, b, a) in [0, 1].
 
-    The hues are far from each other and from the robot's white, so that each can be told from the
-    others in a picture.
+    The hues differ clearly from each other and from the robot's white.
     """
 
     period: float = 1 / 32  # [s] between moves; the frame rate of recordings should match.
-    text_period: float = 1 / 8  # [s] between changes of text; faster cannot be read.
-    path: str = "poil"  # The Meshcat path to draw below.
+    text_period: float = 1 / 8  # [s] between changes of text; faster changes are unreadable.
     point_radius: float = 0.005  # [m]
     target_radius: float = 0.004  # [m]
     tracked_radius: float = 0.003  # [m]
@@ -32,7 +33,7 @@ class PointSetVisualizerConfig:
     arrow_radius: float = 0.003  # [m]
     seconds_per_linear_speed: float = 0.8  # [m of arrow per m/s]
     arrow_per_angular_speed: float = 0.15  # [m of arrow per rad/s]
-    sure_confidence: float = 0.25  # Points with less are drawn in `unsure_color`.
+    sure_confidence: float = 0.25  # Points with less are drawn smaller, in `unsure_color`.
     point_color: tuple[float, float, float, float] = (1.0, 0.25, 0.0, 1.0)
     unsure_color: tuple[float, float, float, float] = (0.45, 0.45, 0.45, 1.0)
     tracked_color: tuple[float, float, float, float] = (1.0, 0.8, 0.0, 1.0)
@@ -62,19 +63,19 @@ class PointSetVisualizer(LeafSystem):
 
     With N the reference's number of points:
 
-    - `points` is (3N,), row-major [m, world]: the points that the controller is given.
-    - `confidence` is (N,) in [0, 1]; points with little of it are drawn small and grey.
+    - `points` is (3N,), row-major [m, world]: the controller's input points.
+    - `confidence` is (N,) in [0, 1]; points with low confidence are drawn small and grey.
     - `target_points` is (3N,), row-major [m, world]: where the reference wants them now.
     - `spatial_velocity` is (6,), (ω [rad/s], v [m/s]) in the world frame, drawn as two arrows that
       start at the gripper.
     - `gripper_pose` is (16,), X_WG row-major.
     - `phase` is (1,), an index into the names of the phases.
     - `mean_error` is (1,), the mean distance of points and target points [m].
-    - `tracked_points` is an abstract `TrackedPoints`: what the tracker said last.
+    - `tracked_points` is an abstract `TrackedPoints`: the tracker's latest output.
 
-    Every port may be left unconnected: what it carries is then not drawn. Neither is anything that
-    is not finite, so before the first input there is only the reference. The reference and the
-    (hidden) marks are drawn by the constructor, everything else by periodic publish events.
+    Every port is optional; the value of an unconnected port is not drawn, and neither is a value
+    that is not finite. Before the first input, only the reference is visible. The constructor draws
+    the reference and the (hidden) marks; periodic publish events move them.
     """
 
     def __init__(
@@ -88,8 +89,8 @@ class PointSetVisualizer(LeafSystem):
         """Draws the reference and prepares the marks.
 
         Args:
-            meshcat: Where to draw. What stood below `config.path` is deleted.
-            reference: What the controller follows.
+            meshcat: Where to draw. Everything below the path `poil` is deleted first.
+            reference: The reference that the controller follows.
             phase_names: The phases' names, by index.
             config: Sizes, colours and rates.
         """
@@ -118,11 +119,11 @@ class PointSetVisualizer(LeafSystem):
     def _draw(
         self, meshcat: Meshcat, reference: PointTrajectory, phase_names: Sequence[str]
     ) -> None:
-        config, path = self._config, self._config.path
-        meshcat.Delete(path)
+        config = self._config
+        meshcat.Delete(_PATH)
         DrawTubes(
             meshcat,
-            f"{path}/reference/tubes",
+            f"{_PATH}/reference/tubes",
             np.swapaxes(reference.positions, 0, 1),
             radius=config.reference_radius,
             start_color=Rgba(*config.reference_start_color),
@@ -132,7 +133,7 @@ class PointSetVisualizer(LeafSystem):
         def spheres(name: str, radius: float, *colors: tuple) -> SphereMarkers:
             return SphereMarkers(
                 meshcat,
-                f"{path}/{name}",
+                f"{_PATH}/{name}",
                 count=self._num_points,
                 radius=radius,
                 colors=[Rgba(*color) for color in colors],
@@ -146,7 +147,7 @@ class PointSetVisualizer(LeafSystem):
         self._target_marks = spheres("target_points", config.target_radius, config.target_color)
         self._tracked_marks = spheres("tracked_points", config.tracked_radius, config.tracked_color)
         self._linear_arrow, self._angular_arrow = (
-            ArrowMarker(meshcat, f"{path}/{name}", radius=config.arrow_radius, color=Rgba(*color))
+            ArrowMarker(meshcat, f"{_PATH}/{name}", radius=config.arrow_radius, color=Rgba(*color))
             for name, color in (
                 ("linear_velocity", config.linear_color),
                 ("angular_velocity", config.angular_color),
@@ -172,51 +173,35 @@ class PointSetVisualizer(LeafSystem):
     def _publish_motion(self, context: Context) -> None:
         time = context.get_time()
         for marks, positions in self._marks_and_positions(context):
-            if positions is None:
-                marks.hide(time)
-            else:
-                marks.move(positions, time)
-        self._publish_twist(context, time)
-
-    def _marks_and_positions(
-        self, context: Context
-    ) -> list[tuple[SphereMarkers, np.ndarray | None]]:
-        pairs: list[tuple[SphereMarkers, np.ndarray | None]] = []
-        for marks, port in (
-            (self._point_marks, self._points),
-            (self._target_marks, self._target_points),
-        ):
-            known = port.HasValue(context)
-            pairs.append((marks, port.Eval(context).reshape(-1, 3) if known else None))
-        known = self._tracked_points.HasValue(context)
-        tracked = self._tracked_points.Eval(context).positions if known else None
-        return [*pairs, (self._tracked_marks, tracked)]
-
-    def _publish_twist(self, context: Context, time: float) -> None:
-        if not (self._spatial_velocity.HasValue(context) and self._gripper_pose.HasValue(context)):
-            self._linear_arrow.hide(time)
-            self._angular_arrow.hide(time)
-            return
-        V_WG = self._spatial_velocity.Eval(context)
-        p_WG = self._gripper_pose.Eval(context).reshape(4, 4)[:3, 3]
-        angular, linear = V_WG[:3], V_WG[3:]
-        self._angular_arrow.show(p_WG, angular * self._config.arrow_per_angular_speed, time)
-        self._linear_arrow.show(p_WG, linear * self._config.seconds_per_linear_speed, time)
+            marks.move(positions, time)
+        V_WG = _value_or_nan(self._spatial_velocity, context)
+        p_WG = _value_or_nan(self._gripper_pose, context).reshape(4, 4)[:3, 3]
+        self._angular_arrow.show(p_WG, V_WG[:3] * self._config.arrow_per_angular_speed, time)
+        self._linear_arrow.show(p_WG, V_WG[3:] * self._config.seconds_per_linear_speed, time)
 
     def _publish_text(self, context: Context) -> None:
         time = context.get_time()
         for marks, positions in self._marks_and_positions(context):
-            if positions is None:
-                continue
             looks = np.zeros(self._num_points, dtype=int)
             if marks is self._point_marks and self._confidence.HasValue(context):
                 looks[~(self._confidence.Eval(context) >= self._config.sure_confidence)] = 1
             looks[~np.isfinite(positions).all(axis=1)] = -1
             marks.choose_looks(looks, time)
-        phase = _scalar(self._phase, context)
+        phase = _value_or_nan(self._phase, context)[0]
         self._overlay.show_phase(round(phase) if np.isfinite(phase) else None, time)
-        self._overlay.show_error(_scalar(self._mean_error, context), time)
+        self._overlay.show_error(_value_or_nan(self._mean_error, context)[0], time)
+
+    def _marks_and_positions(self, context: Context) -> list[tuple[SphereMarkers, np.ndarray]]:
+        """Returns each set of marks with its positions (N, 3) [m, world]; NaN where unknown."""
+        tracked = np.full((self._num_points, 3), np.nan)
+        if self._tracked_points.HasValue(context):
+            tracked = self._tracked_points.Eval(context).positions
+        return [
+            (self._point_marks, _value_or_nan(self._points, context).reshape(-1, 3)),
+            (self._target_marks, _value_or_nan(self._target_points, context).reshape(-1, 3)),
+            (self._tracked_marks, tracked),
+        ]
 
 
-def _scalar(port: InputPort, context: Context) -> float:
-    return float(port.Eval(context)[0]) if port.HasValue(context) else np.nan
+def _value_or_nan(port: InputPort, context: Context) -> np.ndarray:
+    return port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)

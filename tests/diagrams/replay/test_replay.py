@@ -15,7 +15,7 @@ from recorded_runs import beginning, moving_plan, record, rewritten, with_rates
 from short_skill import short_scenario
 
 from poil_drake.diagrams.replay.replay import Replay
-from poil_drake.diagrams.run.report import OutputPaths
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import RunLogError
 from poil_drake.grasping.execution_plan import ExecutionPlan

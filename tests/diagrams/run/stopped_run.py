@@ -1,4 +1,4 @@
-"""A process that does what `poil` does and is sent a signal in the middle of the closed loop.
+"""Runs `poil`, and sends itself a signal in the middle of the closed loop.
 
 Arguments: the signal's number, then those of `poil`.
 """
@@ -12,7 +12,7 @@ from poil_drake import cli
 from poil_drake.diagrams.run.recorder import RunRecorder
 
 SAMPLES = 10
-"""After how many samples the signal comes."""
+"""Number of samples before the signal."""
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The simulated driver as a process runs it: at the pace of the clock, over a real network."""
+"""The simulated driver as a process runs it: in real time, over a real network."""
 
 import dataclasses
 import json
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.real_time
 
 
 class Client:
-    """Listens to the driver, and talks to it."""
+    """Receives the statuses of the driver, and sends commands to it."""
 
     def __init__(self, scenario: Scenario):
         self.lcm = LcmNetwork(scenario.lcm_buses["robot"].lcm_url)
@@ -52,7 +52,7 @@ def scenario() -> Scenario:
     return with_own_networks(short_scenario())
 
 
-def test_it_reports_and_ends_when_its_time_is_up(scenario: Scenario, tmp_path: Path) -> None:
+def test_it_reports_and_ends_after_its_duration(scenario: Scenario, tmp_path: Path) -> None:
     client, said = Client(scenario), []
 
     summary = RunDriver(scenario, duration=0.5, json=tmp_path / "driver.json", say=said.append)
@@ -66,10 +66,10 @@ def test_it_reports_and_ends_when_its_time_is_up(scenario: Scenario, tmp_path: P
     assert scenario.lcm_buses["robot"].lcm_url in said[0]
     assert said[1:] == ["in the simulation the mug does not hang on the rack"]
     assert (summary.hangs, summary.simulated) == (False, 0.5)
-    assert json.loads((tmp_path / "driver.json").read_text())["reason"] == "its time was up"
+    assert json.loads((tmp_path / "driver.json").read_text())["reason"] == "the duration has passed"
 
 
-def test_a_slower_time_is_slower_for_the_stamps_too(scenario: Scenario) -> None:
+def test_the_time_scale_slows_the_stamps_down_too(scenario: Scenario) -> None:
     hardware = dataclasses.replace(scenario.poil.hardware, time_scale=0.5)
     poil = dataclasses.replace(scenario.poil, hardware=hardware)
     client = Client(scenario)
@@ -77,12 +77,12 @@ def test_a_slower_time_is_slower_for_the_stamps_too(scenario: Scenario) -> None:
     RunDriver(dataclasses.replace(scenario, poil=poil), duration=0.25, say=lambda line: None)
 
     client.lcm.HandleSubscriptions(0)
-    # The simulation may be late, but the clock of its stamps is half as fast as ours.
+    # The simulation may be late, but the clock of its stamps is half as fast as the wall clock.
     assert client.stamps[-1] - client.stamps[0] >= 0.25 - 2e-3
     assert client.stamps[-1] == pytest.approx(hardware.clock()(), abs=60.0)
 
 
-def test_it_ends_like_the_real_one_after_a_command_in_another_mode(
+def test_a_command_in_another_mode_ends_it_like_the_real_driver(
     scenario: Scenario, tmp_path: Path
 ) -> None:
     client = Client(scenario)
@@ -113,7 +113,7 @@ def test_a_second_signal_does_not_lose_the_summary(
 
     monkeypatch.setattr(driver_run, "write_json", write_interrupted)
 
-    # Whoever runs the tests may ignore the signal.
+    # The process that runs the tests may ignore the signal.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):

@@ -8,7 +8,7 @@ from poil_drake.errors import PlanningError
 
 
 @pytest.mark.render
-def test_a_plan_keeps_to_the_box_that_the_supervisor_keeps(demonstration: Path) -> None:
+def test_a_plan_respects_the_supervisors_box(demonstration: Path) -> None:
     # The gripper is 0.45 m above the robot's base at the start.
     scenario = ChooseScenario(
         data="{poil: {safety: {posture: {gripper_upper: [0.85, 0.85, 0.4]}}}}"

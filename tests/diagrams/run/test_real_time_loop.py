@@ -1,5 +1,3 @@
-import gc
-import sys
 import time
 
 import numpy as np
@@ -8,19 +6,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.diagrams.run import real_time_loop
-from poil_drake.diagrams.run.real_time_loop import (
-    LoopTiming,
-    QuietInterpreter,
-    RealTimeLoop,
-    RealTimeLoopConfig,
-)
+from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.runtime.interpreter_turns import TURNS
 
 PERIOD = 1 / 256
 
 
 class FakeTime:
-    """Stands for the module: time passes only where somebody sleeps or works."""
+    """Stands for the module `time`: time passes only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -33,7 +26,7 @@ class FakeTime:
 
 
 class Worker(LeafSystem):
-    """Works for a while in each period, and in one of them for longer."""
+    """Works for 1 ms in each period, and in one of them for `pause` [s]."""
 
     def __init__(self, time: FakeTime, *, slow_tick: int | None = None, pause: float = 0.0):
         super().__init__()
@@ -47,7 +40,7 @@ class Worker(LeafSystem):
 
 
 class TwoPhases(LeafSystem):
-    """Computes at the beginning of each period, and sends something three quarters later."""
+    """Computes at the start of each period, and sends after three quarters of it."""
 
     def __init__(self, time: FakeTime, *, computing: float):
         super().__init__()
@@ -73,7 +66,7 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 
 def loop_of(worker: Worker, **config: float) -> RealTimeLoop:
-    return RealTimeLoop(Simulator(worker), period=PERIOD, config=RealTimeLoopConfig(**config))
+    return RealTimeLoop(Simulator(worker), period=PERIOD, **config)
 
 
 def test_each_tick_begins_when_it_is_due(fake_time: FakeTime) -> None:
@@ -88,7 +81,7 @@ def test_each_tick_begins_when_it_is_due(fake_time: FakeTime) -> None:
     assert dut.timing.missed == 0
 
 
-def test_a_time_scale_slows_it_down(fake_time: FakeTime) -> None:
+def test_a_time_scale_slows_the_loop_down(fake_time: FakeTime) -> None:
     dut = loop_of(Worker(fake_time), time_scale=0.5)
 
     dut.AdvanceTo(0.25)
@@ -96,7 +89,7 @@ def test_a_time_scale_slows_it_down(fake_time: FakeTime) -> None:
     np.testing.assert_allclose(np.diff(dut.timing.starts), PERIOD / 0.5, atol=1e-9)
 
 
-def test_after_a_short_delay_it_catches_up(fake_time: FakeTime) -> None:
+def test_the_loop_catches_up_after_a_short_delay(fake_time: FakeTime) -> None:
     # The tenth tick takes 10 ms, two and a half periods.
     dut = loop_of(Worker(fake_time, slow_tick=10, pause=0.010))
 
@@ -104,32 +97,30 @@ def test_after_a_short_delay_it_catches_up(fake_time: FakeTime) -> None:
 
     starts = 100.0 + PERIOD * np.arange(64)
     np.testing.assert_allclose(dut.timing.starts[:10], starts[:10], atol=1e-9)
-    # The next are late, and each takes 1 ms.
+    # The next two are late, and each takes 1 ms.
     np.testing.assert_allclose(
         dut.timing.starts[10:12], starts[9] + np.array([0.010, 0.011]), atol=1e-9
     )
     np.testing.assert_allclose(dut.timing.starts[13:], starts[13:], atol=1e-9)
-    # Of those only the first began more than a period after it was due.
+    # Only the first of them began more than a period late.
     assert dut.timing.missed == 1
 
 
-def test_after_a_long_delay_it_goes_on_from_there(fake_time: FakeTime) -> None:
+def test_the_loop_does_not_catch_up_after_a_long_delay(fake_time: FakeTime) -> None:
     dut = loop_of(Worker(fake_time, slow_tick=10, pause=0.030))
 
     dut.AdvanceTo(0.25)
 
     resumed = 100.0 + 9 * PERIOD + 0.030
     np.testing.assert_allclose(dut.timing.starts[10:], resumed + PERIOD * np.arange(54), atol=1e-9)
-    # 30 ms less a period are six periods and a bit.
+    # 30 ms less one period are more than six periods.
     assert dut.timing.missed == 6
 
 
 @pytest.mark.parametrize("computing", [0.0005, 0.002])
-def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computing: float) -> None:
+def test_events_after_the_pause_are_evenly_spaced(fake_time: FakeTime, computing: float) -> None:
     system = TwoPhases(fake_time, computing=computing)
-    dut = RealTimeLoop(
-        Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75, time_scale=0.5)
-    )
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, pause=0.75, time_scale=0.5)
 
     dut.AdvanceTo(0.125)
 
@@ -139,9 +130,9 @@ def test_what_comes_after_the_pause_is_evenly_paced(fake_time: FakeTime, computi
     np.testing.assert_allclose(dut.timing.durations, computing, atol=1e-9)
 
 
-def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime) -> None:
+def test_late_events_after_the_pause_do_not_wait(fake_time: FakeTime) -> None:
     system = TwoPhases(fake_time, computing=0.9 * PERIOD)
-    dut = RealTimeLoop(Simulator(system), period=PERIOD, config=RealTimeLoopConfig(pause=0.75))
+    dut = RealTimeLoop(Simulator(system), period=PERIOD, pause=0.75)
 
     dut.AdvanceTo(0.125)
 
@@ -150,7 +141,7 @@ def test_after_the_pause_nothing_waits_longer_if_it_is_late(fake_time: FakeTime)
     assert dut.timing.missed == 0
 
 
-def test_other_threads_have_their_turn_while_it_waits(fake_time: FakeTime) -> None:
+def test_other_threads_have_their_turn_while_the_loop_waits(fake_time: FakeTime) -> None:
     turns: list[bool] = []
 
     class Asks(TwoPhases):
@@ -168,13 +159,13 @@ def test_other_threads_have_their_turn_while_it_waits(fake_time: FakeTime) -> No
 
     dut.AdvanceTo(0.125)
 
-    # The first tick is due at once, and the loop never waited before it.
+    # The first tick is due at once, so the loop does not wait before it.
     assert turns[1:] == [False] * 31
     assert waits == [True] * 31
     assert TURNS._free.is_set()
 
 
-def test_real_time_passes_in_between() -> None:
+def test_the_loop_takes_real_time() -> None:
     dut = RealTimeLoop(Simulator(Worker(FakeTime())), period=PERIOD)
 
     start = time.perf_counter()
@@ -197,7 +188,7 @@ def test_figures_are_percentiles() -> None:
     assert figures["tick_duration_p999_ms"] == pytest.approx(1.0)
 
 
-def test_the_worst_of_the_last_ticks_goes_to_the_log() -> None:
+def test_the_log_gets_the_worst_of_the_last_ticks() -> None:
     timing = LoopTiming(
         starts=[0.0] * 3, lateness=[9.0, 0.2, 0.1], durations=[9.0, 0.1, 0.3], missed=4
     )
@@ -205,24 +196,5 @@ def test_the_worst_of_the_last_ticks_goes_to_the_log() -> None:
     assert timing.latest(ticks=2) == {"lateness": 0.2, "duration": 0.3, "missed": 4.0}
 
 
-def test_a_loop_that_never_ticked_has_no_percentiles() -> None:
+def test_a_loop_without_ticks_has_no_percentiles() -> None:
     assert LoopTiming().figures() == {"ticks": 0.0, "missed_ticks": 0.0}
-
-
-def test_the_interpreter_is_quiet_in_the_block_only() -> None:
-    before = sys.getswitchinterval()
-
-    with QuietInterpreter():
-        assert not gc.isenabled()
-        assert sys.getswitchinterval() < before
-    assert gc.isenabled()
-    assert sys.getswitchinterval() == before
-    assert gc.get_freeze_count() == 0
-
-
-def test_a_loop_for_which_nobody_waits_collects_as_ever() -> None:
-    before = sys.getswitchinterval()
-
-    with QuietInterpreter(collecting=True):
-        assert gc.isenabled()
-        assert sys.getswitchinterval() == before

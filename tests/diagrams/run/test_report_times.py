@@ -1,11 +1,14 @@
-"""When a run is looked at, with the real closed loop and without images."""
+"""When a run is sampled, with the real closed loop and without images."""
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 from short_skill import lasting, short_plan, short_scenario
 
 from poil_drake.diagrams.run import skill_run
-from poil_drake.diagrams.run.report import OutputPaths, Report
+from poil_drake.diagrams.run.output_paths import OutputPaths
+from poil_drake.diagrams.run.report import Report
 from poil_drake.diagrams.scenario.load import LoadScenario
 
 
@@ -40,25 +43,30 @@ def test_every_track_is_compared_with_the_truth(
     assert set(np.arange(0.0, 0.375, logger)) <= set(reports[0].recorder.times)
 
 
-def test_a_run_is_as_slow_as_the_scenario_or_the_caller_says(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(("given", "rate"), [(None, 0.5), (2.0, 2.0), (0.0, 0.0)])
+def test_the_simulator_has_the_scenarios_settings_but_the_callers_rate(
+    given: float | None, rate: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rates = []
+    simulators: list[Simulator] = []
 
-    def make(*args: object, realtime_rate: float | None = None) -> None:
-        rates.append(realtime_rate)
-        raise KeyboardInterrupt
+    def make(diagram: Diagram) -> Simulator:
+        simulators.append(Simulator(diagram))
+        return simulators[-1]
 
-    monkeypatch.setattr(skill_run, "MakeSimulator", make)
-    for given in (None, 0.5):
-        with pytest.raises(KeyboardInterrupt):
-            skill_run.ExecutePlan(
-                short_plan(),
-                short_scenario(),
-                outputs=OutputPaths(),
-                show=False,
-                show_progress=False,
-                realtime_rate=given,
-            )
+    monkeypatch.setattr(skill_run, "Simulator", make)
+    scenario = LoadScenario(
+        data="{simulator_config: {target_realtime_rate: 0.5, max_step_size: 0.004}}",
+        defaults=lasting(short_scenario(), 0.03125),
+    )
 
-    assert rates == [None, 0.5]
+    skill_run.ExecutePlan(
+        short_plan(),
+        scenario,
+        outputs=OutputPaths(),
+        show=False,
+        show_progress=False,
+        realtime_rate=given,
+    )
+
+    assert simulators[0].get_target_realtime_rate() == rate
+    assert simulators[0].get_integrator().get_maximum_step_size() == 0.004

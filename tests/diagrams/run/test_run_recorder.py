@@ -1,4 +1,4 @@
-"""What is sampled of the real closed loop, without images."""
+"""Samples of the real closed loop, without images."""
 
 import dataclasses
 
@@ -11,8 +11,7 @@ from short_skill import POINTS, short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run.recorder import CheckedTrack, RunRecorder
-from poil_drake.diagrams.run.simulated_truth import SimulatedTruth
-from poil_drake.diagrams.run.task_success import HangingJudge
+from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.perception.tracked_points import TrackedPoints
@@ -33,10 +32,8 @@ def simulator(loop: ClosedLoop) -> Simulator:
 
 @pytest.fixture
 def dut(loop: ClosedLoop) -> RunRecorder:
-    judge = HangingJudge(fixture="rack", holder=frozenset({"rack::rod::bar"}))
     assert isinstance(loop.station, SimulatedStation)
-    truth = SimulatedTruth(station=loop.station, judge=judge)
-    return RunRecorder(loop=loop, query_points=POINTS, truth=truth)
+    return RunRecorder(loop=loop, query_points=POINTS, truth=SimulatedTruth.of(loop.station))
 
 
 def run(dut: RunRecorder, simulator: Simulator, *, until: float) -> Context:
@@ -51,9 +48,7 @@ def run(dut: RunRecorder, simulator: Simulator, *, until: float) -> Context:
     return root
 
 
-def test_there_is_a_row_of_each_signal_for_each_sample(
-    dut: RunRecorder, simulator: Simulator
-) -> None:
+def test_each_signal_has_a_row_for_each_sample(dut: RunRecorder, simulator: Simulator) -> None:
     run(dut, simulator, until=0.25)
 
     assert dut.times == [k * PERIOD for k in range(9)]
@@ -61,14 +56,12 @@ def test_there_is_a_row_of_each_signal_for_each_sample(
     assert dut.signal("joint_velocities").shape == (9, 7)
     # Scalars have an entry instead of a row.
     assert dut.signal("phase").shape == (9,)
-    # Nothing is known of the points before the first track is released, at 3/16 s.
+    # The points are unknown before the first track is released, at 3/16 s.
     assert np.isnan(dut.signal("points")[:7]).all()
     assert np.isfinite(dut.signal("points")[7:]).all()
 
 
-def test_samples_do_not_change_with_what_comes_later(
-    dut: RunRecorder, simulator: Simulator
-) -> None:
+def test_later_motion_does_not_change_samples(dut: RunRecorder, simulator: Simulator) -> None:
     root = run(dut, simulator, until=0.25)
     before = dut.signal("points").copy()
     _move_object(dut, root)
@@ -78,7 +71,7 @@ def test_samples_do_not_change_with_what_comes_later(
     np.testing.assert_array_equal(dut.signal("points")[: len(before)], before)
 
 
-def test_a_signal_in_the_middle_of_a_sample_leaves_a_record_that_fits_together(
+def test_an_interrupt_during_a_sample_leaves_a_consistent_record(
     dut: RunRecorder, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = run(dut, simulator, until=0.125)
@@ -98,7 +91,7 @@ def test_a_signal_in_the_middle_of_a_sample_leaves_a_record_that_fits_together(
     assert lengths == {len(dut.times)} == {5}
 
 
-def test_each_track_is_kept_once_and_compared_with_the_truth_at_its_capture(
+def test_each_track_is_compared_once_with_the_truth_at_its_capture(
     dut: RunRecorder, simulator: Simulator
 ) -> None:
     root = run(dut, simulator, until=0.25)
@@ -109,8 +102,7 @@ def test_each_track_is_kept_once_and_compared_with_the_truth_at_its_capture(
     stamps, errors = dut.tracking_errors()
     assert stamps.tolist() == [0.0, 0.125, 0.25, 0.375]
     assert errors.shape == (4, 3)
-    # The sample at 1/4 s was taken right before the object was moved, the picture right after:
-    # 50 mm. All other tracks are where the points are.
+    # The object was moved by 50 mm between the sample at 1/4 s and the image at that time.
     assert errors[2] == pytest.approx(0.05, abs=1e-4)
     assert errors[[0, 1, 3]].max() < 1e-9
 
@@ -149,7 +141,9 @@ def test_phase_and_fault_are_those_of_the_sequencer(dut: RunRecorder, simulator:
     assert (dut.phase, dut.fault(root)) == (Phase.FAULT, Fault.IK_STUCK)
 
 
-def test_the_judge_looks_on_from_the_release(dut: RunRecorder, simulator: Simulator) -> None:
+def test_the_judge_observes_contacts_from_the_release_on(
+    dut: RunRecorder, simulator: Simulator
+) -> None:
     root = run(dut, simulator, until=0.25)
     assert dut.judge.last_touched == frozenset()
 
@@ -160,7 +154,7 @@ def test_the_judge_looks_on_from_the_release(dut: RunRecorder, simulator: Simula
 
 
 def _move_object(dut: RunRecorder, root: Context) -> None:
-    """Puts the object 50 mm further along x, at rest."""
+    """Moves the object by 50 mm along x, at rest."""
     station = dut.loop.station.GetMyMutableContextFromRoot(root)
     X_WO = GetObjectPose(dut.loop.station, station)
     there = X_WO.translation() + np.array([0.05, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""A run that ends before its time leaves outputs that can be read and say why."""
+"""A run that ends early leaves readable outputs that say why."""
 
 import json
 import os
@@ -17,8 +17,8 @@ from short_skill import lasting, short_plan, short_scenario
 from stopped_run import SAMPLES
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.recorder import RunRecorder
-from poil_drake.diagrams.run.report import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.dump import DumpScenario
@@ -50,10 +50,13 @@ def read_log(path: Path) -> dict[str, list[dict[str, Any]]]:
 def execute(folder: Path) -> tuple[RunSummary, OutputPaths]:
     outputs = OutputPaths.under(folder)
     chosen = lasting(short_scenario(), 2.0)
-    return (
-        ExecutePlan(short_plan(), chosen, outputs=outputs, show=False, show_progress=False),
-        outputs,
-    )
+    summary = ExecutePlan(short_plan(), chosen, outputs=outputs, show=False, show_progress=False)
+    return summary, outputs
+
+
+@pytest.fixture(scope="module")
+def failed_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSummary, OutputPaths]:
+    return execute(tmp_path_factory.mktemp("failed"))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +86,7 @@ def test_a_signal_ends_the_run_with_its_status_and_complete_outputs(
     assert "Traceback" not in run.stderr
     figures = json.loads((tmp_path / "out" / "run.json").read_text())
     assert (figures["success"], figures["reason"]) == (False, reason)
-    # The signal came with the sample, between two steps.
+    # The signal arrives during a sample, between two steps.
     assert figures["timing"]["simulated"] == (SAMPLES - 1) * PERIOD
     assert figures["phases"][0]["name"] == "wait"
     log = read_log(tmp_path / "out" / "run.mcap")
@@ -91,15 +94,15 @@ def test_a_signal_ends_the_run_with_its_status_and_complete_outputs(
     assert (tmp_path / "out" / "run.png").stat().st_size > 10_000
 
 
-def test_an_exception_in_the_loop_ends_in_a_verdict(
+def test_an_exception_in_the_loop_ends_with_a_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    unharmed = skill_sequencer.next_state
+    original = skill_sequencer.next_state
 
     def next_state(state: Any, seen: Any, config: Any) -> Any:
         if seen.time >= 0.25:
             raise RuntimeError("the state machine\n  is broken")
-        return unharmed(state, seen, config)
+        return original(state, seen, config)
 
     monkeypatch.setattr(skill_sequencer, "next_state", next_state)
 
@@ -112,8 +115,8 @@ def test_an_exception_in_the_loop_ends_in_a_verdict(
     assert outputs.png.exists()
 
 
-def test_a_fault_is_in_every_output(tmp_path: Path) -> None:
-    summary, outputs = execute(tmp_path)
+def test_a_fault_is_in_every_output(failed_run: tuple[RunSummary, OutputPaths]) -> None:
+    summary, outputs = failed_run
 
     assert summary.reason == "the fingers closed on nothing (in phase 'grasp')"
     log = read_log(outputs.mcap)
@@ -133,8 +136,10 @@ def test_a_fault_is_in_every_output(tmp_path: Path) -> None:
     assert "/disturbances/status" not in log
 
 
-def test_the_scenario_that_was_run_can_be_read_back_from_the_log(tmp_path: Path) -> None:
-    _, outputs = execute(tmp_path)
+def test_the_log_contains_the_scenario_and_the_plan(
+    failed_run: tuple[RunSummary, OutputPaths], tmp_path: Path
+) -> None:
+    _, outputs = failed_run
 
     with outputs.mcap.open("rb") as stream:
         reader = make_reader(stream)
@@ -153,7 +158,7 @@ def test_the_scenario_that_was_run_can_be_read_back_from_the_log(tmp_path: Path)
     assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
 
 
-def test_pushes_are_logged_with_what_they_push(tmp_path: Path) -> None:
+def test_disturbances_are_logged_with_their_bodies(tmp_path: Path) -> None:
     pulse = Pulse(body="mug::body", start=0.125, duration=0.125, force=(0.0, 0.5, 0.0))
     with RunLogWriter(tmp_path / "run.mcap") as log:
         loop = MakeClosedLoop(short_scenario(), short_plan(), log=log, disturbances=[pulse])
@@ -161,7 +166,7 @@ def test_pushes_are_logged_with_what_they_push(tmp_path: Path) -> None:
 
     records = read_log(tmp_path / "run.mcap")["/disturbances/status"]
 
-    # At 5/32, 6/32 and 7/32 s: sin 45, 90 and 135 degrees; then one that says it is over.
+    # At 5/32, 6/32 and 7/32 s: sin 45, 90 and 135 degrees; the last record ends the push.
     pushes = [[push["force"][1] for push in record["applied"]] for record in records]
     root_half = 0.5 * 0.5**0.5
     assert pushes[:3] == [
@@ -173,7 +178,7 @@ def test_pushes_are_logged_with_what_they_push(tmp_path: Path) -> None:
     assert records[0]["applied"][0]["body"] == "mug::body"
 
 
-def test_an_older_runs_outputs_do_not_outlive_a_plan_that_does_not_fit(
+def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(
     tmp_path: Path,
 ) -> None:
     execute(tmp_path)
@@ -190,7 +195,7 @@ def test_an_older_runs_outputs_do_not_outlive_a_plan_that_does_not_fit(
     assert "spout" in figures["reason"]
 
 
-def test_a_job_that_cannot_begin_leaves_its_figures(tmp_path: Path) -> None:
+def test_a_job_that_cannot_start_leaves_its_figures(tmp_path: Path) -> None:
     wrong = LoadScenario(data="{poil: {detector: magic}}", defaults=short_scenario())
 
     with pytest.raises(PoilError, match="magic"):
@@ -203,8 +208,10 @@ def test_a_job_that_cannot_begin_leaves_its_figures(tmp_path: Path) -> None:
     assert figures["versions"]["drake"]
 
 
-def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
-    summary, outputs = execute(tmp_path)
+def test_the_stages_and_the_parts_of_a_run_are_measured(
+    failed_run: tuple[RunSummary, OutputPaths],
+) -> None:
+    summary, outputs = failed_run
 
     timing = json.loads(outputs.json.read_text())["timing"]
     assert timing["stages"].keys() == {"execution", "report"}
@@ -212,7 +219,7 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
     parts = timing["parts"]
     assert parts["publishing"] > 0.0
     assert parts["control"] > 0.0
-    # Without cameras and a tracker's process there is nothing to look at or to wait for.
+    # Without cameras and a tracker process there is nothing to capture or to wait for.
     assert parts["capture"] == parts["detection"] == parts["waiting"] == 0.0
     assert timing["concurrent"] == {"rendering": 0.0, "tracking": 0.0}
     assert sum(parts.values()) == pytest.approx(timing["wall"])
@@ -220,7 +227,7 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(tmp_path: Path) -> None:
 
 
 @pytest.mark.render
-def test_a_run_whose_cameras_die_says_so_and_leaves_its_log(
+def test_a_run_whose_camera_process_dies_says_so_and_leaves_its_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sample = RunRecorder.sample

@@ -13,38 +13,14 @@ from poil_drake.systems.visualization.meshcat_markers import (
 RED = Rgba(1, 0, 0)
 
 
-class Spy:
-    """Stands for a Meshcat: keeps the last pose and properties of each path, and the objects."""
-
-    def __init__(self):
-        self.poses, self.properties, self.objects = {}, {}, []
-
-    def SetObject(self, path, shape, color):
-        self.objects.append(path)
-
-    def SetTransform(self, path, pose, time=None):
-        self.poses[path] = pose
-
-    def SetProperty(self, path, name, value, time=None):
-        self.properties[path, name] = value
-
-    def visible(self, path):
-        return self.properties[path, "visible"]
-
-
-@pytest.fixture
-def spy():
-    return Spy()
-
-
 def test_spheres_are_drawn_once_and_hidden(spy):
     SphereMarkers(spy, "p", count=3, radius=0.01, colors=[RED])
 
-    assert spy.objects == ["p/0/0", "p/1/0", "p/2/0"]
+    assert list(spy.objects) == ["p/0/0", "p/1/0", "p/2/0"]
     assert not spy.visible("p")
 
 
-def test_spheres_move_but_unknown_ones_stay(spy):
+def test_spheres_move_except_those_at_unknown_positions(spy):
     dut = SphereMarkers(spy, "p", count=2, radius=0.01, colors=[RED])
 
     dut.move(np.array([[1.0, 2.0, 3.0], [np.nan, 0.0, 0.0]]))
@@ -52,10 +28,19 @@ def test_spheres_move_but_unknown_ones_stay(spy):
     assert spy.visible("p")
     np.testing.assert_array_equal(spy.poses["p/0"].translation(), [1.0, 2.0, 3.0])
     assert "p/1" not in spy.poses
-    assert len(spy.objects) == 2, "nothing is drawn anew"
+    assert len(spy.objects) == 2, "nothing new is drawn"
 
 
-def test_a_sphere_has_one_look_or_none(spy):
+def test_spheres_without_any_known_position_are_hidden(spy):
+    dut = SphereMarkers(spy, "p", count=2, radius=0.01, colors=[RED])
+    dut.move(np.zeros((2, 3)))
+
+    dut.move(np.full((2, 3), np.nan))
+
+    assert not spy.visible("p")
+
+
+def test_a_sphere_shows_one_look_or_none(spy):
     dut = SphereMarkers(spy, "p", count=3, radius=0.01, colors=[RED, Rgba(0, 0, 0)])
 
     dut.choose_looks(np.array([0, 1, -1]))
@@ -65,7 +50,7 @@ def test_a_sphere_has_one_look_or_none(spy):
 
 
 @pytest.mark.parametrize("direction", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [1, -2, 3]])
-def test_an_arrow_starts_and_ends_where_asked(spy, direction):
+def test_an_arrow_reaches_from_its_start_along_its_vector(spy, direction):
     dut = ArrowMarker(spy, "a", radius=0.002, color=RED)
     start = np.array([0.1, 0.2, 0.3])
     vector = 0.2 * np.array(direction) / np.linalg.norm(direction)
@@ -91,8 +76,8 @@ def test_a_short_arrow_has_a_smaller_head(spy):
     assert spy.properties["a/head", "scale"] == pytest.approx([0.75] * 3)
 
 
-@pytest.mark.parametrize("vector", [[0, 0, 0], [0, 0, 0.001], [np.nan, 0, 1]])
-def test_an_arrow_without_length_is_hidden(spy, vector):
+@pytest.mark.parametrize("vector", [[0, 0, 0], [0, 0, 0.001], [np.nan, 0, 1], [0, 0, np.inf]])
+def test_an_arrow_that_is_too_short_or_not_finite_is_hidden(spy, vector):
     dut = ArrowMarker(spy, "a", radius=0.002, color=RED)
     dut.show(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
@@ -101,11 +86,11 @@ def test_an_arrow_without_length_is_hidden(spy, vector):
     assert not spy.visible("a")
 
 
-def test_a_tube_stands_at_its_radius_around_the_curve():
+def test_a_tube_surrounds_the_curve_at_its_radius():
     t = np.linspace(0.0, 1.0, 40)
     curve = np.column_stack([np.cos(t), np.sin(t), 0.3 * t])
 
-    vertices, faces, kept = make_tube_mesh(curve, radius=0.002, sides=6)
+    vertices, faces, kept = make_tube_mesh(curve, radius=0.002)
 
     rings = vertices.reshape(len(kept), 6, 3)
     distance = np.linalg.norm(rings - curve[kept][:, None], axis=2)
@@ -126,7 +111,7 @@ def test_a_tube_faces_outward():
     assert np.all(np.sum(normals * outward, axis=1) > 0.0)
 
 
-def test_a_tube_leaves_out_where_the_curve_rests():
+def test_a_tube_skips_points_where_the_curve_rests():
     curve = np.array([[0.0, 0, 0], [0.0, 0, 0], [1e-5, 0, 0], [0.1, 0, 0], [0.1, 0, 0]])
 
     _, _, kept = make_tube_mesh(curve, radius=0.001)

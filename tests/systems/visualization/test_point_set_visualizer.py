@@ -4,52 +4,16 @@ from pydrake.systems.analysis import Simulator
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.visualization.meshcat_overlay import CAMERA_PATH
+from poil_drake.systems.visualization.meshcat_overlay import OVERLAY_PATH
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
 )
 
 
-class Spy:
-    """Stands for a Meshcat: keeps what is set, and when."""
-
-    def __init__(self):
-        self.poses, self.properties, self.meshes, self.times = {}, {}, {}, {}
-        self.deleted = []
-
-    def SetTransform(self, path, pose, time=None):
-        self.poses[path] = pose
-        self.times.setdefault(path, []).append(time)
-
-    def SetProperty(self, path, name, value, time=None):
-        self.properties[path, name] = value
-        self.times.setdefault((path, name), []).append(time)
-
-    def SetTriangleColorMesh(self, path, vertices, faces, colors):
-        self.meshes[path] = vertices.T
-
-    def SetObject(self, path, shape, color):
-        self.meshes[path] = shape
-
-    def SetTriangleMesh(self, path, vertices, faces, color):
-        self.meshes[path] = vertices.T
-
-    def Delete(self, path):
-        self.deleted.append(path)
-
-    def visible(self, path):
-        return self.properties[path, "visible"]
-
-
-@pytest.fixture
-def spy():
-    return Spy()
-
-
 @pytest.fixture
 def reference():
-    """Three points that move by 0.2 m along x in one second, and rest there."""
+    """Three points that move by 0.2 m along x in one second."""
     times = np.linspace(0.0, 1.0, 11)
     start = np.array([[0.0, 0.0, 0.1], [0.0, 0.1, 0.1], [0.0, 0.0, 0.2]])
     positions = start + 0.2 * times[:, None, None] * np.array([1.0, 0.0, 0.0])
@@ -63,13 +27,15 @@ def dut(spy, reference):
     return PointSetVisualizer(meshcat=spy, reference=reference, phase_names=["wait", "follow"])
 
 
-@pytest.fixture
-def context(dut):
-    return dut.CreateDefaultContext()
+def publish(dut, **inputs):
+    context = dut.CreateDefaultContext()
+    for name, value in inputs.items():
+        dut.GetInputPort(name).FixValue(context, value)
+    dut.ForcedPublish(context)
 
 
-def test_the_reference_is_drawn_at_once_with_its_goal(spy, dut, reference):
-    tubes = spy.meshes["poil/reference/tubes"]
+def test_the_constructor_draws_the_reference_with_its_goal(spy, dut, reference):
+    tubes = spy.objects["poil/reference/tubes"]
 
     assert tubes[:, 0].min() == pytest.approx(0.0, abs=0.002)
     assert tubes[:, 0].max() == pytest.approx(0.2, abs=0.002)
@@ -78,25 +44,23 @@ def test_the_reference_is_drawn_at_once_with_its_goal(spy, dut, reference):
     assert spy.visible("poil/reference/goal")
 
 
-def test_what_stood_there_is_deleted(spy, dut):
+def test_the_constructor_deletes_older_drawings(spy, dut):
     assert "poil" in spy.deleted
 
 
-def test_without_inputs_there_is_only_the_reference(spy, dut, context):
-    dut.ForcedPublish(context)
+def test_without_inputs_only_the_reference_is_visible(spy, dut):
+    publish(dut)
 
     for name in ("points", "target_points", "tracked_points", "linear_velocity"):
         assert not spy.visible(f"poil/{name}")
-    assert not spy.visible(f"{CAMERA_PATH}/poil/phase")
-    assert not spy.visible(f"{CAMERA_PATH}/poil/error")
+    assert not spy.visible(f"{OVERLAY_PATH}/phase")
+    assert not spy.visible(f"{OVERLAY_PATH}/error")
 
 
-def test_points_and_targets_are_where_the_ports_say(spy, dut, context):
+def test_points_and_targets_are_drawn_at_their_input_positions(spy, dut):
     points = np.arange(9.0).reshape(3, 3)
-    dut.GetInputPort("points").FixValue(context, points.ravel())
-    dut.GetInputPort("target_points").FixValue(context, -points.ravel())
 
-    dut.ForcedPublish(context)
+    publish(dut, points=points.ravel(), target_points=-points.ravel())
 
     for i in range(3):
         np.testing.assert_array_equal(spy.poses[f"poil/points/{i}"].translation(), points[i])
@@ -106,36 +70,30 @@ def test_points_and_targets_are_where_the_ports_say(spy, dut, context):
     assert spy.visible("poil/points")
 
 
-def test_unsure_points_look_different_and_unknown_ones_are_hidden(spy, dut, context):
+def test_uncertain_points_look_different_and_unknown_ones_are_hidden(spy, dut):
     points = np.zeros((3, 3))
     points[2] = np.nan
-    dut.GetInputPort("points").FixValue(context, points.ravel())
-    dut.GetInputPort("confidence").FixValue(context, [1.0, 0.0, 0.0])
 
-    dut.ForcedPublish(context)
+    publish(dut, points=points.ravel(), confidence=[1.0, 0.0, 0.0])
 
     looks = [[spy.visible(f"poil/points/{i}/{look}") for look in (0, 1)] for i in range(3)]
     assert looks == [[True, False], [False, True], [False, False]]
 
 
-def test_tracked_points_that_were_not_observed_are_hidden(spy, dut, context):
+def test_tracked_points_that_were_not_observed_are_hidden(spy, dut):
     positions = np.ones((3, 3))
     positions[1] = np.nan
-    tracked = TrackedPoints(positions, np.array([1.0, 0.0, 1.0]), 0.0)
-    dut.GetInputPort("tracked_points").FixValue(context, tracked)
 
-    dut.ForcedPublish(context)
+    publish(dut, tracked_points=TrackedPoints(positions, np.array([1.0, 0.0, 1.0]), 0.0))
 
     assert [spy.visible(f"poil/tracked_points/{i}/0") for i in range(3)] == [True, False, True]
 
 
-def test_the_twist_starts_at_the_gripper(spy, dut, context):
+def test_the_twist_starts_at_the_gripper(spy, dut):
     X_WG = np.eye(4)
     X_WG[:3, 3] = [0.4, 0.1, 0.3]
-    dut.GetInputPort("gripper_pose").FixValue(context, X_WG.ravel())
-    dut.GetInputPort("spatial_velocity").FixValue(context, [0, 0, 1.0, 0.1, 0, 0])
 
-    dut.ForcedPublish(context)
+    publish(dut, gripper_pose=X_WG.ravel(), spatial_velocity=[0, 0, 1.0, 0.1, 0, 0])
 
     for name, direction in (("angular_velocity", [0, 0, 1]), ("linear_velocity", [1, 0, 0])):
         X_WA = spy.poses[f"poil/{name}"]
@@ -143,32 +101,22 @@ def test_the_twist_starts_at_the_gripper(spy, dut, context):
         np.testing.assert_allclose(X_WA.rotation().col(2), direction, atol=1e-12)
 
 
-def test_a_twist_without_a_known_gripper_is_not_drawn(spy, dut, context):
-    dut.GetInputPort("gripper_pose").FixValue(context, np.full(16, np.nan))
-    dut.GetInputPort("spatial_velocity").FixValue(context, np.ones(6))
-
-    dut.ForcedPublish(context)
+def test_a_twist_without_a_known_gripper_pose_is_not_drawn(spy, dut):
+    publish(dut, gripper_pose=np.full(16, np.nan), spatial_velocity=np.ones(6))
 
     assert not spy.visible("poil/linear_velocity")
 
 
-def test_phase_and_error_are_shown(spy, dut, context):
-    dut.GetInputPort("phase").FixValue(context, [1.0])
-    dut.GetInputPort("mean_error").FixValue(context, [0.0123])
+def test_phase_and_error_are_shown(spy, dut):
+    publish(dut, phase=[1.0], mean_error=[0.0123])
 
-    dut.ForcedPublish(context)
-
-    overlay = f"{CAMERA_PATH}/poil"
-    assert spy.visible(f"{overlay}/phase")
-    assert [spy.visible(f"{overlay}/phase/name/{i}") for i in range(2)] == [False, True]
-    number = f"{overlay}/error/number"
-    shown = [
-        [d for d in range(10) if spy.visible(f"{number}/place_{place}/{d}")] for place in range(4)
-    ]
-    assert shown == [[], [1], [2], [3]]  # " 12.3" mm
+    assert spy.visible(f"{OVERLAY_PATH}/phase")
+    assert [spy.visible(f"{OVERLAY_PATH}/phase/name/{i}") for i in range(2)] == [False, True]
+    assert spy.visible(f"{OVERLAY_PATH}/error")
+    assert spy.visible(f"{OVERLAY_PATH}/error/place_3/3")  # 12.3 mm
 
 
-def test_everything_that_moves_is_recorded_from_the_first_moment(spy, reference):
+def test_all_motion_is_recorded_from_time_zero(spy, reference):
     config = PointSetVisualizerConfig(period=0.25, text_period=0.5)
     dut = PointSetVisualizer(meshcat=spy, reference=reference, config=config)
     simulator = Simulator(dut)
@@ -185,11 +133,9 @@ def test_everything_that_moves_is_recorded_from_the_first_moment(spy, reference)
     assert None not in [time for times in spy.times.values() for time in times]
 
 
-def test_publishing_draws_nothing_anew(spy, dut, context):
-    dut.GetInputPort("points").FixValue(context, np.zeros(9))
-    before = dict(spy.meshes)
+def test_publishing_draws_no_new_objects(spy, dut):
+    before = dict(spy.objects)
 
-    dut.ForcedPublish(context)
+    publish(dut, points=np.zeros(9))
 
-    assert spy.meshes.keys() == before.keys()
-    assert all(spy.meshes[path] is before[path] for path in before)
+    assert spy.objects == before

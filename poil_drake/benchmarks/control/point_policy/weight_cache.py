@@ -14,8 +14,8 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.training import train_point_policy
 from poil_drake.errors import InvalidValueError
+from poil_drake.runtime.output_files import whole_file
 from poil_drake.runtime.user_cache import user_cache_directory
-from poil_drake.runtime.whole_file import whole_file
 
 TRAINING_VERSION = 2
 """Goes up when the same data and settings give other weights."""

@@ -62,11 +62,7 @@ class CameraProcess:
         Raises:
             StationError: if the process has ended.
         """
-        arrays = self._ask("render", positions, time)
-        return tuple(
-            RgbdImage(rgb=rgb, depth=depth, stamp=time)
-            for rgb, depth in zip(arrays[::2], arrays[1::2], strict=True)
-        )
+        return self._ask("render", positions, time)
 
     def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
         """See `SceneRenderer.render_labels`.
@@ -74,7 +70,7 @@ class CameraProcess:
         Raises:
             StationError: if the process has ended.
         """
-        return tuple(self._ask("render labels", positions, time))
+        return self._ask("render labels", positions, time)
 
     def close(self) -> None:
         """Ends the process after its present work. Nothing can be rendered afterwards."""
@@ -84,18 +80,15 @@ class CameraProcess:
                 self._worker.end()
                 self._worker = None
 
-    def _ask(self, *request: Any) -> Sequence[np.ndarray]:
+    def _ask(self, *request: Any) -> Any:
         with self._turn:
             self.start()
             if self._worker is None:
                 raise _ended("has been closed")
             try:
-                arrays = self._worker.ask(request).arrays
+                return self._worker.ask(request)
             except WorkerEndedError as error:
                 raise _ended(str(error)) from error
-        for array in arrays:
-            array.flags.writeable = False
-        return arrays
 
 
 def _ended(reason: str) -> StationError:

@@ -9,8 +9,8 @@ from pydrake.lcm import DrakeLcmParams
 from poil_drake.diagrams.scenario.checks import NO_NETWORK
 from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.runtime.worker_process import Answer
-from poil_drake.runtime.worker_service import run
+from poil_drake.perception.images import RgbdImage
+from poil_drake.runtime.worker_process import serve
 
 
 class CameraService:
@@ -30,21 +30,20 @@ class CameraService:
         self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)
         self._context = self._station.CreateDefaultContext()
 
-    def __call__(self, request: tuple[Any, ...]) -> Answer:
+    def __call__(self, request: tuple[Any, ...]) -> tuple[RgbdImage, ...] | tuple[np.ndarray, ...]:
         """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
 
         Returns:
-            The colour and the depth image of each camera, or the label image of each.
+            The image of each camera, or the label image of each.
         """
         kind, *scene = request
         if kind == "warm up":
             self._station.TakeImages(self._context)
-            return Answer(None)
+            return ()
         self._put(*scene)
         if kind == "render labels":
-            return Answer(None, [self._label(name) for name in self._station.camera_names])
-        images = self._station.TakeImages(self._context)
-        return Answer(None, [array for image in images for array in (image.rgb, image.depth)])
+            return tuple(self._label(name) for name in self._station.camera_names)
+        return self._station.TakeImages(self._context)
 
     def _put(self, positions: np.ndarray, time: float) -> None:
         plant = self._station.plant()
@@ -58,4 +57,4 @@ class CameraService:
 
 
 if __name__ == "__main__":
-    run(CameraService)
+    serve(CameraService)

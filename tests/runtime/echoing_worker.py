@@ -4,21 +4,20 @@ import os
 from typing import Any
 
 from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.runtime.worker_process import Answer
-from poil_drake.runtime.worker_service import run
+from poil_drake.runtime.worker_process import serve
 
 
 class Echo:
-    """Answers (its setup, its process, the rest of the request) with the request's arrays."""
+    """Answers (its setup, its process ID, the request's word, the request's arrays)."""
 
-    def __init__(self, setup: str):
+    def __init__(self, setup: Any):
         if setup == "refused":
             raise InvalidValueError("There is no such setup.", remedy="Ask for another.")
         if setup == "broken":
             raise ZeroDivisionError("in the beginning")
         self._setup = setup
 
-    def __call__(self, request: tuple[str, list[Any]]) -> Answer:
+    def __call__(self, request: tuple[str, list[Any]]) -> tuple[Any, int, str, list[Any]]:
         word, arrays = request
         if word == "fail":
             raise TrackingError("Nothing is seen.", remedy="Look again.")
@@ -26,8 +25,8 @@ class Echo:
             raise ZeroDivisionError("by mistake")
         if word == "die":
             os._exit(7)
-        return Answer((self._setup, os.getpid(), word), arrays)
+        return self._setup, os.getpid(), word, arrays
 
 
 if __name__ == "__main__":
-    run(Echo)
+    serve(Echo)
