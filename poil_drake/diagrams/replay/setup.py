@@ -1,6 +1,7 @@
 """Sets up a replay from a run's log and the user's changes."""
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -84,7 +85,8 @@ def SetUpReplay(
     """
     run = load_recorded_run(path, joint_names=ARM_JOINTS)
     RequireAttachments(run)
-    recorded, plan = _recorded_scenario(run), _recorded_plan(run)
+    unknown: list[str] = []
+    recorded, plan = _recorded_scenario(run, unknown), _recorded_plan(run)
     scenario = recorded
     if scenario_text is not None:
         scenario = LoadScenario(data=scenario_text, defaults=recorded)
@@ -116,17 +118,23 @@ def SetUpReplay(
         scenario_text=scenario_text or "",
         tolerances=_tolerances(run, recorded, used),
         cameras_moved=_moves_cameras(recorded, scenario),
-        notes=NotesOn(run, recorded, repeat_tracks=used == RECORDED),
+        notes=NotesOn(run, recorded, repeat_tracks=used == RECORDED) + _unknown_settings(unknown),
     )
 
 
-def _recorded_scenario(run: RecordedRun) -> Scenario:
-    """Returns the scenario of the run."""
+def _unknown_settings(places: Sequence[str]) -> tuple[str, ...]:
+    if not places:
+        return ()
+    return (f"settings that this version lacks were ignored: {', '.join(places)}",)
+
+
+def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
+    """Returns the scenario of the run; `unknown` gets the places of settings of other versions."""
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
         file.write_text(run.scenario_text or "", encoding="utf-8")
         try:
-            scenario = LoadScenario(filename=file)
+            scenario = LoadScenario(filename=file, unknown=unknown)
         except PoilError as error:
             problem = error.problem.replace(str(file), "scenario.yaml")
             raise RunLogError(

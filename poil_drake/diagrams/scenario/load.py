@@ -38,6 +38,7 @@ def LoadScenario(
     data: str | None = None,
     scenario_name: str | None = None,
     defaults: Scenario | None = None,
+    unknown: list[str] | None = None,
 ) -> Scenario:
     """Reads a scenario from a file and then, over it, from text.
 
@@ -49,6 +50,8 @@ def LoadScenario(
         scenario_name: The scenario of the file to read. It may be omitted if the file has only
             one scenario, or one named "HangMug".
         defaults: The scenario that the file and the text change.
+        unknown: Gets the places of the file's unknown keys, which are skipped, as for files of
+            other versions; None: they are errors.
 
     Raises:
         ScenarioError: The file cannot be read, or a key or value is wrong. The text says in one
@@ -59,7 +62,7 @@ def LoadScenario(
         path = Path(filename)
         name, node = _named_scenario(_read(path), scenario_name, path)
         node = _with_absolute_paths(node, path.resolve().parent)
-        scenario = merge_yaml(node=node, schema=Scenario, default=scenario)
+        scenario = merge_yaml(node=node, schema=Scenario, default=scenario, unknown=unknown)
         source = ScenarioSource(name=name, file=str(path))
         scenario = dataclasses.replace(scenario, source=source)
     if data is not None:

@@ -31,7 +31,9 @@ _WANTED = {
 }
 
 
-def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
+def merge_yaml(
+    *, node: Any, schema: Any, default: Any, path: str = "", unknown: list[str] | None = None
+) -> Any:
     """Returns `default`, changed wherever the YAML node gives a value.
 
     Structures (dataclasses and Drake's types) and mappings are merged key by key; lists and
@@ -44,6 +46,7 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
             np.ndarray, or Optional, Union, list, tuple or Mapping[str, ...] of those.
         default: The value that the node changes, or None if there is none.
         path: The node's place in the document, for errors, e.g. "poil.rates".
+        unknown: Gets the places of unknown keys, which are skipped; None: they are errors.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text names the place, the value and
@@ -63,12 +66,16 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
         fields = _fields(schema)
         if fields is not None:
             default = default if type(default) is schema else schema()
-            return _merge_structure(node, fields, default, path)
+            return _merge_structure(node, fields, default, path, unknown)
         if base in (dict, Mapping):
             merged = dict(default or {})
             for key, value in node.items():
                 merged[key] = merge_yaml(
-                    node=value, schema=arguments[1], default=merged.get(key), path=f"{path}.{key}"
+                    node=value,
+                    schema=arguments[1],
+                    default=merged.get(key),
+                    path=f"{path}.{key}",
+                    unknown=unknown,
                 )
             return merged
     elif isinstance(node, list) and base in (list, tuple):
@@ -76,7 +83,9 @@ def merge_yaml(*, node: Any, schema: Any, default: Any, path: str = "") -> Any:
             arguments = (arguments[0],) * len(node)
         if len(arguments) == len(node):
             return base(
-                merge_yaml(node=item, schema=argument, default=None, path=f"{path}[{i}]")
+                merge_yaml(
+                    node=item, schema=argument, default=None, path=f"{path}[{i}]", unknown=unknown
+                )
                 for i, (item, argument) in enumerate(zip(node, arguments, strict=True))
             )
         wanted = f"a list of {len(arguments)} values"
@@ -104,7 +113,9 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
     raise TypeError
 
 
-def _merge_structure(node: Mapping, fields: Mapping[str, Any], default: Any, path: str) -> Any:
+def _merge_structure(
+    node: Mapping, fields: Mapping[str, Any], default: Any, path: str, unknown: list[str] | None
+) -> Any:
     """Returns a copy of a dataclass or one of Drake's structures with the node's values."""
     values = {}
     for key, value in node.items():
@@ -112,9 +123,16 @@ def _merge_structure(node: Mapping, fields: Mapping[str, Any], default: Any, pat
         if key == "_tag":
             continue
         if key not in fields:
-            raise _unknown_key(path, key, list(fields))
+            if unknown is None:
+                raise _unknown_key(path, key, list(fields))
+            unknown.append(place)
+            continue
         values[key] = merge_yaml(
-            node=value, schema=fields[key], default=getattr(default, key), path=place
+            node=value,
+            schema=fields[key],
+            default=getattr(default, key),
+            path=place,
+            unknown=unknown,
         )
     if dataclasses.is_dataclass(default) and not isinstance(default, type):
         try:

@@ -15,6 +15,7 @@ from poil_drake.diagrams.replay.contents import NotesOn
 from poil_drake.diagrams.replay.setup import RECORDED, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.images import CameraModel
@@ -63,6 +64,21 @@ def test_an_attachment_that_is_missing_is_named(
         SetUpReplay(older)
 
 
+def test_settings_that_this_version_lacks_are_noted(log: Path, tmp_path: Path) -> None:
+    with_more = tmp_path / "run.mcap"
+    scenario = DumpScenario(short_scenario()).replace(
+        "  poil:\n", "  poil:\n    temper: {heat: 3}\n"
+    )
+    run = load_recorded_run(log, joint_names=ARM_JOINTS)
+    with RunLogWriter(with_more, scenario_text=scenario, plan=run.plan or b"") as writer:
+        write_samples(writer)
+
+    dut = SetUpReplay(with_more)
+
+    assert dut.scenario.poil == short_scenario().poil
+    assert dut.notes[-1] == "settings that this version lacks were ignored: poil.temper"
+
+
 def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
     with OpenRunLog(tmp_path / "run.mcap", plan=short_plan(), scenario=short_scenario()):
         pass
@@ -82,7 +98,7 @@ def test_a_log_that_was_cut_off_too_early_says_so(log: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("scenario_text", "plan", "said"),
     [
-        ("A: {poil: {etta: 2}}", None, "The scenario in the log.*etta"),
+        ("A: {poil: {eta: two}}", None, "The scenario in the log.*poil.eta"),
         ("A: [", None, "The scenario in the log.*not valid YAML"),
         (None, b"PK no plan", "plan.npz' cannot be read"),
     ],
