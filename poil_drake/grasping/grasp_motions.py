@@ -84,7 +84,7 @@ def plan_approach(
     """
     checker = RobotCollisionChecker(
         model=model,
-        spheres=make_robot_spheres(model, finger_opening=opening, config=feasibility.spheres),
+        spheres=make_robot_spheres(finger_opening=opening, config=feasibility.spheres),
         scene=scene,
         config=feasibility.collision,
     )

@@ -98,7 +98,7 @@ def plan_execution(
     # The demonstrated part's points stand for what the cameras did not see of it.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(
-        model, finger_opening=feasibility.spheres.gripper.max_width, config=feasibility.spheres
+        finger_opening=feasibility.spheres.gripper.max_width, config=feasibility.spheres
     )
     scene = (
         SceneCloud(scene_points, config=feasibility.collision)

@@ -1,4 +1,4 @@
-"""Timed joint-space motions and how to follow them with velocity commands."""
+"""Timed joint-space motions, and velocity commands that follow them."""
 
 from dataclasses import dataclass
 
@@ -45,11 +45,11 @@ class JointTrajectory(SharedOnCopy):
         return float(self.times[-1])
 
     def slowed(self, speed: float) -> "JointTrajectory":
-        """Returns the same motion at a share `speed`, in (0, 1], of its speed."""
+        """Returns the same path at a share `speed`, in (0, 1], of its speed."""
         return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
+        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; rest outside its duration."""
         if time <= 0.0:
             return self.positions[0], np.zeros(self.positions.shape[1])
         if time >= self.times[-1]:
@@ -66,7 +66,7 @@ class JointTrajectory(SharedOnCopy):
 def follow_joint_trajectory(
     trajectory: JointTrajectory, time: float, positions: np.ndarray, gain: float
 ) -> np.ndarray:
-    """Returns the joint velocity (J,) [rad/s] that follows a trajectory: feedforward + P feedback.
+    """Returns the joint velocity (J,) [rad/s] of feedforward and proportional feedback.
 
     Args:
         trajectory: The motion.

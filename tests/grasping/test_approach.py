@@ -9,7 +9,8 @@ from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.approach import ApproachConfig, EdgeChecker, plan_joint_path
 from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.inverse_kinematics import distinct_solutions
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 
 
@@ -22,7 +23,7 @@ def checker(model: PandaModel) -> RobotCollisionChecker:
     """A screen 0.45 m high stands between the robot's left and right."""
     x, z = np.meshgrid(np.arange(0.25, 0.8, 0.01), np.arange(0.02, 0.45, 0.01))
     screen = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
-    spheres = make_robot_spheres(model, finger_opening=0.03)
+    spheres = make_robot_spheres(finger_opening=0.03)
     return RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(screen))
 
 

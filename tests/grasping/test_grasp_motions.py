@@ -8,7 +8,8 @@ from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.planning.joint_timing import JointTimingConfig
 from poil_drake.robots.collision import SceneCloud
 from poil_drake.robots.joint_trajectory import JointTrajectory
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 RIGHT, LEFT = (NOMINAL_POSTURE + turn * np.eye(7)[0] for turn in (-0.9, 0.9))

@@ -36,9 +36,10 @@ from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import RunSummary
-from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, SkillConfig
+from poil_drake.systems.skill.phases import FAULT_TEXT, Fault
+from poil_drake.systems.skill.state_machine import SkillConfig
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
@@ -284,17 +285,22 @@ def test_a_tracker_that_dies_again_and_again_is_a_fault(
 MOVING = 0.05
 """The inverse kinematics fails once it has asked for so much [rad/s]."""
 
-_RESOLVE, _ADVANCE = DifferentialIk._resolve, DifferentialIk._advance
+_RESOLVE = DifferentialInverseKinematics._resolve
+_UPDATE = DifferentialInverseKinematics._update
 
 
-def resolve_to_nan(self: DifferentialIk, context: Context, previous: np.ndarray) -> tuple:
+def resolve_to_nan(
+    self: DifferentialInverseKinematics, context: Context, previous: np.ndarray
+) -> tuple:
     velocity, *rest = _RESOLVE(self, context, previous)
     return (np.full_like(velocity, np.nan) if np.abs(velocity).max() > MOVING else velocity), *rest
 
 
-def advance_no_more(self: DifferentialIk, context: Context, state: DiscreteValues) -> None:
+def advance_no_more(
+    self: DifferentialInverseKinematics, context: Context, state: DiscreteValues
+) -> None:
     if np.abs(state.value(self._state["velocity"])).max() <= MOVING:
-        _ADVANCE(self, context, state)
+        _UPDATE(self, context, state)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +313,7 @@ def advance_no_more(self: DifferentialIk, context: Context, state: DiscreteValue
             "NaN from the inverse kinematics",
         ),
         (
-            "_advance",
+            "_update",
             advance_no_more,
             SafetyFault.COMMAND_STALE,
             "the inverse kinematics repeats its last answer for ever",
@@ -323,7 +329,7 @@ def test_inverse_kinematics_that_fail_are_a_fault(
     fault: SafetyFault,
     what: str,
 ) -> None:
-    monkeypatch.setattr(DifferentialIk, method, broken)
+    monkeypatch.setattr(DifferentialInverseKinematics, method, broken)
 
     summary, seen = execute_with(carrying_plan(), speed=1.0)
 

@@ -240,6 +240,6 @@ def test_a_second_run_refuses_to_command_beside_the_first(act_on_run: ActOnRun) 
     first = act_on_run(run_another)
 
     assert ended[-1].returncode != 0
-    assert "Somebody else commands the robot" in ended[-1].stderr
+    assert "Another process commands the robot" in ended[-1].stderr
     reason = json.loads((first.folder / "second" / "run.json").read_text())["reason"]
     assert "somebody else commands" in reason.lower()

@@ -9,7 +9,8 @@ from poil_drake.robots.collision import (
     SceneCloud,
     cloud_clearance,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import RobotSpheres, make_robot_spheres
 
 NO_TABLE = CollisionConfig(ground_height=None)
@@ -17,7 +18,7 @@ NO_TABLE = CollisionConfig(ground_height=None)
 
 @pytest.fixture(scope="module")
 def spheres(model: PandaModel) -> RobotSpheres:
-    return make_robot_spheres(model, finger_opening=0.03)
+    return make_robot_spheres(finger_opening=0.03)
 
 
 def wall(y: float) -> np.ndarray:

@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots import posture_guard as dut
 from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker, SceneCloud
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_hand import GripperGeometry
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureRule
 
@@ -62,7 +63,7 @@ def test_the_box_moves_with_the_base_of_the_robot() -> None:
 
 def test_the_whole_arm_keeps_the_larger_box() -> None:
     # The wrist is the highest part of the upright arm; its spheres reach beyond its centre.
-    spheres = make_robot_spheres(MODEL, finger_opening=None)
+    spheres = make_robot_spheres(finger_opening=None)
     heights = spheres.world_centers(MODEL.link_poses(UPRIGHT))[:, 2] + spheres.radii
     top = heights[spheres.links < 8].max()
 
@@ -113,7 +114,7 @@ def test_closed_finger_tips_keep_off_the_table() -> None:
 def test_the_elbow_keeps_off_the_table() -> None:
     # Lying forward, the arm is lowest at its spheres; the hand, bent up, is higher.
     q = np.array([0.0, 1.7, 0.0, -0.3, 0.0, 3.5, 0.0])
-    spheres = make_robot_spheres(MODEL, finger_opening=None)
+    spheres = make_robot_spheres(finger_opening=None)
     lows = spheres.world_centers(MODEL.link_poses(q))[:, 2] - spheres.radii
     lowest = lows[(spheres.links >= 2) & (spheres.links < 8)].min()
 
@@ -132,7 +133,7 @@ def test_distance_to_itself_is_that_of_the_planners_check(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, size=(20, 7))
     checker = RobotCollisionChecker(
         model=MODEL,
-        spheres=make_robot_spheres(MODEL, finger_opening=None),
+        spheres=make_robot_spheres(finger_opening=None),
         scene=SceneCloud(np.zeros((0, 3))),
         config=CollisionConfig(max_distance=1.0),
     )

@@ -15,21 +15,21 @@ from network_bench import NetworkBench
 from pydrake.systems.framework import System
 from system_bench import START, SystemBench
 
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda.lcm_messages import (
     decode_hand_status,
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda.lcm_receivers import HandStatusReceiver, PandaStatusReceiver
-from poil_drake.systems.panda.lcm_senders import HandCommandSender, PandaCommandSender
+from poil_drake.systems.panda.lcm_receivers import FrankaStatusReceiver, HandStatusReceiver
+from poil_drake.systems.panda.lcm_senders import FrankaCommandSender, HandCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig
 
 PERIOD = 1 / 256
 LIMITER = VelocityLimiter(
-    limits=MakePandaKinematics().joint_limits, period=PERIOD, config=SafetyConfig().limiter
+    limits=PandaModel().joint_limits, period=PERIOD, config=SafetyConfig().limiter
 )
 JOINTS = [0.1, -0.2, 0.3, -1.5, 0.5, 1.6, 0.7]
 
@@ -136,8 +136,8 @@ class RobotBench(NetworkBench):
 
 def make_arm_bench(bench: type[RobotBench] = RobotBench, **options: float) -> RobotBench:
     return bench(
-        partial(PandaCommandSender, limiter=LIMITER, period=PERIOD, **options),
-        PandaStatusReceiver,
+        partial(FrankaCommandSender, limiter=LIMITER, period=PERIOD, **options),
+        FrankaStatusReceiver,
         partial(LcmMailbox, decode=decode_panda_status, same_sender=same_panda),
         lcmt_panda_command.decode,
     )

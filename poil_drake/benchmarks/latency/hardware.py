@@ -42,7 +42,8 @@ from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 from poil_drake.reports.progress import OneLineTqdm
 from poil_drake.runtime.real_time_memory import KeepMemory
 from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
-from poil_drake.systems.skill.phases import Phase, SkillState
+from poil_drake.systems.skill.phases import Phase
+from poil_drake.systems.skill.state_machine import SkillState
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _STALL = 1.0

@@ -8,13 +8,12 @@ from pydrake.multibody.tree import BodyIndex
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.logging.mcap_logger_config import McapLoggerConfig
 from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES, phase_reason
-from poil_drake.systems.skill.phases import FAULT_TEXT
+from poil_drake.systems.skill.phases import FAULT_TEXT, PHASE_NAMES, phase_reason
 from poil_drake.systems.statuses import ControllerStatus, DetectorStatus, IkStatus, TrackerStatus
 
 _STATUSES = {

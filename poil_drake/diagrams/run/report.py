@@ -18,12 +18,11 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
 from poil_drake.reports.summary_data import SummaryData
 from poil_drake.reports.summary_picture import make_summary_picture
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, Phase
+from poil_drake.systems.skill.phases import FAULT_TEXT, PHASE_NAMES, Fault, Phase
 
 __all__ = [
     "REQUIRED_HANGING_TIME",
@@ -280,7 +279,7 @@ def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | No
         for span in summary.phases
         if span.name in {p.name.lower() for p in _PICTURED_PHASES}
     ]
-    limits = MakePandaKinematics().velocity_limits
+    limits = PandaModel().velocity
     timing = summary.timing
     return SummaryData(
         title=f"{report.scenario.poil.object} on {report.scenario.poil.fixture}",

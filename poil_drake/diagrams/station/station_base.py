@@ -11,8 +11,8 @@ from pydrake.systems.framework import Context, Diagram
 
 from poil_drake.diagrams.loop.recorded_perception import RecordedPerception
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.models.panda_model import BASE_LINK
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.robots.panda import BASE_LINK
 
 
 class Station(Diagram):

@@ -11,7 +11,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.grasping.rehearsal.path_following import PathFollowingConfig
 from poil_drake.robots.collision import CollisionConfig
 from poil_drake.robots.inverse_kinematics import InverseKinematicsConfig
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_spheres import RobotSpheresConfig
 from poil_drake.robots.posture_guard import PostureGuardConfig
 

@@ -9,7 +9,8 @@ from poil_drake.robots.inverse_kinematics import (
     damped_step,
     pose_error,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 
 
 @dataclass(frozen=True, kw_only=True)

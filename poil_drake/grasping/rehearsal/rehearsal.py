@@ -178,9 +178,7 @@ class FeasibilityChecker:
         if opening is not None:
             opening = min(np.ceil(opening / 0.01) * 0.01, self._config.spheres.gripper.max_width)
         if opening not in self._checkers:
-            spheres = make_robot_spheres(
-                self._model, finger_opening=opening, config=self._config.spheres
-            )
+            spheres = make_robot_spheres(finger_opening=opening, config=self._config.spheres)
             self._checkers[opening] = RobotCollisionChecker(
                 model=self._model,
                 spheres=spheres,

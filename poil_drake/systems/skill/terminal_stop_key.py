@@ -1,4 +1,4 @@
-"""Keys of the terminal that stop the robot."""
+"""Stops the robot by a key in the terminal."""
 
 import os
 import select
@@ -13,26 +13,25 @@ from typing import Any, Self, TextIO
 from poil_drake.systems.skill.stop_requests import StopSwitch
 
 STOP_KEYS = b" \r\nqQ\x1b"
-"""Space, Enter, q and Escape: large, or easily remembered."""
+"""Space, Enter, q and Escape: large keys, and keys that are easy to remember."""
 
 
 class TerminalStopKey:
-    """Presses a switch for every stop key that is typed while it is open.
+    """Requests a stop for every stop key that is typed while the context manager is open.
 
-    As a context manager it takes the terminal out of its line mode, so that keys arrive without
-    Enter and are not shown, and gives it back as it was. Ctrl-C still interrupts. Where the stream
-    is no terminal, or another program has the terminal, as for a job in the background, it does
-    nothing.
+    It takes the terminal out of its line mode, so that keys arrive without Enter and without echo,
+    and restores the mode at the end. Ctrl-C still interrupts. It does nothing if the stream is no
+    terminal, or if another program controls the terminal, as for a background job.
 
     Attributes:
-        active: Whether keys are listened for.
+        active: Whether it listens to keys.
     """
 
     def __init__(self, switch: StopSwitch, *, stream: TextIO | None = None):
-        """Keeps what it needs; nothing happens before it is entered.
+        """Stores the arguments; listening starts on entry.
 
         Args:
-            switch: What to press.
+            switch: Receives the requests.
             stream: The terminal; None for the standard input.
         """
         self._switch, self._stream = switch, stream
@@ -65,7 +64,7 @@ class TerminalStopKey:
             os.close(self._wake_reader)
         finally:
             if _in_foreground(self._terminal):
-                with suppress(termios.error):  # The terminal has gone.
+                with suppress(termios.error):  # The terminal was closed.
                     termios.tcsetattr(self._terminal, termios.TCSANOW, self._modes)
 
     def _listen(self) -> None:
@@ -77,7 +76,7 @@ class TerminalStopKey:
                 typed = os.read(self._terminal, 64)
             except OSError:
                 typed = b""
-            if not typed:  # The terminal has gone, and nobody can press a key any more.
+            if not typed:  # The terminal was closed, so there will be no more keys.
                 self._switch.request()
                 return
             for key in typed:
@@ -86,7 +85,7 @@ class TerminalStopKey:
 
 
 def _terminal(stream: TextIO | None) -> int | None:
-    """Returns the descriptor of a stream that is a terminal of ours, else None."""
+    """Returns the descriptor of a stream that is a terminal in our control, else None."""
     try:
         descriptor = -1 if stream is None else stream.fileno()
     except (OSError, ValueError):  # Not a file, or closed.
@@ -96,8 +95,8 @@ def _terminal(stream: TextIO | None) -> int | None:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Returns whether we may change a terminal; a job in the background would be halted."""
+    """Returns whether we may change a terminal; the system suspends background jobs that do."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
-    except OSError:  # It is not what controls us, so nobody halts us.
+    except OSError:  # It is not our controlling terminal, so there is no such restriction.
         return True

@@ -18,12 +18,13 @@ from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
-from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.panda.velocity_driver import PandaVelocityDriver
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
-from poil_drake.systems.skill.phases import Phase, SkillState
+from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.sequencer import SkillSequencer
+from poil_drake.systems.skill.state_machine import SkillState
 from poil_drake.systems.tracking.ground_truth_tracker import GroundTruthTracker
 
 CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 3 / 16
@@ -48,7 +49,7 @@ WATCHED: dict[str, tuple[type[LeafSystem], str, tuple[str, ...]]] = {
     "capture": (GroundTruthTracker, "_capture", ()),
     "release": (GroundTruthTracker, "_release", ()),
     "propagate": (FkPropagator, "_update", ("tracked_points",)),
-    "ik": (DifferentialIk, "_update", ("spatial_velocity",)),
+    "ik": (DifferentialInverseKinematics, "_update", ("spatial_velocity",)),
     "sequence": (SkillSequencer, "_update", ("mean_error",)),
     "driver": (PandaVelocityDriver, "_step", ("velocity",)),
     "log": (

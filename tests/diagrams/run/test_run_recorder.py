@@ -16,7 +16,8 @@ from poil_drake.diagrams.run.task_success import HangingJudge
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.skill.phases import Fault, Phase, SkillState
+from poil_drake.systems.skill.phases import Fault, Phase
+from poil_drake.systems.skill.state_machine import SkillState
 
 PERIOD = 1 / 32
 

@@ -11,7 +11,7 @@ from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.diagrams.station.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
+from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
 from poil_drake.systems.safety.faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 

@@ -28,7 +28,7 @@ def context_of(dut: MotionSource, phase: Phase, time: float = 0.0, **changed):
     values = {
         "phase": [phase],
         "phase_start": [0.0],
-        "panda.position_measured": np.full(7, 0.1),
+        "position_measured": np.full(7, 0.1),
         "gripper_pose": X_WG.ravel(),
         "field_velocity": FIELD,
         "ik_velocity": IK,
@@ -62,14 +62,14 @@ def test_joint_phases_follow_their_trajectory(
     expected = follow_joint_trajectory(joints, 0.5, np.full(7, 0.1), CONFIG.joint_gain)
     assert evaluate(dut, context, "velocity") == pytest.approx(expected)
     assert evaluate(dut, context, "motion_done")[0] == 0.0
-    there = {"panda.position_measured": joints.positions[-1] + 0.019}
+    there = {"position_measured": joints.positions[-1] + 0.019}
     ended = context_of(dut, phase, time=joints.duration, **there)
     assert evaluate(dut, ended, "motion_done")[0] == 1.0
 
 
 def test_an_arm_that_was_held_up_has_not_ended_its_motion(dut: MotionSource) -> None:
     short = APPROACH.positions[-1] - 0.021 * np.eye(7)[2]
-    context = context_of(dut, Phase.APPROACH, time=9.0, **{"panda.position_measured": short})
+    context = context_of(dut, Phase.APPROACH, time=9.0, **{"position_measured": short})
 
     assert evaluate(dut, context, "motion_done")[0] == 0.0
     # It still makes for the end.
@@ -112,7 +112,7 @@ def test_nothing_moves_straight_before_the_pose_is_latched(dut: MotionSource) ->
     ("phase", "changed", "output"),
     [
         (Phase.FOLLOW, {"field_velocity": np.full(6, np.nan)}, "spatial_velocity"),
-        (Phase.APPROACH, {"panda.position_measured": np.full(7, np.nan)}, "velocity"),
+        (Phase.APPROACH, {"position_measured": np.full(7, np.nan)}, "velocity"),
         (Phase.LIFT, {"gripper_pose": np.full(16, np.nan)}, "spatial_velocity"),
     ],
 )
@@ -154,6 +154,6 @@ def test_direct_feedthrough_is_as_designed(dut: MotionSource) -> None:
     by_phase = {"phase", "phase_start"}
     assert pairs == {
         *((name, "spatial_velocity") for name in by_phase | {"gripper_pose", "field_velocity"}),
-        *((name, "velocity") for name in by_phase | {"panda.position_measured", "ik_velocity"}),
-        *((name, "motion_done") for name in by_phase | {"panda.position_measured"}),
+        *((name, "velocity") for name in by_phase | {"position_measured", "ik_velocity"}),
+        *((name, "motion_done") for name in by_phase | {"position_measured"}),
     }

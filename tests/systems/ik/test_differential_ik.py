@@ -4,14 +4,13 @@ from system_bench import SystemBench
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots.joint_limits import JointLimits
-from poil_drake.robots.twist_resolution import TwistResolutionConfig, resolve_twist
+from poil_drake.robots.twist_resolution import DifferentialInverseKinematicsConfig, resolve_twist
 from poil_drake.systems.ik.arm_kinematics import ArmKinematics
-from poil_drake.systems.ik.differential_ik import DifferentialIk, DifferentialIkConfig
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.statuses import IkStatus
 
 PERIOD = 1 / 256
-RESOLUTION = TwistResolutionConfig(nominal_posture=(0.0,) * 7)
-CONFIG = DifferentialIkConfig(resolution=RESOLUTION)
+CONFIG = DifferentialInverseKinematicsConfig(nominal_posture=(0.0,) * 7)
 ALONG_X = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0])
 
 
@@ -22,7 +21,7 @@ class ArmBench(SystemBench):
 
     def step(self, twist: np.ndarray, positions: np.ndarray | None = None) -> np.ndarray:
         """Runs one update and returns the velocity that it commands."""
-        self.fix("panda.position_measured", self.positions if positions is None else positions)
+        self.fix("position_measured", self.positions if positions is None else positions)
         self.fix(spatial_velocity=twist)
         self.advance(PERIOD)
         velocity = self.read("velocity")
@@ -37,7 +36,7 @@ class ArmBench(SystemBench):
 
 @pytest.fixture
 def bench(gantry: ArmKinematics) -> ArmBench:
-    return ArmBench(DifferentialIk(kinematics=gantry, period=PERIOD, config=CONFIG))
+    return ArmBench(DifferentialInverseKinematics(kinematics=gantry, period=PERIOD, config=CONFIG))
 
 
 def test_before_the_first_update_nothing_moves(bench: ArmBench) -> None:
@@ -70,7 +69,7 @@ def test_the_answer_is_that_of_the_pure_function(bench: ArmBench) -> None:
         velocity=np.ones(7),
         acceleration=np.full(7, 8.0),
     )
-    expected = resolve_twist(twist, J, positions, np.zeros(7), limits, RESOLUTION, PERIOD)
+    expected = resolve_twist(twist, J, positions, np.zeros(7), limits, CONFIG, PERIOD)
 
     velocity = bench.step(twist, positions)
 
@@ -107,7 +106,7 @@ def test_at_a_joint_limit_it_slows_down_and_is_stuck(bench: ArmBench) -> None:
         bench.step(up)
         statuses.append(bench.read("status")[0])
 
-    assert bench.positions[3] == pytest.approx(2.0 - RESOLUTION.position_margin, abs=1e-3)
+    assert bench.positions[3] == pytest.approx(2.0 - CONFIG.position_margin, abs=1e-3)
     assert statuses[100] == IkStatus.OK
     assert statuses[-1] == IkStatus.STUCK
     assert IkStatus.LIMITED in statuses[101:-1]
@@ -150,5 +149,5 @@ def test_nothing_feeds_through(bench: ArmBench) -> None:
 
 
 def test_a_posture_of_another_arm_is_refused(two_joint_arm: ArmKinematics) -> None:
-    with pytest.raises(InvalidValueError, match="nominal posture of 7"):
-        DifferentialIk(kinematics=two_joint_arm, period=PERIOD)
+    with pytest.raises(InvalidValueError, match="nominal posture has 7"):
+        DifferentialInverseKinematics(kinematics=two_joint_arm, period=PERIOD)

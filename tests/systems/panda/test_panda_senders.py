@@ -23,6 +23,7 @@ from poil_drake.robots.velocity_limiter import JointMotion
 from poil_drake.systems.lcm import mailbox as lcm_mailbox
 from poil_drake.systems.panda import lcm_senders as panda_senders
 from poil_drake.systems.panda.lcm_messages import (
+    HandOpening,
     encode_hand_command,
     encode_panda_command,
 )
@@ -59,7 +60,7 @@ def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
 
 
 def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
-    arm = make_arm_bench(max_age=0.1)
+    arm = make_arm_bench()
     arm.say(arm_status(START))
     wanted = np.full(7, 0.1)
 
@@ -305,9 +306,9 @@ def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
 def test_somebody_else_who_commands_the_hand_ends_the_run(hand: RobotBench) -> None:
     hand.say(hand_status(0.08))
     hand.send(width=0.05)
-    hand.publish("COMMAND", encode_hand_command(0.0, 40.0, START))
+    hand.publish("COMMAND", encode_hand_command(HandOpening(START, 0.0), 40.0))
 
-    with pytest.raises(StationError, match="Somebody else commands the hand on COMMAND"):
+    with pytest.raises(StationError, match="Another process commands the hand on COMMAND"):
         hand.send(width=0.05)
 
 
@@ -332,7 +333,7 @@ def test_somebody_else_who_commands_the_arm_ends_the_run(arm: RobotBench) -> Non
     arm.send(velocity=np.full(7, 0.1))
     arm.publish("COMMAND", encode_panda_command(np.full(7, 0.2), START))
 
-    with pytest.raises(StationError, match="Somebody else commands the robot on COMMAND"):
+    with pytest.raises(StationError, match="Another process commands the robot on COMMAND"):
         arm.send()
 
 

@@ -7,12 +7,11 @@ from pydrake.systems.framework import Context
 
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.systems.panda.velocity_driver import (
-    ROBOT_MODE_MOVE,
     PandaDriver,
     PandaVelocityDriver,
-    joint_steps,
-    step_joint,
+    step_joints,
 )
+from poil_drake.systems.statuses import RobotMode
 
 TIME_STEP = 1 / 512
 LIMITS = JointLimits(
@@ -30,9 +29,17 @@ def step(
     measured: float | None = None,
     config: PandaDriver = PLAIN,
 ) -> tuple[float, float]:
-    joint = joint_steps(limits=LIMITS, config=config, time_step=TIME_STEP)[0]
     measured = position if measured is None else measured
-    return step_joint(joint, position=position, velocity=velocity, wanted=wanted, measured=measured)
+    positions, velocities = step_joints(
+        position=np.full(7, position),
+        velocity=np.full(7, velocity),
+        wanted=np.full(7, wanted),
+        measured=np.full(7, measured),
+        limits=LIMITS,
+        config=config,
+        time_step=TIME_STEP,
+    )
+    return positions[0], velocities[0]
 
 
 def test_speed_builds_up_at_the_acceleration_limit() -> None:
@@ -109,7 +116,7 @@ def test_before_the_first_step_the_arm_holds_still(dut: PandaVelocityDriver) -> 
     )
     np.testing.assert_array_equal(dut.GetOutputPort("velocity_commanded").Eval(context), 0)
     np.testing.assert_array_equal(
-        dut.GetOutputPort("status").Eval(context), [ROBOT_MODE_MOVE, 0.0, 1.0]
+        dut.GetOutputPort("status").Eval(context), [RobotMode.MOVE, 0.0, 1.0]
     )
 
 

@@ -55,7 +55,7 @@ def seen_by_updates(dut, port):
 
 def test_updates_see_what_was_logged_after_them():
     # The sample of 0.25 s was taken before the updates of that time, and after those of 0 s.
-    assert seen_by_updates(make(), "hand.width_measured") == [
+    assert seen_by_updates(make(), "width_measured") == [
         (0.0, 10.25),
         (0.25, 10.5),
         (0.5, 10.75),
@@ -64,7 +64,7 @@ def test_updates_see_what_was_logged_after_them():
 
 
 def test_updates_see_what_was_logged_with_them_where_it_moved_with_them():
-    assert seen_by_updates(make(leading=(STATUS,)), "hand.width_measured") == [
+    assert seen_by_updates(make(leading=(STATUS,)), "width_measured") == [
         (0.0, 10.0),
         (0.25, 10.25),
         (0.5, 10.5),
@@ -89,7 +89,7 @@ def test_a_sample_is_shown_when_it_was_taken():
         ("position_measured", 7, 0.0),
         ("velocity_measured", 7, 0.0),
         ("torque_external", 7, 0.0),
-        ("hand.width_measured", 1, 10.0),
+        ("width_measured", 1, 10.0),
         ("status", 3, 20.0),
         ("replayed_position", 7, 30.0),
     ],
@@ -114,14 +114,14 @@ def test_before_the_first_sample_nothing_is_known():
     )
     context = dut.CreateDefaultContext()
 
-    for port in ("position_measured", "status", "hand.width_measured", "replayed_position"):
+    for port in ("position_measured", "status", "width_measured", "replayed_position"):
         assert np.isnan(dut.GetOutputPort(port).Eval(context)).all()
 
 
 def test_commands_are_ignored():
     dut = make()
     context = dut.CreateDefaultContext()
-    for port, size in (("velocity", 7), ("velocity_time", 1), ("hand.width", 1)):
+    for port, size in (("velocity", 7), ("velocity_time", 1), ("width", 1)):
         dut.GetInputPort(port).FixValue(context, np.full(size, 9.0))
 
     shown = dut.GetOutputPort("position_measured").Eval(context)

@@ -7,10 +7,7 @@ from network_bench import NetworkBench
 
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
-    decode_panda_status,
-    encode_panda_command,
-)
+from poil_drake.systems.panda.lcm_messages import decode_panda_status, encode_panda_command
 from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.statuses import RobotMode
 
@@ -131,7 +128,7 @@ def test_between_steps_of_the_plant_the_position_is_carried_on() -> None:
 
 
 def test_reflex_stops_the_arm_is_reported_and_ends_the_driver() -> None:
-    bench = make_bench(torque_limit=20.0, reflex_sec=0.1)
+    bench = make_bench(torque_limit=20.0)
     mailbox = LcmMailbox(bench.lcm, "STATUS", decode_panda_status)
     bench.publish("COMMAND", encode_panda_command(WANTED, bench.now()))
     bench.advance(0.05)

@@ -44,7 +44,7 @@ class ArmBench(SystemBench):
 
     def step(self, q: np.ndarray) -> None:
         """Runs the update of the current tick."""
-        self.fix("panda.position_measured", q)
+        self.fix("position_measured", q)
         self.advance(PERIOD)
 
     def step_to(self, tick: int, q: Callable[[float], np.ndarray] = joints) -> None:

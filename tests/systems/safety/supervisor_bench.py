@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from system_bench import SystemBench
 
-from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.safety.supervisor import SafetySupervisor
@@ -14,12 +13,7 @@ from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 256
 MODEL = PandaModel()
-LIMITS = JointLimits(
-    lower=MODEL.lower,
-    upper=MODEL.upper,
-    velocity=MODEL.velocity,
-    acceleration=np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
-)
+LIMITS = MODEL.joint_limits
 
 
 class SupervisorBench(SystemBench):
@@ -49,7 +43,6 @@ class SupervisorBench(SystemBench):
     ):
         dut = SafetySupervisor(
             model=MODEL,
-            limits=LIMITS,
             period=PERIOD,
             cameras=cameras,
             config=config,
@@ -60,8 +53,8 @@ class SupervisorBench(SystemBench):
         self.velocities: list[np.ndarray] = []
         self.inputs: dict[str, Any] = {
             "velocity": np.zeros(7),
-            "panda.torque_external": np.zeros(7),
-            "panda.status": [float(RobotMode.MOVE), 0.0, 1.0],
+            "torque_external": np.zeros(7),
+            "status": [float(RobotMode.MOVE), 0.0, 1.0],
         }
         self.inputs |= {f"{camera}.image_time": [np.nan] for camera in cameras}
 
@@ -73,7 +66,7 @@ class SupervisorBench(SystemBench):
         self.inputs |= changes
         for _ in range(count):
             speed = self.velocities[-1] if self.velocities else np.zeros(7)
-            measured = {"panda.position_measured": self.q, "panda.velocity_measured": speed}
+            measured = {"position_measured": self.q, "velocity_measured": speed}
             for name, value in (measured | self.inputs).items():
                 self.fix(name, value(self.time) if callable(value) else value)
             self.simulator.AdvancePendingEvents()

@@ -8,7 +8,7 @@ from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 from poil_drake.robots.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
@@ -47,7 +47,7 @@ def test_before_the_first_update_the_arm_rests() -> None:
 def test_before_the_first_status_the_arm_rests() -> None:
     dut = SupervisorBench(np.full(7, np.nan))
 
-    nothing = {"panda.status": [0.0, np.inf, 0.0], "panda.torque_external": dut.q}
+    nothing = {"status": [0.0, np.inf, 0.0], "torque_external": dut.q}
     dut.tick(50, velocity=WANTED, **nothing)
 
     assert not np.any(dut.velocities)
@@ -91,18 +91,18 @@ WELL = {
     "stop": [0.0],
     "velocity_time": fresh,
     "front.image_time": fresh,
-    "panda.status": [MOVE, 0.001, 1.0],
+    "status": [MOVE, 0.001, 1.0],
 }
 CAUSES = {
     SafetyFault.STOP_REQUESTED: {"stop": [1.0]},
-    SafetyFault.NO_STATUS: {"panda.status": lambda now: [MOVE, now - 0.5, 1.0]},
-    SafetyFault.CLOCK_OFF: {"panda.status": [MOVE, 100.0, 1.0]},
-    SafetyFault.ROBOT_MODE: {"panda.status": [float(RobotMode.USER_STOPPED), 0.001, 1.0]},
-    SafetyFault.SUCCESS_RATE: {"panda.status": [MOVE, 0.001, 0.5]},
+    SafetyFault.NO_STATUS: {"status": lambda now: [MOVE, now - 0.5, 1.0]},
+    SafetyFault.CLOCK_OFF: {"status": [MOVE, 100.0, 1.0]},
+    SafetyFault.ROBOT_MODE: {"status": [float(RobotMode.USER_STOPPED), 0.001, 1.0]},
+    SafetyFault.SUCCESS_RATE: {"status": [MOVE, 0.001, 0.5]},
     SafetyFault.COMMAND_STALE: {"velocity_time": [0.5]},
     SafetyFault.COMMAND_NOT_FINITE: {"velocity": np.r_[WANTED[:6], np.nan]},
-    SafetyFault.EXTERNAL_TORQUE: {"panda.torque_external": -12.1 * np.eye(7)[6]},
-    SafetyFault.TRACKING_ERROR: {"panda.position_measured": np.array(NOMINAL_POSTURE)},
+    SafetyFault.EXTERNAL_TORQUE: {"torque_external": -12.1 * np.eye(7)[6]},
+    SafetyFault.TRACKING_ERROR: {"position_measured": np.array(NOMINAL_POSTURE)},
     SafetyFault.CAMERA_STALE: {"front.image_time": [0.5]},
 }
 """What happens half a second after the start. The camera's images last longest: 1 s."""
@@ -166,7 +166,7 @@ def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
     dut, like = moving_bench(), moving_bench()
 
     # The position that comes with an old status is somewhere else.
-    dut.tick(30, **{"panda.status": [MOVE, 3.0, 1.0], "panda.position_measured": np.ones(7)})
+    dut.tick(30, **{"status": [MOVE, 3.0, 1.0], "position_measured": np.ones(7)})
     like.tick(30, velocity=np.zeros(7))
 
     np.testing.assert_array_equal(dut.velocities, like.velocities)
@@ -174,9 +174,7 @@ def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
     np.testing.assert_allclose(dut.commanded, like.commanded, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "name", ["panda.position_measured", "panda.torque_external", "panda.status", "velocity"]
-)
+@pytest.mark.parametrize("name", ["position_measured", "torque_external", "status", "velocity"])
 def test_what_is_no_number_brakes_the_arm(name: str) -> None:
     dut = moving_bench()
     size = dut.dut.GetInputPort(name).size()
@@ -191,7 +189,7 @@ def test_what_is_no_number_brakes_the_arm(name: str) -> None:
 def test_with_speeds_that_are_no_numbers_the_arm_does_not_start() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE)
 
-    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": np.full(7, np.nan)})
+    dut.tick(20, velocity=WANTED, **{"velocity_measured": np.full(7, np.nan)})
 
     assert not np.any(dut.velocities)
 
@@ -199,9 +197,9 @@ def test_with_speeds_that_are_no_numbers_the_arm_does_not_start() -> None:
 def test_an_arm_that_still_moves_is_not_taken_over() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE)
 
-    dut.tick(20, velocity=WANTED, **{"panda.velocity_measured": 0.06 * DOWN})
+    dut.tick(20, velocity=WANTED, **{"velocity_measured": 0.06 * DOWN})
     assert not np.any(dut.velocities)
-    dut.tick(20, **{"panda.velocity_measured": 0.04 * DOWN})
+    dut.tick(20, **{"velocity_measured": 0.04 * DOWN})
 
     assert dut.read("velocity").any()
 
@@ -211,7 +209,7 @@ def test_a_standing_arm_is_taken_where_it_is_measured() -> None:
     dut.tick(20)
     pushed = np.array(NOMINAL_POSTURE) + 0.5 * DOWN
 
-    dut.tick(**{"panda.position_measured": pushed})
+    dut.tick(**{"position_measured": pushed})
 
     assert dut.fault is SafetyFault.NONE
     np.testing.assert_array_equal(dut.commanded, pushed)
@@ -324,9 +322,6 @@ def test_nothing_feeds_through() -> None:
 def test_torques_and_joints_must_be_seven() -> None:
     with pytest.raises(InvalidValueError, match="external_torque"):
         SafetySupervisor(
-            model=MODEL,
-            limits=LIMITS,
-            period=PERIOD,
             config=SafetyConfig(external_torque=(20.0,) * 6),
         )
 
@@ -368,7 +363,7 @@ def test_what_is_commanded_can_be_read_off() -> None:
 
 def test_in_a_replay_the_arm_need_not_go_where_it_is_told() -> None:
     still = np.array(NOMINAL_POSTURE)
-    held = {"panda.position_measured": still, "panda.velocity_measured": np.zeros(7)}
+    held = {"position_measured": still, "velocity_measured": np.zeros(7)}
     live, replay = SupervisorBench(still), SupervisorBench(still)
     live.tick(1, **held)
     replay.tick(1, **held)

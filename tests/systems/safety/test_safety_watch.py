@@ -49,7 +49,7 @@ def moving() -> dut.SafetyMemory:
 
 def test_while_all_is_well_there_is_no_fault(moving: dut.SafetyMemory) -> None:
     assert moving.fault == SafetyFault.NONE
-    assert moving.believed
+    assert moving.fresh
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_before_the_first_status_only_a_stop_is_a_fault(changes: dict) -> None:
     waiting = watch(dut.SafetyMemory(), 512, **nothing)
 
     assert waiting.fault == SafetyFault.NONE
-    assert not waiting.believed
+    assert not waiting.fresh
     assert watch(waiting, **nothing, stops=1.0).fault == SafetyFault.STOP_REQUESTED
 
 
@@ -170,7 +170,7 @@ def test_while_it_is_judged_the_status_is_not_believed(moving: dut.SafetyMemory)
     leapt = watch(moving, status_age=0.6)
 
     assert leapt.fault == SafetyFault.NONE
-    assert not leapt.believed
+    assert not leapt.fresh
 
 
 @pytest.mark.parametrize("offset", [100.0, -100.0])

@@ -10,7 +10,7 @@ from panda_bench import FakeTime
 from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.posture_guard import PostureGuard
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
@@ -21,7 +21,7 @@ from poil_drake.systems.panda.lcm_messages import (
     decode_panda_status,
     encode_panda_status,
 )
-from poil_drake.systems.panda.lcm_senders import PandaCommandSender
+from poil_drake.systems.panda.lcm_senders import FrankaCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.statuses import RobotMode
 
@@ -81,7 +81,7 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
     measured = 0.9 * velocity if moves else np.zeros(7)
 
     dut.hold_up(held_up)
-    dut.tick(1, **{"panda.velocity_measured": measured})
+    dut.tick(1, **{"velocity_measured": measured})
 
     assert dut.fault is SafetyFault.LOOP_STALLED
     told = dut.velocities[-1]
@@ -107,8 +107,8 @@ def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
     dut.tick(50, velocity=velocity)
 
     dut.hold_up(held_up)
-    before = {"panda.velocity_measured": 0.9 * velocity}
-    dut.tick(1, **before, **{"panda.status": [float(RobotMode.MOVE), age, 1.0]})
+    before = {"velocity_measured": 0.9 * velocity}
+    dut.tick(1, **before, **{"status": [float(RobotMode.MOVE), age, 1.0]})
 
     assert dut.fault is SafetyFault.LOOP_STALLED
     largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
@@ -143,7 +143,7 @@ class WayOut:
     def __init__(self) -> None:
         self._lcm = Network()
         mailbox = LcmMailbox(self._lcm, "STATUS", decode_panda_status)
-        self._sender = PandaCommandSender(
+        self._sender = FrankaCommandSender(
             lcm=self._lcm, channel="COMMAND", mailbox=mailbox, limiter=LIMITER, period=PERIOD
         )
         self._context = self._sender.CreateDefaultContext()

@@ -3,8 +3,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.systems.safety.faults import SafetyFault
-from poil_drake.systems.skill.phases import Fault, Observation, Phase, SkillConfig, next_state
+from poil_drake.systems.skill.phases import Fault, Phase
 from poil_drake.systems.skill.sequencer import SkillSequencer
+from poil_drake.systems.skill.state_machine import Observation, SkillConfig, next_state
 from poil_drake.systems.statuses import ControllerStatus, IkStatus, TrackerStatus
 
 PERIOD = 1 / 256
@@ -16,7 +17,7 @@ GOOD = {
     "goal_error": [0.2],
     "motion_done": [0.0],
     "ik_status": [IkStatus.OK],
-    "hand.width_measured": [0.08],
+    "width_measured": [0.08],
     "safety_fault": [SafetyFault.NONE],
 }
 
@@ -45,7 +46,7 @@ def test_before_the_first_update_it_waits_with_an_open_hand(dut: SkillSequencer)
         "phase": Phase.WAIT,
         "phase_start": 0.0,
         "fault": Fault.NONE,
-        "hand.width": SkillConfig().pregrasp_width,
+        "width": SkillConfig().pregrasp_width,
         "holding": 0.0,
         "detect_request": 0.0,
     }
@@ -66,7 +67,7 @@ def test_an_update_equals_the_pure_function(dut: SkillSequencer) -> None:
     [
         ({"safety_fault": [SafetyFault.EXTERNAL_TORQUE]}, Fault.SAFETY),
         ({"safety_fault": [np.nan]}, Fault.SAFETY),
-        ({"hand.width_measured": [np.nan]}, Fault.HAND_STATUS),
+        ({"width_measured": [np.nan]}, Fault.HAND_STATUS),
     ],
 )
 def test_what_makes_it_unsafe_to_go_on_is_a_fault(

@@ -3,10 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from poil_drake.systems.skill.phases import (
-    Fault,
+from poil_drake.systems.skill.phases import Fault, Phase
+from poil_drake.systems.skill.state_machine import (
     Observation,
-    Phase,
     SkillConfig,
     SkillState,
     hand_width_of,

@@ -1,7 +1,6 @@
 import pytest
 
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES, phase_reason
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, Phase
+from poil_drake.systems.skill.phases import FAULT_TEXT, PHASE_NAMES, Fault, Phase, phase_reason
 
 
 def test_names_stand_at_their_phases_index() -> None:
