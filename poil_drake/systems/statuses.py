@@ -1,6 +1,24 @@
 """Enumerations of the numbers on status ports."""
 
 from enum import IntEnum
+from typing import Self
+
+
+class DescribedEnum(IntEnum):
+    """An IntEnum whose members are pairs of a number and a clause for logs and reports.
+
+    Attributes:
+        text: The clause.
+    """
+
+    text: str
+
+    def __new__(cls, value: int, text: str) -> Self:
+        """Makes a member."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.text = text
+        return member
 
 
 class DetectorStatus(IntEnum):

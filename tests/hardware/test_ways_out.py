@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
+from poil_drake.systems.safety.faults import SafetyFault
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
 REST = 0.15
 FAST = 0.2  # [rad/s]: the swing is well on its way.
-STALLED = SAFETY_FAULT_TEXT[SafetyFault.LOOP_STALLED]
+STALLED = SafetyFault.LOOP_STALLED.text
 ActOnRun = Callable[..., "Run"]
 
 

@@ -21,8 +21,8 @@ from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill.phases import FAULT_TEXT, PHASE_NAMES, Fault, Phase
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, Phase
 
 __all__ = [
     "REQUIRED_HANGING_TIME",
@@ -228,9 +228,9 @@ def _judge(report: Report) -> tuple[bool, str]:
     # The sequencer no longer looks once it is done; the supervisor does.
     safety = report.safety_fault is not SafetyFault.NONE
     if report.fault is not Fault.NONE or safety:
-        reason = FAULT_TEXT[report.fault]
+        reason = report.fault.text
         if safety and report.fault in (Fault.NONE, Fault.SAFETY):
-            reason = SAFETY_FAULT_TEXT[report.safety_fault]
+            reason = report.safety_fault.text
         return False, _with_problems(f"{reason} (in phase '{_last_phase(report)}')", report)
     if report.recorder.phase is not Phase.DONE:
         phase = report.recorder.phase.name.lower()

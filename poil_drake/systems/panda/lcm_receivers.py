@@ -3,8 +3,7 @@
 import time
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.control_period import CONTROL_PERIOD
@@ -61,37 +60,27 @@ class FrankaStatusReceiver(LeafSystem):
         """
         super().__init__()
         self._mailbox, self._clock = mailbox, clock
-        self._received = self.DeclareAbstractState(Value[object]((None, np.inf)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         unknown = np.full(NUM_JOINTS, np.nan)
-        for port, field in (
-            ("position_measured", "position"),
-            ("velocity_measured", "velocity"),
-            ("torque_external", "torque_external"),
+        for port, value in (
+            ("position_measured", unknown),
+            ("velocity_measured", unknown),
+            ("torque_external", unknown),
+            ("status", [float(RobotMode.OTHER), np.inf, 0.0]),
         ):
-
-            def calc(context: Context, output: BasicVector, field: str = field) -> None:
-                status, _ = self._status(context)
-                output.SetFromVector(unknown if status is None else getattr(status, field))
-
-            self.DeclareVectorOutputPort(port, NUM_JOINTS, calc, {self.xa_ticket()})
-        self.DeclareVectorOutputPort("status", 3, self._calc_status, {self.xa_ticket()})
-
-    def _status(self, context: Context) -> tuple[PandaStatus | None, float]:
-        return context.get_abstract_state(self._received).get_value()
+            self.DeclareStateOutputPort(port, self.DeclareDiscreteState(value))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: State) -> None:
         self._mailbox.CheckOneSender()
         status = self._mailbox.newest
-        age = np.inf if status is None else self._clock() - status.stamp
-        state.get_mutable_abstract_state(self._received).set_value((status, age))
-
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        status, age = self._status(context)
         if status is None:
-            output.SetFromVector([float(RobotMode.OTHER), np.inf, 0.0])
-        else:
-            output.SetFromVector([float(status.mode), age, status.success_rate])
+            return
+        age = self._clock() - status.stamp
+        discrete_state = state.get_mutable_discrete_state()
+        discrete_state.set_value(0, status.position)
+        discrete_state.set_value(1, status.velocity)
+        discrete_state.set_value(2, status.torque_external)
+        discrete_state.set_value(3, [float(status.mode), age, status.success_rate])
 
 
 class HandStatusReceiver(LeafSystem):
@@ -124,19 +113,15 @@ class HandStatusReceiver(LeafSystem):
         """
         super().__init__()
         self._mailbox, self._clock = mailbox, clock
-        # The width, and the time at which it was last valid.
-        self._width = self.DeclareAbstractState(Value[object]((np.nan, -np.inf)))
+        self.DeclareStateOutputPort("width_measured", self.DeclareDiscreteState([np.nan]))
+        self._valid_at = self.DeclareDiscreteState([-np.inf])
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
-        self.DeclareVectorOutputPort("width_measured", 1, self._calc_width, {self.xa_ticket()})
 
     def _update(self, context: Context, state: State) -> None:
         status, time_now = self._mailbox.newest, context.get_time()
-        width, valid_at = context.get_abstract_state(self._width).get_value()
+        discrete_state = state.get_mutable_discrete_state()
         if status is not None and abs(self._clock() - status.stamp) <= _MAX_HAND_AGE:
-            width, valid_at = status.width, time_now
-        elif time_now - valid_at > _HAND_GRACE:
-            width = np.nan
-        state.get_mutable_abstract_state(self._width).set_value((width, valid_at))
-
-    def _calc_width(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([context.get_abstract_state(self._width).get_value()[0]])
+            discrete_state.set_value(0, [status.width])
+            discrete_state.set_value(self._valid_at, [time_now])
+        elif time_now - discrete_state.value(self._valid_at)[0] > _HAND_GRACE:
+            discrete_state.set_value(0, [np.nan])

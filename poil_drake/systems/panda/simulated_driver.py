@@ -4,9 +4,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.manipulation import PandaControlMode
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.robots.panda import NUM_JOINTS
@@ -102,14 +101,13 @@ class SimulatedDriver(LeafSystem):
         lcm.Subscribe(command_channel, self._receive)
         names = ("position_measured", "velocity_measured", "torque_external", "velocity_commanded")
         self._inputs = {name: self.DeclareVectorInputPort(name, NUM_JOINTS) for name in names}
-        # Velocity, its time, and the time of the reflex.
-        start = (np.zeros(NUM_JOINTS), -np.inf, np.inf)
-        self._state = self.DeclareAbstractState(Value[object](start))
+        self._velocity = self.DeclareDiscreteState(np.zeros(NUM_JOINTS))
+        self._velocity_time = self.DeclareDiscreteState([-np.inf])
+        self._reflex_time = self.DeclareDiscreteState([np.inf])
+        self.DeclareStateOutputPort("velocity", self._velocity)
+        self.DeclareStateOutputPort("velocity_time", self._velocity_time)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(self._config.status_period, 0.0, self._report)
-        known = {self.xa_ticket()}
-        self.DeclareVectorOutputPort("velocity", NUM_JOINTS, self._calc_velocity, known)
-        self.DeclareVectorOutputPort("velocity_time", 1, self._calc_time, known)
 
     def _receive(self, message: bytes) -> None:
         try:
@@ -117,13 +115,10 @@ class SimulatedDriver(LeafSystem):
         except InvalidValueError:
             return  # LCM itself drops messages of another type.
 
-    def _memory(self, context: Context) -> tuple[np.ndarray, float, float]:
-        return context.get_abstract_state(self._state).get_value()
-
     def _update(self, context: Context, state: State) -> None:
-        velocity, stamped, reflex = self._memory(context)
-        now = context.get_time()
-        if now - reflex >= _REFLEX_SEC:
+        discrete_state, now = state.get_mutable_discrete_state(), context.get_time()
+        reflex_time = discrete_state.value(self._reflex_time)[0]
+        if now - reflex_time >= _REFLEX_SEC:
             raise StationError(
                 "The robot's reflex stopped the arm: the external torque was above "
                 f"{self._config.torque_limit} N m.",
@@ -139,17 +134,19 @@ class SimulatedDriver(LeafSystem):
                 )
             age = self._clock() - command.stamp
             if abs(age) <= self._config.expire_sec and np.isfinite(command.velocity).all():
-                velocity, stamped = command.velocity, now - age
+                discrete_state.set_value(self._velocity, command.velocity)
+                discrete_state.set_value(self._velocity_time, [now - age])
         torque = np.abs(self._inputs["torque_external"].Eval(context)).max()
-        if reflex == np.inf and torque > self._config.torque_limit:
-            reflex = now
-        if reflex < np.inf:
-            velocity, stamped = np.zeros(NUM_JOINTS), -np.inf
-        state.get_mutable_abstract_state(self._state).set_value((velocity, stamped, reflex))
+        if torque > self._config.torque_limit:
+            reflex_time = min(reflex_time, now)
+        if reflex_time < np.inf:
+            discrete_state.set_value(self._velocity, np.zeros(NUM_JOINTS))
+            discrete_state.set_value(self._velocity_time, [-np.inf])
+            discrete_state.set_value(self._reflex_time, [reflex_time])
 
     def _report(self, context: Context) -> None:
         values = {name: port.Eval(context) for name, port in self._inputs.items()}
-        in_reflex = self._memory(context)[2] < np.inf
+        in_reflex = context.get_discrete_state(self._reflex_time)[0] < np.inf
         since_step = context.get_time() % self._period
         status = PandaStatus(
             stamp=self._clock(),
@@ -160,9 +157,3 @@ class SimulatedDriver(LeafSystem):
             success_rate=float(not in_reflex),
         )
         self._lcm.Publish(self._channel, encode_panda_status(status, values["velocity_commanded"]))
-
-    def _calc_velocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._memory(context)[0])
-
-    def _calc_time(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._memory(context)[1]])

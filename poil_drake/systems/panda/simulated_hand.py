@@ -1,11 +1,9 @@
 """The network side of a simulated driver of the Franka hand."""
 
 import time
-from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
@@ -18,20 +16,6 @@ from poil_drake.systems.panda.lcm_messages import (
 
 _STILL = 5e-4
 """A hand that moves less than this in a period has ended its motion [m]."""
-
-
-class _Hand(NamedTuple):
-    """The driver's memory.
-
-    Attributes:
-        target: The last commanded opening [m]; NaN before the first command.
-        width: Opening at the last update [m]; NaN before the first.
-        busy: Whether the hand is moving.
-    """
-
-    target: float = np.nan
-    width: float = np.nan
-    busy: bool = False
 
 
 class SimulatedHand(LeafSystem):
@@ -70,25 +54,25 @@ class SimulatedHand(LeafSystem):
         self._lcm, self._channel, self._clock = lcm, status_channel, clock
         self._mailbox = LcmMailbox(lcm, command_channel, decode_hand_command)
         self._measured = self.DeclareVectorInputPort("width_measured", 1)
-        self._state = self.DeclareAbstractState(Value[object](_Hand()))
+        self._target = self.DeclareDiscreteState([np.nan])
+        self.DeclareStateOutputPort("width", self._target)
+        # The measured opening at the last update [m], and 1 while the hand is moving.
+        self._last = self.DeclareDiscreteState([np.nan, 0.0])
         self.DeclarePeriodicUnrestrictedUpdateEvent(HAND_PERIOD, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(HAND_PERIOD, 0.0, self._report)
-        self.DeclareVectorOutputPort("width", 1, self._calc_width, {self.xa_ticket()})
-
-    def _hand(self, context: Context) -> _Hand:
-        return context.get_abstract_state(self._state).get_value()
 
     def _update(self, context: Context, state: State) -> None:
-        before, width = self._hand(context), float(self._measured.Eval(context)[0])
-        busy = before.busy and abs(width - before.width) > _STILL
-        target, command = before.target, self._mailbox.newest
+        discrete_state, command = state.get_mutable_discrete_state(), self._mailbox.newest
+        width = self._measured.Eval(context)[0]
+        last_width, moving = discrete_state.value(self._last)
+        busy = bool(moving) and abs(width - last_width) > _STILL
+        target = discrete_state.value(self._target)[0]
         if not busy and command is not None and command.width != target:
-            target, busy = command.width, True
-        state.get_mutable_abstract_state(self._state).set_value(_Hand(target, width, busy))
+            discrete_state.set_value(self._target, [command.width])
+            busy = True
+        discrete_state.set_value(self._last, [width, float(busy)])
 
     def _report(self, context: Context) -> None:
         opening = HandOpening(stamp=self._clock(), width=float(self._measured.Eval(context)[0]))
-        self._lcm.Publish(self._channel, encode_hand_status(opening, self._hand(context).busy))
-
-    def _calc_width(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._hand(context).target])
+        busy = bool(context.get_discrete_state(self._last)[1])
+        self._lcm.Publish(self._channel, encode_hand_status(opening, busy))

@@ -2,53 +2,33 @@
 
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots.posture_guard import PostureGuardConfig, PostureRule
 from poil_drake.robots.velocity_limiter import VelocityLimiterConfig
+from poil_drake.systems.statuses import DescribedEnum
 
 
-class SafetyFault(IntEnum):
-    """Why `SafetySupervisor` stopped the arm."""
+class SafetyFault(DescribedEnum):
+    """Why `SafetySupervisor` stopped the arm, with a clause for reports."""
 
-    NONE = 0
-    STOP_REQUESTED = 1
-    NO_STATUS = 2
-    CLOCK_OFF = 3
-    ROBOT_MODE = 4
-    SUCCESS_RATE = 5
-    COMMAND_STALE = 6
-    COMMAND_NOT_FINITE = 7
-    WORKSPACE = 8
-    TABLE = 9
-    SELF_COLLISION = 10
-    EXTERNAL_TORQUE = 11
-    TRACKING_ERROR = 12
-    CAMERA_STALE = 13
-    CAMERA_CLOCK = 14
-    LOOP_STALLED = 15
+    NONE = 0, "no fault"
+    STOP_REQUESTED = 1, "a stop was asked for"
+    NO_STATUS = 2, "the robot's status stopped coming, came late, or held no position"
+    CLOCK_OFF = 3, "the clocks of this machine and of the robot's driver differ"
+    ROBOT_MODE = 4, "the robot left its moving mode"
+    SUCCESS_RATE = 5, "too few commands reached the robot in time"
+    COMMAND_STALE = 6, "the controller stopped computing velocities"
+    COMMAND_NOT_FINITE = 7, "the controller asked for a velocity that is no number"
+    WORKSPACE = 8, "the arm was about to leave its workspace"
+    TABLE = 9, "the arm was about to touch the table"
+    SELF_COLLISION = 10, "the arm was about to touch itself"
+    EXTERNAL_TORQUE = 11, "something pushed the arm harder than it may"
+    TRACKING_ERROR = 12, "the robot is not where it was commanded to be"
+    CAMERA_STALE = 13, "a camera stopped delivering images"
+    CAMERA_CLOCK = 14, "a camera's images are stamped in the future"
+    LOOP_STALLED = 15, "this process was held up, so that the arm was left without commands"
 
-
-SAFETY_FAULT_TEXT = {
-    SafetyFault.NONE: "no fault",
-    SafetyFault.STOP_REQUESTED: "a stop was asked for",
-    SafetyFault.NO_STATUS: "the robot's status stopped coming, came late, or held no position",
-    SafetyFault.CLOCK_OFF: "the clocks of this machine and of the robot's driver differ",
-    SafetyFault.ROBOT_MODE: "the robot left its moving mode",
-    SafetyFault.SUCCESS_RATE: "too few commands reached the robot in time",
-    SafetyFault.COMMAND_STALE: "the controller stopped computing velocities",
-    SafetyFault.COMMAND_NOT_FINITE: "the controller asked for a velocity that is no number",
-    SafetyFault.WORKSPACE: "the arm was about to leave its workspace",
-    SafetyFault.TABLE: "the arm was about to touch the table",
-    SafetyFault.SELF_COLLISION: "the arm was about to touch itself",
-    SafetyFault.EXTERNAL_TORQUE: "something pushed the arm harder than it may",
-    SafetyFault.TRACKING_ERROR: "the robot is not where it was commanded to be",
-    SafetyFault.CAMERA_STALE: "a camera stopped delivering images",
-    SafetyFault.CAMERA_CLOCK: "a camera's images are stamped in the future",
-    SafetyFault.LOOP_STALLED: "this process was held up, so that the arm was left without commands",
-}
-"""A clause for each fault."""
 
 POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
 """The fault of an arm that would break a rule."""

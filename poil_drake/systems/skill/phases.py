@@ -1,22 +1,22 @@
-"""The phases and faults of the skill, and their descriptions in logs and reports."""
+"""The phases and faults of the skill."""
 
-from enum import IntEnum
+from poil_drake.systems.statuses import DescribedEnum
 
 
-class Phase(IntEnum):
-    """A phase of the skill; a phase that ends without a fault is followed by the next one."""
+class Phase(DescribedEnum):
+    """A phase of the skill, with a clause on why it begins; phases follow one another."""
 
-    WAIT = 0
-    APPROACH = 1
-    DESCEND = 2
-    GRASP = 3
-    LIFT = 4
-    FOLLOW = 5
-    RELEASE = 6
-    RETREAT = 7
-    SETTLE = 8
-    DONE = 9
-    FAULT = 10
+    WAIT = 0, "the run has begun"
+    APPROACH = 1, "the tracker follows the object"
+    DESCEND = 2, "the approach has ended"
+    GRASP = 3, "the descent has ended"
+    LIFT = 4, "the fingers stand still around the object"
+    FOLLOW = 5, "the object is lifted"
+    RELEASE = 6, "the points are at the reference's end, or as near as they come"
+    RETREAT = 7, "the fingers have had their time to open"
+    SETTLE = 8, "the gripper has backed off"
+    DONE = 9, "the object has had its time to settle"
+    FAULT = 10, "the skill ended early"
 
 
 HOLDING = frozenset({Phase.LIFT, Phase.FOLLOW})
@@ -29,47 +29,19 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 """The phases' names, by index."""
 
 
-class Fault(IntEnum):
-    """Why the skill ended early."""
+class Fault(DescribedEnum):
+    """Why the skill ended early, with a clause for reports."""
 
-    NONE = 0
-    TRACKING_LOST = 1
-    GRASP_MISSED = 2
-    OBJECT_DROPPED = 3
-    NO_PROGRESS = 4
-    IK_STUCK = 5
-    HAND_STATUS = 6
-    TIMEOUT = 7
-    SAFETY = 8
-    HAND_IDLE = 9
-
-
-FAULT_TEXT = {
-    Fault.NONE: "no fault",
-    Fault.TRACKING_LOST: "the tracker lost the object and did not find it again",
-    Fault.GRASP_MISSED: "the fingers closed on nothing",
-    Fault.OBJECT_DROPPED: "the object slipped out of the fingers",
-    Fault.NO_PROGRESS: "the points stopped short of the reference",
-    Fault.IK_STUCK: "the arm could not follow the asked twist (joint limit or singularity)",
-    Fault.HAND_STATUS: "the hand stopped reporting its opening",
-    Fault.TIMEOUT: "a phase took longer than allowed",
-    Fault.SAFETY: "the safety supervisor stopped the arm",
-    Fault.HAND_IDLE: "the hand did not close when it was told to",
-}
-"""A clause for each fault."""
-
-_REASONS = {
-    Phase.WAIT: "the run has begun",
-    Phase.APPROACH: "the tracker follows the object",
-    Phase.DESCEND: "the approach has ended",
-    Phase.GRASP: "the descent has ended",
-    Phase.LIFT: "the fingers stand still around the object",
-    Phase.FOLLOW: "the object is lifted",
-    Phase.RELEASE: "the points are at the reference's end, or as near as they come",
-    Phase.RETREAT: "the fingers have had their time to open",
-    Phase.SETTLE: "the gripper has backed off",
-    Phase.DONE: "the object has had its time to settle",
-}
+    NONE = 0, "no fault"
+    TRACKING_LOST = 1, "the tracker lost the object and did not find it again"
+    GRASP_MISSED = 2, "the fingers closed on nothing"
+    OBJECT_DROPPED = 3, "the object slipped out of the fingers"
+    NO_PROGRESS = 4, "the points stopped short of the reference"
+    IK_STUCK = 5, "the arm could not follow the asked twist (joint limit or singularity)"
+    HAND_STATUS = 6, "the hand stopped reporting its opening"
+    TIMEOUT = 7, "a phase took longer than allowed"
+    SAFETY = 8, "the safety supervisor stopped the arm"
+    HAND_IDLE = 9, "the hand did not close when it was told to"
 
 
 def phase_reason(phase: int, fault: int) -> str:
@@ -79,4 +51,4 @@ def phase_reason(phase: int, fault: int) -> str:
         phase: A `Phase`, e.g. as read from a port.
         fault: The `Fault` that is reported with it.
     """
-    return FAULT_TEXT[Fault(fault)] if phase == Phase.FAULT else _REASONS[Phase(phase)]
+    return Fault(fault).text if phase == Phase.FAULT else Phase(phase).text

@@ -1,6 +1,6 @@
 import pytest
 
-from poil_drake.systems.skill.phases import FAULT_TEXT, PHASE_NAMES, Fault, Phase, phase_reason
+from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, Phase, phase_reason
 
 
 def test_names_stand_at_their_phases_index() -> None:
@@ -17,4 +17,4 @@ def test_every_phase_has_a_reason_of_its_own(phase: Phase) -> None:
 
 @pytest.mark.parametrize("fault", list(Fault))
 def test_the_phase_fault_begins_because_of_the_fault(fault: Fault) -> None:
-    assert phase_reason(float(Phase.FAULT), float(fault)) == FAULT_TEXT[fault]
+    assert phase_reason(float(Phase.FAULT), float(fault)) == fault.text
