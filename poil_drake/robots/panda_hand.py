@@ -43,14 +43,14 @@ class GripperGeometry:
         """
         half, inner = 0.5 * self.finger_width, 0.5 * width
         tip_start = self.tip_end - self.tip_length
-        boxes = [
-            ((-half, inner, tip_start), (half, inner + self.tip_thickness, self.tip_end)),
-            ((-half, inner, self.hand_bottom), (half, inner + self.base_thickness, tip_start)),
-        ]
-        lower = np.array([low for low, _ in boxes])
-        upper = np.array([high for _, high in boxes])
-        mirror = np.array([1.0, -1.0, 1.0])
-        far_lower, far_upper = lower * mirror, upper * mirror
+        lower = np.array([(-half, inner, tip_start), (-half, inner, self.hand_bottom)])
+        upper = np.array(
+            [
+                (half, inner + self.tip_thickness, self.tip_end),
+                (half, inner + self.base_thickness, tip_start),
+            ]
+        )
+        far_lower, far_upper = lower.copy(), upper.copy()
         far_lower[:, 1], far_upper[:, 1] = -upper[:, 1], -lower[:, 1]
         return np.concatenate([lower, far_lower]), np.concatenate([upper, far_upper])
 

@@ -13,7 +13,7 @@ class DescribedEnum(IntEnum):
 
     text: str
 
-    def __new__(cls, value: int, text: str) -> Self:
+    def __new__(cls, value: int, text: str = "") -> Self:
         """Makes a member."""
         member = int.__new__(cls, value)
         member._value_ = value

@@ -80,10 +80,10 @@ class RobotBench(NetworkBench):
         receiver: The receiver, simulated separately.
         sent: Commands since the start, or since the last `send` or `rest` began.
         elapsed: Time since `START` by the clock [s]; set by the test.
-        update_age: Age of the last update, as the sender is told [s].
+        outdated: Whether the last update was too long ago, as the sender is told.
     """
 
-    elapsed = update_age = 0.0
+    elapsed, outdated = 0.0, False
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class RobotBench(NetworkBench):
             return make_sender(
                 channel="COMMAND",
                 mailbox=self.mailbox,
-                update_age=lambda: self.update_age,
+                outdated=lambda: self.outdated,
                 **network,
             )
 

@@ -89,8 +89,8 @@ def AddPandaHardware(
         _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
         return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
 
-    def update_age() -> float:
-        return time_scale * (time.monotonic() - pump.handled_at)
+    def outdated() -> bool:
+        return time_scale * (time.monotonic() - pump.handled_at) > stall_limit
 
     # Behind the update, as nothing is to be sent while a simulator is initialized.
     offset = COMMAND_SHARE * period
@@ -104,8 +104,7 @@ def AddPandaHardware(
             period=period,
             offset=offset,
             expiry=expiry,
-            update_age=update_age,
-            max_update_age=stall_limit,
+            outdated=outdated,
             clock=clock,
             time_scale=time_scale,
         ),
@@ -118,8 +117,7 @@ def AddPandaHardware(
             mailbox=hand,
             period=HAND_PERIOD,
             offset=offset,
-            update_age=update_age,
-            max_update_age=stall_limit,
+            outdated=outdated,
             clock=clock,
         ),
     )

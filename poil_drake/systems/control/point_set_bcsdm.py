@@ -24,7 +24,6 @@ from poil_drake.control.field.point_set_bcsdm import (
 from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.statuses import ControllerStatus
@@ -118,14 +117,6 @@ def gripper_velocity(
     return ControllerAnswer(V_WG, status, output, target)
 
 
-@dataclass(frozen=True, eq=False)
-class _Memory(SharedOnCopy):
-    """The last finite time of the closest configuration [s], and its reference."""
-
-    tau: float
-    reference: PointTrajectory | None
-
-
 class PointSetBcsdm(LeafSystem):
     """The closed-loop velocity field of POIL (section III-B) on the tracked points.
 
@@ -193,7 +184,8 @@ class PointSetBcsdm(LeafSystem):
         prerequisites = {self.all_input_ports_ticket()}
         self._windowed = self._config.bcsdm.progress_window is not None
         if self._windowed:
-            self._memory = self.DeclareAbstractState(Value(_Memory(np.nan, None)))
+            # The last finite tau, and its reference.
+            self._memory = self.DeclareAbstractState(Value[object]((np.nan, None)))
             prerequisites.add(self.abstract_state_ticket(self._memory))
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._remember_tau)
         self._answer = self.DeclareCacheEntry(
@@ -231,8 +223,8 @@ class PointSetBcsdm(LeafSystem):
         reference = self._reference if followed is None else followed
         previous_tau = None
         if self._windowed:
-            memory = context.get_abstract_state(self._memory).get_value()
-            previous_tau = memory.tau if memory.reference is reference else None
+            tau, remembered = context.get_abstract_state(self._memory).get_value()
+            previous_tau = tau if remembered is reference else None
         answer = gripper_velocity(
             self._points.Eval(context).reshape(-1, 3),
             self._confidence.Eval(context),
@@ -249,5 +241,4 @@ class PointSetBcsdm(LeafSystem):
         followed = self._reference_to_follow(context)
         tau = self._answer.Eval(context).output.tau
         if followed is not None and np.isfinite(tau):
-            memory = _Memory(tau, followed)
-            state.get_mutable_abstract_state(self._memory).set_value(memory)
+            state.get_mutable_abstract_state(self._memory).set_value((tau, followed))

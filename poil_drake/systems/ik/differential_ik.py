@@ -5,7 +5,6 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.twist_resolution import (
     DifferentialInverseKinematicsConfig,
     approach_velocity,
@@ -61,7 +60,6 @@ class DifferentialInverseKinematics(LeafSystem):
         kinematics: ArmKinematics | None = None,
         period: float = CONTROL_PERIOD,
         config: DifferentialInverseKinematicsConfig | None = None,
-        limits: JointLimits | None = None,
         stopwatch: Stopwatch | None = None,
     ):
         """Constructs the system.
@@ -70,26 +68,24 @@ class DifferentialInverseKinematics(LeafSystem):
             kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
             config: Margins and gains.
-            limits: Limits of the joints; None for those of the plant.
+
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
-            InvalidValueError: if the nominal posture or the limits are of another number of
-                joints, or the arm has more than 7.
+            InvalidValueError: if the nominal posture has another number of joints, or the arm has
+                more than 7.
         """
         super().__init__()
         self._stopwatch = stopwatch or Stopwatch()
         self._kinematics = kinematics or MakePandaKinematics()
         self._period = period
         self._config = config or DifferentialInverseKinematicsConfig()
-        self._limits = limits or self._kinematics.joint_limits
         n = self._kinematics.num_joints
         posture = self._config.nominal_posture
-        if n > 7 or len(posture) != n or self._limits.lower.size != n:
+        if n > 7 or len(posture) != n:
             raise InvalidValueError(
-                f"The arm has {n} joints, but the nominal posture has {len(posture)} and the "
-                f"limits have {self._limits.lower.size}.",
-                remedy="Use an arm of up to 7 joints with a posture and limits of that size.",
+                f"The arm has {n} joints, and its nominal posture {len(posture)}.",
+                remedy="Use an arm of up to 7 joints, and a posture of its size.",
             )
         self._scratch = self._kinematics.declare_scratch(self)
         self._twist = self.DeclareVectorInputPort("spatial_velocity", 6)
@@ -121,7 +117,7 @@ class DifferentialInverseKinematics(LeafSystem):
         self, context: Context, previous: np.ndarray
     ) -> tuple[np.ndarray, float, IkStatus]:
         twist, joints = self._twist.Eval(context), self._joints.Eval(context)
-        config, limits = self._config, self._limits
+        config, limits = self._config, self._kinematics.joint_limits
         rest = np.zeros_like(previous)
         if not all_finite(twist) or not all_finite(joints):
             braking = config.acceleration_scale * limits.acceleration

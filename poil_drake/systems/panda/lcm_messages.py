@@ -15,7 +15,6 @@ from drake import (
 from pydrake.manipulation import PandaControlMode
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.lcm.network import check_channel
 from poil_drake.systems.statuses import RobotMode
@@ -63,8 +62,7 @@ def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
         ) from error
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PandaStatus(SharedOnCopy):
+class PandaStatus(NamedTuple):
     """A status of the arm's driver.
 
     Attributes:
@@ -85,13 +83,6 @@ class PandaStatus(SharedOnCopy):
     success_rate: float
     robot_stamp: float = math.nan
 
-    def __post_init__(self) -> None:
-        for name in ("position", "velocity", "torque_external"):
-            value = frozen_array(
-                getattr(self, name), name=f"PandaStatus.{name}", shape=(NUM_JOINTS,)
-            )
-            object.__setattr__(self, name, value)
-
 
 def decode_panda_status(message: bytes) -> PandaStatus:
     """Decodes an `lcmt_panda_status`.
@@ -103,20 +94,25 @@ def decode_panda_status(message: bytes) -> PandaStatus:
             finite.
     """
     decoded = _decode(lcmt_panda_status, message, "status of a Panda")
-    try:
-        return PandaStatus(
-            stamp=1e-6 * decoded.utime,
-            position=np.array(decoded.joint_position),
-            velocity=np.array(decoded.joint_velocity),
-            torque_external=-np.array(decoded.joint_torque_external),
-            mode=RobotMode(decoded.robot_mode),
-            success_rate=float(decoded.control_command_success_rate),
-            robot_stamp=1e-6 * decoded.robot_utime,
-        )
-    except ValueError as error:
+    joints = np.array(
+        [decoded.joint_position, decoded.joint_velocity, decoded.joint_torque_external]
+    )
+    known_mode = decoded.robot_mode in RobotMode.__members__.values()
+    if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
-            f"This is no status of a Panda that can be used: {error}", remedy=_OTHER_SENDERS
-        ) from error
+            "This is no status of a Panda that can be used: it has the robot mode "
+            f"{decoded.robot_mode} and the joint values {joints.tolist()}.",
+            remedy=_OTHER_SENDERS,
+        )
+    return PandaStatus(
+        stamp=1e-6 * decoded.utime,
+        position=joints[0],
+        velocity=joints[1],
+        torque_external=-joints[2],
+        mode=RobotMode(decoded.robot_mode),
+        success_rate=float(decoded.control_command_success_rate),
+        robot_stamp=1e-6 * decoded.robot_utime,
+    )
 
 
 def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> bytes:

@@ -3,6 +3,7 @@
 import math
 import time
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
@@ -70,8 +71,7 @@ class FrankaCommandSender(LeafSystem):
         period: float = CONTROL_PERIOD,
         offset: float = 0.0,
         expiry: float = 0.1,
-        update_age: Clock = lambda: 0.0,
-        max_update_age: float = 0.08,
+        outdated: Callable[[], bool] = lambda: False,
         clock: Clock = time.time,
         time_scale: float = 1.0,
     ):
@@ -87,9 +87,8 @@ class FrankaCommandSender(LeafSystem):
                 this long after the update that computes them, at an even pace if the loop waits for
                 that time.
             expiry: How long the driver follows a command [s of the context's time].
-            update_age: Returns the time since the period's update began [s of the context's time],
-                from which a process that was suspended meanwhile notices it.
-            max_update_age: Largest such time at which the sender still sends [s].
+            outdated: Returns whether the period's update is too long ago by the clock, as after the
+                process was suspended.
             clock: The current time [s since the epoch], on which the driver must agree.
             time_scale: Seconds of that clock per second.
         """
@@ -101,7 +100,7 @@ class FrankaCommandSender(LeafSystem):
         self._mailbox, self._limiter = mailbox, limiter
         self._period, self._time_scale = period, time_scale
         self._expiry, self._clock = expiry, clock
-        self._update_age, self._max_update_age = update_age, max_update_age
+        self._outdated = outdated
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
         self.DeclarePeriodicPublishEvent(period, offset, self._send)
@@ -138,7 +137,7 @@ class FrankaCommandSender(LeafSystem):
         # Read the clocks first: if the process is suspended from here on, the command carries its
         # true age, and the driver drops it.
         stamp, now = self._clock(), time.monotonic()
-        if self._mailbox.newest is None or not self._update_age() <= self._max_update_age:
+        if self._mailbox.newest is None or self._outdated():
             return
         wanted = self._wanted(context)
         if wanted is None:
@@ -207,8 +206,7 @@ class HandCommandSender(LeafSystem):
         mailbox: LcmMailbox[HandOpening],
         period: float = HAND_PERIOD,
         offset: float = 0.0,
-        update_age: Clock = lambda: 0.0,
-        max_update_age: float = 0.08,
+        outdated: Callable[[], bool] = lambda: False,
         clock: Clock = time.time,
     ):
         """Constructs the sender.
@@ -219,14 +217,12 @@ class HandCommandSender(LeafSystem):
             mailbox: Receives the hand's statuses.
             period: Time between two commands [s]; the driver reads ten a second.
             offset: Time of the first command [s]; above 0, initializing a simulator sends nothing.
-            update_age: See `FrankaCommandSender`.
-            max_update_age: See `FrankaCommandSender`.
+            outdated: See `FrankaCommandSender`.
             clock: The current time [s since the epoch].
         """
         super().__init__()
         self.channel = SharedChannel(lcm, channel, what="the hand")
-        self._mailbox, self._clock = mailbox, clock
-        self._update_age, self._max_update_age = update_age, max_update_age
+        self._mailbox, self._clock, self._outdated = mailbox, clock, outdated
         self._width = self.DeclareVectorInputPort("width", 1)
         self.DeclarePeriodicPublishEvent(period, offset, self._send)
         self.DeclareForcedPublishEvent(self._send)
@@ -236,6 +232,6 @@ class HandCommandSender(LeafSystem):
         if self._mailbox.newest is None or not self._width.HasValue(context):
             return
         (width,) = self._width.Eval(context).tolist()
-        if math.isfinite(width) and self._update_age() <= self._max_update_age:
+        if math.isfinite(width) and not self._outdated():
             opening = HandOpening(stamp=self._clock(), width=width)
             self.channel.Send(encode_hand_command(opening, _GRIP_FORCE))

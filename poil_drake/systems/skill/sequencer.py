@@ -14,7 +14,6 @@ from poil_drake.systems.skill.state_machine import (
     Observation,
     SkillConfig,
     SkillState,
-    hand_width_of,
     next_state,
 )
 from poil_drake.systems.statuses import ControllerStatus, IkStatus, TrackerStatus
@@ -84,13 +83,13 @@ class SkillSequencer(LeafSystem):
         self._stopwatch = stopwatch or Stopwatch()
         self._config = config or SkillConfig()
         self._inputs = {name: self.DeclareVectorInputPort(name, 1) for name in _INPUTS}
-        self.DeclareDiscreteState(np.array(SkillState()))
+        self.DeclareDiscreteState(np.array(SkillState(width=self._config.pregrasp_width)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         outputs: dict[str, Callable[[SkillState], float]] = {
             "phase": lambda state: state.phase,
             "phase_start": lambda state: state.phase_start,
             "fault": lambda state: state.fault,
-            "width": self._width,
+            "width": lambda state: state.width,
             "holding": lambda state: float(Phase(int(state.phase)) in HOLDING),
             "detect_request": lambda state: state.detect_requests,
         }
@@ -108,10 +107,6 @@ class SkillSequencer(LeafSystem):
     def skill_state(self, context: Context) -> SkillState:
         """Returns the sequencer's memory in its own `context`."""
         return SkillState(*context.get_discrete_state_vector().value().tolist())
-
-    def _width(self, state: SkillState) -> float:
-        phase = Phase(int(state.phase))
-        return state.fault_width if phase is Phase.FAULT else hand_width_of(phase, self._config)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         with self._stopwatch.measure("control"):

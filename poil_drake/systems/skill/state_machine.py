@@ -108,7 +108,7 @@ class SkillState(NamedTuple):
         progress_at: Time of the last progress [s].
         detect_requests: Number of requests to the part detector to search again.
         asked: 1 once there was a request for the present loss.
-        fault_width: Commanded finger opening [m] at the time of the fault, which stays.
+        width: Finger opening to command [m], which a fault leaves unchanged.
     """
 
     phase: float = float(Phase.WAIT)
@@ -125,7 +125,7 @@ class SkillState(NamedTuple):
     progress_at: float = 0.0
     detect_requests: float = 0.0
     asked: float = 0.0
-    fault_width: float = np.nan
+    width: float = MAX_HAND_WIDTH
 
 
 def next_state(state: SkillState, observation: Observation, config: SkillConfig) -> SkillState:
@@ -144,16 +144,15 @@ def next_state(state: SkillState, observation: Observation, config: SkillConfig)
     fault = _fault(phase, state, observation, config, ended)
     if fault is not Fault.NONE:
         return state._replace(
-            phase=float(Phase.FAULT),
-            phase_start=observation.time,
-            fault=float(fault),
-            fault_width=hand_width_of(phase, config),
+            phase=float(Phase.FAULT), phase_start=observation.time, fault=float(fault)
         )
     if not ended:
         return state
+    following = Phase(phase + 1)
     return state._replace(
-        phase=float(phase + 1),
+        phase=float(following),
         phase_start=observation.time,
+        width=hand_width_of(following, config),
         still_since=np.nan,
         goal_since=np.nan,
         stuck_since=np.nan,
@@ -164,7 +163,7 @@ def next_state(state: SkillState, observation: Observation, config: SkillConfig)
 
 
 def hand_width_of(phase: Phase, config: SkillConfig) -> float:
-    """Returns the finger opening [m] to command in a phase other than FAULT."""
+    """Returns the finger opening [m] to command in a phase, other than FAULT."""
     if phase in _CLOSED_HAND:
         return 0.0
     return config.pregrasp_width if phase < Phase.GRASP else config.release_width

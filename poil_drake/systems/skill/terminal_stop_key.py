@@ -38,7 +38,7 @@ class TerminalStopKey:
         self.active = False
 
     def __enter__(self) -> Self:
-        terminal = _terminal(sys.stdin if self._stream is None else self._stream)
+        terminal = _terminal(self._stream or sys.stdin)
         if terminal is not None:
             self._terminal = terminal
             self._modes: list[Any] = termios.tcgetattr(terminal)
@@ -86,12 +86,9 @@ class TerminalStopKey:
 
 def _terminal(stream: TextIO | None) -> int | None:
     """Returns the descriptor of a stream that is a terminal in our control, else None."""
-    try:
-        descriptor = -1 if stream is None else stream.fileno()
-    except (OSError, ValueError):  # Not a file, or closed.
+    if stream is None or stream.closed or not stream.isatty():
         return None
-    ours = descriptor >= 0 and os.isatty(descriptor) and _in_foreground(descriptor)
-    return descriptor if ours else None
+    return stream.fileno() if _in_foreground(stream.fileno()) else None
 
 
 def _in_foreground(terminal: int) -> bool:

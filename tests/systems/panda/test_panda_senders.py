@@ -89,9 +89,9 @@ class HaltedBench(RobotBench):
     halt = 0.0
 
     @property
-    def update_age(self) -> float:
+    def outdated(self) -> bool:
         self.elapsed += self.halt
-        return 0.0
+        return False
 
 
 def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
@@ -250,10 +250,9 @@ def test_a_signal_waits_until_the_arm_rests(
 
 def test_what_an_update_of_long_ago_found_is_not_sent(arm: RobotBench) -> None:
     arm.say(arm_status(START))
-    arm.update_age = 0.079
     assert len(arm.send(velocity=np.full(7, 0.2))) == 1
 
-    arm.update_age = 0.081
+    arm.outdated = True
 
     assert arm.send(velocity=np.full(7, 0.2)) == []
 
@@ -284,7 +283,7 @@ def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
 
 def test_hand_is_not_told_what_an_update_of_long_ago_found(hand: RobotBench) -> None:
     hand.say(hand_status(0.08))
-    hand.update_age = 0.081
+    hand.outdated = True
 
     assert hand.send(width=0.05) == []
 

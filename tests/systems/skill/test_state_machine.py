@@ -35,6 +35,7 @@ def in_phase(phase: Phase, **memory: float) -> SkillState:
         last_time=0.9,
         last_width=0.0035,
         progress_at=0.9,
+        width=hand_width_of(phase, CONFIG),
         **memory,
     )
 
@@ -167,7 +168,7 @@ def test_fingers_that_stand_still_before_they_could_have_moved_hold_nothing() ->
 def test_a_fault_leaves_the_fingers_as_they_are() -> None:
     open_ = next_state(in_phase(Phase.RETREAT), SEEN._replace(safe=False), CONFIG)
     shut = next_state(in_phase(Phase.FOLLOW), SEEN._replace(safe=False), CONFIG)
-    assert (open_.fault_width, shut.fault_width) == (CONFIG.release_width, 0.0)
+    assert (open_.width, shut.width) == (CONFIG.release_width, 0.0)
 
 
 def test_lost_points_do_not_count_as_lack_of_progress() -> None:
