@@ -133,7 +133,11 @@ class RobotCollisionChecker:
         self._config = config or CollisionConfig()
         self._model = model
         self._scene = scene
-        self._groups = [_LinkGroup.of(spheres, link) for link in np.unique(spheres.links)]
+        groups = [_LinkGroup.of(spheres, link) for link in np.unique(spheres.links)]
+        self._moving = [group for group in groups if group.link not in _RESTING_LINKS]
+        self._wrist = [group for group in groups if group.link in _WRIST_LINKS]
+        own = np.isin(spheres.links, _SHOULDER_LINKS)
+        self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
         """Returns the smallest clearance (B,) to the scene or the robot itself, capped [m].
@@ -155,15 +159,13 @@ class RobotCollisionChecker:
         """Returns the clearance (B,) of the robot at link poses (B, 9, 4, 4) to the scene [m]."""
         reach = self._config.max_distance
         clearance = np.full(len(link_poses), reach)
-        for group in self._groups:
-            if group.link in _RESTING_LINKS:
-                continue
+        for group in self._moving:
             X = link_poses[:, group.link]
-            center = group.world(X, group.bound_center)
+            center = _to_world(X, group.bound_center)
             bound = self._scene.distance(center, reach + group.bound_radius) - group.bound_radius
             near = np.flatnonzero(bound < clearance)
             if near.size:
-                centers = group.world(X[near, None], group.centers)
+                centers = _to_world(X[near, None], group.centers)
                 largest = float(group.radii.max())
                 own = self._scene.distance(centers, reach + largest) - group.radii
                 clearance[near] = np.minimum(clearance[near], own.min(axis=1))
@@ -171,20 +173,18 @@ class RobotCollisionChecker:
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
         """Returns the clearance (B,) between the shoulder links and the wrist, capped [m]."""
-        base = [g for g in self._groups if g.link in _SHOULDER_LINKS]
-        distal = [g for g in self._groups if g.link in _WRIST_LINKS]
-        centers = np.concatenate(
-            [g.world(link_poses[:, None, g.link], g.centers) for g in base], axis=1
+        links, centers, radii = self._shoulder
+        centers = _to_world(link_poses[:, links], centers)
+        bounds = _to_world(
+            link_poses[:, [group.link for group in self._wrist]],
+            np.array([group.bound_center for group in self._wrist]),
         )
-        radii = np.concatenate([g.radii for g in base])
+        gaps = np.linalg.norm(bounds[:, :, None] - centers[:, None], axis=-1) - radii
         clearance = np.full(len(link_poses), self._config.max_distance)
-        for group in distal:
-            X = link_poses[:, group.link]
-            bound_center = group.world(X, group.bound_center)[:, None]
-            bound = np.linalg.norm(centers - bound_center, axis=-1) - radii - group.bound_radius
-            near = np.flatnonzero(bound.min(axis=1) < clearance)
+        for group, gap in zip(self._wrist, gaps.min(axis=2).T, strict=True):
+            near = np.flatnonzero(gap - group.bound_radius < clearance)
             if near.size:
-                own = group.world(X[near, None], group.centers)[:, :, None]
+                own = _to_world(link_poses[near, None, group.link], group.centers)[:, :, None]
                 gaps = np.linalg.norm(own - centers[near, None], axis=-1)
                 gaps -= group.radii[:, None] + radii
                 clearance[near] = np.minimum(clearance[near], gaps.min(axis=(1, 2)))
@@ -223,6 +223,7 @@ class _LinkGroup:
         bound = float((np.linalg.norm(centers - center, axis=1) + radii).max())
         return cls(int(link), centers, radii, center, bound)
 
-    @staticmethod
-    def world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]
+
+def _to_world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns points (..., 3) in the frames X (..., 4, 4), each in the world."""
+    return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]

@@ -14,21 +14,14 @@ from poil_drake.robots.panda_spheres import (
     GRIPPER_LINK,
     RobotSpheres,
     RobotSpheresConfig,
-    cover_box,
     make_robot_spheres,
 )
 
-_MOVING_LINKS = slice(2, GRIPPER_LINK + 1)
+_FIRST_LINK = 2
 """Links 0 and 1 do not move, or only turn about their own axis; they may touch the table."""
-
-_SHOULDER, _WRIST = slice(0, 3), slice(5, GRIPPER_LINK)
-"""Links that can meet each other (see `RobotCollisionChecker`); the hand belongs to the wrist."""
 
 _SELF_REACH = 0.02
 """Cap on the robot's distance to itself, beyond the margin [m]; a smaller value is faster."""
-
-_HAND_CELL = 0.07
-"""Edge of the coarse cells of the hand's box in the bounding test [m]."""
 
 _ROUNDING = 1e-9
 """Clearances that differ by no more than this count as equal [m]."""
@@ -110,19 +103,13 @@ class PostureGuard:
         self._config = config = config or PostureGuardConfig()
         self._model = model
         spheres = make_robot_spheres(finger_opening=None, config=config.spheres)
-        self._self_reach = config.self_margin + _SELF_REACH
         self._checker = RobotCollisionChecker(
             model=model,
             spheres=spheres,
             scene=SceneCloud(np.zeros((0, 3))),
-            config=CollisionConfig(max_distance=self._self_reach),
+            config=CollisionConfig(max_distance=config.self_margin + _SELF_REACH),
         )
-        self._centers, radii = _points_of_links(spheres, config.spheres)
-        self._radii = radii[_MOVING_LINKS]
-        self._hand, hand_radius = _hand_cover(config.spheres)
-        shoulder, wrist = radii[_SHOULDER].ravel(), radii[_WRIST].ravel()
-        wrist = np.r_[wrist, np.full(self._hand.shape[1], hand_radius)]
-        self._near = (shoulder[:, None] + wrist + self._self_reach) ** 2
+        self._centers, self._radii = _outline(spheres, config.spheres.gripper)
         base = model.X_WB[:3, 3]
         # Rows: the gripper point, then the whole arm.
         self._lower = base + np.array([config.gripper_lower, config.body_lower])
@@ -140,12 +127,12 @@ class PostureGuard:
             q: (B, 7) joint positions [rad].
         """
         poses = self._model.link_poses(q)
-        points = poses[:, :, :3] @ self._centers
-        distances, height = self._outer(poses, points)
+        distances, height = self._outer(poses)
         clearances = np.empty((len(q), len(PostureRule)))
         clearances[:, PostureRule.WORKSPACE] = distances.min(axis=(1, 2, 3))
         clearances[:, PostureRule.TABLE] = height - self._lowest_height
-        clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
+        clearances[:, PostureRule.SELF_COLLISION] = self._checker.self_clearance(poses)
+        clearances[:, PostureRule.SELF_COLLISION] -= self._config.self_margin
         return clearances
 
     def face_distances(self, q: np.ndarray) -> np.ndarray:
@@ -156,8 +143,7 @@ class PostureGuard:
         Args:
             q: (B, 7) joint positions [rad].
         """
-        poses = self._model.link_poses(q)
-        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].reshape(len(q), 12)
+        return self._outer(self._model.link_poses(q))[0].reshape(len(q), 12)
 
     def tightest_face(self, q: np.ndarray) -> str:
         """Returns a clause that names the face of the boxes nearest to, or farthest passed by, `q`.
@@ -181,38 +167,21 @@ class PostureGuard:
             return self.tightest_face(q[None])
         if rule is PostureRule.SELF_COLLISION:
             return "wrist or hand are close to the shoulder"
-        poses = self._model.link_poses(q[None])
-        _, height = self._outer(poses, poses[:, :, :3] @ self._centers)
+        _, height = self._outer(self._model.link_poses(q[None]))
         table = self._lowest_height - self._config.table_margin
         return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
 
-    def _outer(self, poses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _outer(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).
 
         The distances are by side (lower, upper), body (gripper point, whole arm) and axis.
         """
-        count = len(poses)
-        # Of the gripper point, then of the whole arm.
-        lowest, highest = np.empty((2, count, 2, 3))
-        lowest[:, 0] = highest[:, 0] = poses[:, GRIPPER_LINK, :3, 3]
-        moving = points[:, _MOVING_LINKS]
-        lowest[:, 1] = (moving - self._radii).min(axis=(1, 3))
-        highest[:, 1] = (moving + self._radii).max(axis=(1, 3))
+        gripper = poses[:, GRIPPER_LINK, :3, 3]
+        points = poses[:, _FIRST_LINK:, :3] @ self._centers
+        lowest = np.stack([gripper, (points - self._radii).min(axis=(1, 3))], axis=1)
+        highest = np.stack([gripper, (points + self._radii).max(axis=(1, 3))], axis=1)
         faces = np.stack([lowest - self._lower, self._upper - highest], axis=1)
         return faces, lowest[:, 1, 2]
-
-    def _self_clearance(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray | float:
-        """Returns the clearance (B,) of the wrist and the hand to the shoulder, less its margin."""
-        count = len(poses)
-        shoulder = points[:, _SHOULDER].transpose(0, 1, 3, 2).reshape(count, -1, 3)
-        wrist = points[:, _WRIST].transpose(0, 2, 1, 3).reshape(count, 3, -1)
-        wrist = np.concatenate([wrist, poses[:, GRIPPER_LINK, :3] @ self._hand], axis=2)
-        # A bounding test on |s - w|^2 of all pairs spares most calls the exact distance.
-        squared = (shoulder * shoulder).sum(axis=2)[:, :, None] - 2.0 * (shoulder @ wrist)
-        squared += (wrist * wrist).sum(axis=1)[:, None]
-        if (squared >= self._near).all():
-            return self._self_reach - self._config.self_margin
-        return self._checker.self_clearance(poses) - self._config.self_margin
 
     def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
         """Returns the first rule that any of the postures breaks, or None.
@@ -231,32 +200,19 @@ class PostureGuard:
         return PostureRule(int(np.argmax(broken))) if broken.any() else None
 
 
-def _points_of_links(
-    spheres: RobotSpheres, config: RobotSpheresConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns homogeneous centres (9, 4, P) and radii (9, 1, P), each link padded to P spheres.
+def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) of the moving links' spheres.
 
-    Those of the hand are its corners, with a radius of zero.
+    Repeated spheres fill each link up to P. Those of the hand are its corners, of radius zero.
     """
-    corners = _hand_corners(config.gripper)
-    parts = [
-        (spheres.centers[own], spheres.radii[own])
-        for own in (spheres.links == link for link in range(GRIPPER_LINK))
-    ]
-    parts.append((corners, np.zeros(len(corners))))
-    size = max(len(radii) for _, radii in parts)
-    centers, all_radii = np.ones((len(parts), 4, size)), np.empty((len(parts), 1, size))
-    for link, (own, radii) in enumerate(parts):
-        filled = np.minimum(np.arange(size), len(radii) - 1)
-        centers[link, :3], all_radii[link, 0] = own[filled].T, radii[filled]
-    return centers, all_radii
-
-
-def _hand_cover(config: RobotSpheresConfig) -> tuple[np.ndarray, float]:
-    """Returns homogeneous centres (4, S) and the radius of coarse spheres around the hand's."""
-    centers, radius = cover_box(*config.gripper.hand_box(), _HAND_CELL)
-    _, bulge = cover_box(*config.gripper.hand_box(), config.hand_cell)
-    return np.concatenate([centers.T, np.ones((1, len(centers)))]), radius + bulge
+    corners = _hand_corners(gripper)
+    own = [np.flatnonzero(spheres.links == link) for link in range(_FIRST_LINK, GRIPPER_LINK)]
+    size = max(len(corners), *map(len, own))
+    own = [np.resize(indices, size) for indices in own]
+    centers = [*spheres.centers[own], np.resize(corners, (size, 3))]
+    radii = [*spheres.radii[own], np.zeros(size)]
+    points = np.concatenate([centers, np.ones((len(centers), size, 1))], axis=-1)
+    return np.swapaxes(points, -1, -2).copy(), np.array(radii)[:, None]
 
 
 def _hand_corners(gripper: GripperGeometry) -> np.ndarray:
