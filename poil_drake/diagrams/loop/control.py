@@ -130,8 +130,7 @@ def _skill(plan: ExecutionPlan, speed: float, *, hardware: bool) -> SkillConfig:
     default = SkillConfig()
     return replace(
         default,
-        pregrasp_width=plan.pregrasp_width,
-        release_width=plan.pregrasp_width,
+        open_width=plan.pregrasp_width,
         hand_delay=_HAND_PERIODS * HAND_PERIOD if hardware else 0.0,
         goal_patience=default.goal_patience / speed,
         stuck_time=default.stuck_time / speed,

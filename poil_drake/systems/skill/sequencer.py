@@ -56,7 +56,7 @@ class SkillSequencer(LeafSystem):
         - detect_request
 
     Every port has size 1, and every output is a function of the state alone. Before the first
-    update the phase is WAIT, the hand opens to the pre-grasp width, and there is no grasp and no
+    update the phase is WAIT, the hand opens, and there is no grasp and no
     request. A NaN in `tau` or an error counts as no progress; a NaN in the hand's `width_measured`
     [m], or a nonzero `safety_fault` (a `SafetyFault`, or NaN), is a fault. The sequencer reads the
     controller's inputs in the phase FOLLOW only. `phase` is a
@@ -83,7 +83,7 @@ class SkillSequencer(LeafSystem):
         self._stopwatch = stopwatch or Stopwatch()
         self._config = config or SkillConfig()
         self._inputs = {name: self.DeclareVectorInputPort(name, 1) for name in _INPUTS}
-        self.DeclareDiscreteState(np.array(SkillState(width=self._config.pregrasp_width)))
+        self.DeclareDiscreteState(np.array(SkillState(width=self._config.open_width)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
         outputs: dict[str, Callable[[SkillState], float]] = {
             "phase": lambda state: state.phase,

@@ -19,9 +19,8 @@ class SkillConfig:
     """Thresholds and times of the skill.
 
     Attributes:
-        pregrasp_width: Finger opening while approaching [m].
-        release_width: Finger opening after the goal [m]; less than fully open if a finger is
-            inside the object.
+        open_width: Finger opening before the grasp and after the release [m]; less than fully open
+            if a finger is inside the object.
         closed_width: An opening below this means that the fingers hold nothing [m].
         grasp_settle_time: How long the fingers must stand still around a grasped object [s].
         hand_delay: Longest time until a command to the hand shows in its opening [s]; fingers that
@@ -42,8 +41,7 @@ class SkillConfig:
         phase_time_limit: Longest duration of a phase [s].
     """
 
-    pregrasp_width: float = MAX_HAND_WIDTH
-    release_width: float = MAX_HAND_WIDTH
+    open_width: float = MAX_HAND_WIDTH
     closed_width: float = 0.001
     grasp_settle_time: float = 0.25
     hand_delay: float = 0.0
@@ -164,9 +162,7 @@ def next_state(state: SkillState, observation: Observation, config: SkillConfig)
 
 def hand_width_of(phase: Phase, config: SkillConfig) -> float:
     """Returns the finger opening [m] to command in a phase, other than FAULT."""
-    if phase in _CLOSED_HAND:
-        return 0.0
-    return config.pregrasp_width if phase < Phase.GRASP else config.release_width
+    return 0.0 if phase in _CLOSED_HAND else config.open_width
 
 
 def _since(flag: bool, since: float, now: float) -> float:
@@ -254,7 +250,7 @@ def _fault(
         return Fault.OBJECT_DROPPED
     if phase is Phase.GRASP and width < config.closed_width:
         return Fault.GRASP_MISSED
-    if phase is Phase.GRASP and ended and width >= config.pregrasp_width - _HARDLY_CLOSED:
+    if phase is Phase.GRASP and ended and width >= config.open_width - _HARDLY_CLOSED:
         return Fault.HAND_IDLE
     far = not observation.goal_error <= config.accepted_error
     if phase is Phase.FOLLOW and far and _stalled(state, observation, config):
