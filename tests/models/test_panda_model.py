@@ -52,12 +52,6 @@ def test_the_arm_and_one_finger_have_actuators(plant: MultibodyPlant) -> None:
     np.testing.assert_allclose(plant.GetEffortUpperLimits(), [87] * 4 + [12] * 3 + [2 * GRIP_FORCE])
 
 
-def test_the_acceleration_limits_are_the_datasheets(plant: MultibodyPlant) -> None:
-    np.testing.assert_allclose(
-        plant.GetAccelerationUpperLimits()[:7], [15, 7.5, 10, 12.5, 15, 20, 20]
-    )
-
-
 def test_closed_pads_touch_each_other(plant: MultibodyPlant) -> None:
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, np.zeros(9))

@@ -35,14 +35,9 @@ def test_distance_to_a_point_and_to_the_table():
     assert_allclose(distance, [0.05, 0.02, -0.01], atol=1e-12)
 
 
-def test_distance_is_capped():
-    dut = SceneCloud(np.array([[0.0, 0.0, 0.30]]), config=NO_TABLE)
-
-    assert_allclose(dut.distance(np.array([[1.0, 0.0, 0.0]])), NO_TABLE.max_distance)
-
-
-def test_empty_scene_without_table_is_far_away():
-    dut = SceneCloud(np.zeros((0, 3)), config=NO_TABLE)
+@pytest.mark.parametrize("points", [np.array([[1.0, 0.0, 0.30]]), np.zeros((0, 3))])
+def test_distance_is_capped(points: np.ndarray):
+    dut = SceneCloud(points, config=NO_TABLE)
 
     assert_allclose(dut.distance(np.zeros((2, 3))), NO_TABLE.max_distance)
 
@@ -76,11 +71,9 @@ def test_clearance_is_the_distance_of_a_point_from_the_nearest_sphere(
 
 def test_path_through_a_planted_wall_is_found_out(model: PandaModel, spheres: RobotSpheres):
     across = np.array(NOMINAL_POSTURE) + np.linspace(-0.6, 0.6, 60)[:, None] * np.eye(7)[0]
-    free = RobotCollisionChecker(
-        model=model, spheres=spheres, scene=SceneCloud(wall(-0.9)), config=CollisionConfig()
-    )
-    dut = RobotCollisionChecker(
-        model=model, spheres=spheres, scene=SceneCloud(wall(0.0)), config=CollisionConfig()
+    free, dut = (
+        RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(wall(y)))
+        for y in (-0.9, 0.0)
     )
 
     assert free.is_free(across).all()

@@ -86,29 +86,18 @@ def test_the_answer_is_drakes_where_drake_has_one() -> None:
     assert compared > 40
 
 
-def test_a_twist_that_the_arm_cannot_produce_gives_nothing() -> None:
+@pytest.mark.parametrize("expected", [0.0, 1.0])
+def test_a_singular_arm_produces_the_twists_that_it_can(expected: float) -> None:
     J = np.random.default_rng(0).normal(size=(6, 7))
-    J[2] = 0.0  # singular: no rotation about z
-    bounds = np.ones(7)
-
-    velocity, fraction = direction_preserving_velocity(
-        np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.0]), J, np.zeros(7), -bounds, bounds, 1.0
-    )
-
-    assert fraction == 0.0
-    np.testing.assert_allclose(J @ velocity, np.zeros(6), atol=1e-12)
-
-
-def test_a_twist_that_a_singular_arm_can_produce_is_produced() -> None:
-    J = np.random.default_rng(0).normal(size=(6, 7))
-    J[2] = 0.0
+    J[2] = 0.0  # No rotation about z.
     V = 0.1 * J @ np.array([1.0, -1.0, 0.5, 0.0, 0.2, -0.3, 0.4])
+    V[2] = 0.1 * (1.0 - expected)
     bounds = np.ones(7)
 
     velocity, fraction = direction_preserving_velocity(V, J, np.zeros(7), -bounds, bounds, 1.0)
 
-    assert fraction == 1.0
-    np.testing.assert_allclose(J @ velocity, V, atol=1e-12)
+    assert fraction == expected
+    np.testing.assert_allclose(J @ velocity, expected * V, atol=1e-12)
 
 
 def test_no_twist_no_motion_even_away_from_the_nominal_posture() -> None:
@@ -151,21 +140,20 @@ def test_joints_keep_their_margin_under_a_steady_twist() -> None:
     assert max(scales) == pytest.approx(CONFIG.velocity_scale)
 
 
-def test_approach_is_limited_by_the_slowest_joint_alone() -> None:
-    velocity = approach_velocity(
-        np.array([0.1, 0.0]), np.array([1.1, 0.4]), np.array([10.0, 10.0]), 0.05
-    )
+@pytest.mark.parametrize(
+    ("wanted", "expected"),
+    [
+        # Joint 1 may change by 0.5 of the 1.0 wanted, so joint 2 also goes half of its way.
+        ([1.1, 0.4], [0.6, 0.2]),
+        ([0.3, -0.1], [0.3, -0.1]),
+    ],
+)
+def test_approach_is_limited_by_the_slowest_joint(wanted: list, expected: list) -> None:
+    accelerations = np.array([10.0, 10.0])
 
-    # Joint 1 may change by 0.5 of the 1.0 wanted, so joint 2 also goes half of its way.
-    np.testing.assert_allclose(velocity, [0.6, 0.2])
+    velocity = approach_velocity(np.array([0.1, 0.0]), np.array(wanted), accelerations, 0.05)
 
-
-def test_approach_arrives_where_it_can() -> None:
-    wanted = np.array([0.2, -0.1])
-
-    velocity = approach_velocity(np.zeros(2), wanted, np.array([10.0, 10.0]), 0.05)
-
-    np.testing.assert_array_equal(velocity, wanted)
+    np.testing.assert_allclose(velocity, expected)
 
 
 @pytest.mark.parametrize(

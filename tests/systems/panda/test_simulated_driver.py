@@ -39,15 +39,10 @@ def bench() -> NetworkBench:
     return make_bench()
 
 
-def test_before_the_first_command_the_arm_is_told_to_rest(bench: NetworkBench) -> None:
-    bench.advance(0.1)
-
-    np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
-    assert bench.read("velocity_time")[0] == -np.inf
-
-
 def test_velocity_is_passed_on_with_its_age(bench: NetworkBench) -> None:
     bench.advance(0.25)
+    np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
+    assert bench.read("velocity_time")[0] == -np.inf
 
     bench.publish("COMMAND", encode_panda_command(WANTED, bench.now() - 0.03))
     bench.advance(PERIOD)
@@ -58,7 +53,7 @@ def test_velocity_is_passed_on_with_its_age(bench: NetworkBench) -> None:
     assert bench.time - bench.read("velocity_time")[0] == pytest.approx(0.23 + PERIOD, abs=1e-5)
 
 
-@pytest.mark.parametrize("offset", [-0.2, 0.2, 1.0, -1.0])
+@pytest.mark.parametrize("offset", [-0.2, 0.2])
 def test_commands_by_another_clock_are_dropped(bench: NetworkBench, offset: float) -> None:
     bench.advance(0.25)
 

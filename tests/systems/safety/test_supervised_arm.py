@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from panda_bench import FakeTime
+from panda_bench import FakeTime, arm_status
 from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
@@ -15,12 +15,7 @@ from poil_drake.robots.posture_guard import PostureGuard
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda import lcm_senders as panda_senders
-from poil_drake.systems.panda.lcm_messages import (
-    PandaStatus,
-    decode_panda_command,
-    decode_panda_status,
-    encode_panda_status,
-)
+from poil_drake.systems.panda.lcm_messages import decode_panda_command, decode_panda_status
 from poil_drake.systems.panda.lcm_senders import FrankaCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.statuses import RobotMode
@@ -30,6 +25,16 @@ LOW = np.array([0.0, 0.3, 0.0, -2.2, 0.0, 2.5, np.pi / 4])
 """The hand hangs straight down, well above the table."""
 DOWN = np.eye(7)[1]
 LIMITER = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
+
+
+LARGEST_CHANGE = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
+
+
+def moving(dut: SupervisorBench) -> np.ndarray:
+    """Moves the arm for a fifth of a second, and returns its velocity."""
+    velocity = 0.2 * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    dut.tick(50, velocity=velocity)
+    return velocity
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0])
@@ -60,7 +65,7 @@ def test_an_arm_that_is_ahead_keeps_within_its_joints_limits(ahead: float) -> No
 
 def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    dut.tick(50, velocity=np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1])
+    moving(dut)
 
     for _ in range(10):
         dut.hold_up(0.05)
@@ -76,17 +81,15 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
     held_up: float, moves: bool
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
-    dut.tick(50, velocity=velocity)
+    velocity = moving(dut)
     measured = 0.9 * velocity if moves else np.zeros(7)
 
     dut.hold_up(held_up)
-    dut.tick(1, **{"velocity_measured": measured})
+    dut.tick(velocity_measured=measured)
 
     assert dut.fault is SafetyFault.LOOP_STALLED
     told = dut.velocities[-1]
-    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
-    assert np.all(np.abs(told - measured) <= largest + 1e-9)
+    assert np.all(np.abs(told - measured) <= LARGEST_CHANGE + 1e-9)
     assert np.any(told) == moves
 
 
@@ -103,16 +106,13 @@ def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
     held_up: float, age: float, expected: float
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
-    dut.tick(50, velocity=velocity)
+    velocity = moving(dut)
 
     dut.hold_up(held_up)
-    before = {"velocity_measured": 0.9 * velocity}
-    dut.tick(1, **before, **{"status": [float(RobotMode.MOVE), age, 1.0]})
+    dut.tick(velocity_measured=0.9 * velocity, status=[float(RobotMode.MOVE), age, 1.0])
 
     assert dut.fault is SafetyFault.LOOP_STALLED
-    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
-    told, braked = np.abs(dut.velocities[-1]), expected - largest
+    told, braked = np.abs(dut.velocities[-1]), expected - LARGEST_CHANGE
     assert np.all(told <= expected)
     assert np.all(told >= braked)
     dut.tick(20)
@@ -151,15 +151,7 @@ class WayOut:
         self._lcm.Subscribe(
             "COMMAND", lambda raw: self._sent.append(decode_panda_command(raw).velocity)
         )
-        status = PandaStatus(
-            stamp=100.0,
-            position=np.zeros(7),
-            velocity=np.zeros(7),
-            torque_external=np.zeros(7),
-            mode=RobotMode.MOVE,
-            success_rate=1.0,
-        )
-        self._lcm.Publish("STATUS", encode_panda_status(status, np.zeros(7)))
+        self._lcm.Publish("STATUS", arm_status(100.0))
 
     def velocities(self, said: list[np.ndarray]) -> np.ndarray:
         """Returns what is sent (K, 7) after the supervisor said the last two velocities."""

@@ -135,14 +135,11 @@ def test_what_is_no_terminal_is_left_alone(tmp_path) -> None:
     assert switch.requests == 0
 
 
-def test_a_stream_without_a_file_is_left_alone() -> None:
-    with TerminalStopKey(StopSwitch(), stream=io.StringIO(" ")) as dut:
-        assert not dut.active
-
-
-def test_a_closed_stream_is_left_alone() -> None:
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_stream_without_a_file_is_left_alone(closed: bool) -> None:
     stream = io.StringIO(" ")
-    stream.close()
+    if closed:
+        stream.close()
 
     with TerminalStopKey(StopSwitch(), stream=stream) as dut:
         assert not dut.active
