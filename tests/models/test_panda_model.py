@@ -23,27 +23,6 @@ def plant() -> MultibodyPlant:
     return plant
 
 
-def test_the_gripper_frame_is_where_pinocchio_has_it(plant: MultibodyPlant) -> None:
-    import pinocchio
-
-    model = pinocchio.buildModelFromUrdf(
-        str(panda_description_directory() / "urdf" / "panda_collision.urdf")
-    )
-    data = model.createData()
-    context = plant.CreateDefaultContext()
-    frame = plant.GetFrameByName(GRIPPER_FRAME)
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        q = np.concatenate([rng.uniform(-1, 1, 7), rng.uniform(0, 0.04, 2)])
-        plant.SetPositions(context, q)
-        pinocchio.framesForwardKinematics(model, data, q)
-
-        expected = data.oMf[model.getFrameId(GRIPPER_FRAME)].homogeneous
-        np.testing.assert_allclose(
-            frame.CalcPoseInWorld(context).GetAsMatrix4(), expected, atol=1e-9
-        )
-
-
 def test_the_arm_and_one_finger_have_actuators(plant: MultibodyPlant) -> None:
     for name in (*ARM_JOINTS, FINGER_JOINTS[0]):
         assert plant.HasJointActuatorNamed(name)

@@ -5,7 +5,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
-from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
+from poil_drake.models.panda_model import panda_package_directory
 from poil_drake.robots.panda import GRIPPER_FRAME, NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.robot_description import panda_urdf
@@ -17,9 +17,7 @@ def random_configurations(model: PandaModel, count: int) -> np.ndarray:
 
 def test_gripper_pose_is_that_of_drake(model: PandaModel):
     plant = MultibodyPlant(0.0)
-    parser = Parser(plant)
-    parser.package_map().Add(PANDA_PACKAGE, str(panda_package_directory()))
-    parser.AddModels(url=f"package://{PANDA_PACKAGE}/panda.urdf")
+    Parser(plant).AddModels(str(panda_package_directory() / "panda.urdf"))
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0"))
     plant.Finalize()
     context = plant.CreateDefaultContext()
@@ -61,9 +59,7 @@ def test_the_base_carries_every_link(model: PandaModel):
 
 
 def test_nominal_posture_points_the_gripper_down(model: PandaModel):
-    X_WG = model.gripper_pose(NOMINAL_POSTURE)
-
-    assert_allclose(X_WG[:3, 2], [0.0, 0.0, -1.0], atol=1e-9)
+    assert_allclose(model.gripper_pose(NOMINAL_POSTURE)[:3, 2], [0.0, 0.0, -1.0], atol=1e-9)
 
 
 def test_limit_margin_is_the_distance_to_the_nearest_limit(model: PandaModel):

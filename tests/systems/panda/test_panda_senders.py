@@ -106,18 +106,6 @@ def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
     assert command.utime == round(1e6 * START)
 
 
-def test_braking_does_not_begin_from_what_was_commanded_long_ago(
-    fake_time: FakeTime, arm: RobotBench
-) -> None:
-    arm.say(arm_status(START))
-    speed_up(arm, speed=0.6)
-
-    fake_time.now += 0.2
-    (command,) = arm.send(velocity=np.full(7, np.nan))
-
-    assert not any(command.joint_velocity)
-
-
 def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
     arm.say(arm_status(START))
     arm.fix(velocity=np.full(7, 0.1))
