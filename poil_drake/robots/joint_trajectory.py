@@ -29,15 +29,13 @@ class JointTrajectory(SharedOnCopy):
                 f"JointTrajectory.times has {times.size} samples that do not increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
-        positions = frozen_array(
-            self.positions, name="JointTrajectory.positions", shape=(times.size, "J")
-        )
+        shape = (times.size, "J")
+        positions = frozen_array(self.positions, name="JointTrajectory.positions", shape=shape)
         velocities = frozen_array(
             self.velocities, name="JointTrajectory.velocities", shape=positions.shape
         )
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "velocities", velocities)
+        for name, value in (("times", times), ("positions", positions), ("velocities", velocities)):
+            object.__setattr__(self, name, value)
 
     @property
     def duration(self) -> float:

@@ -167,7 +167,7 @@ class VelocityLimiter:
         wanted: np.ndarray,
         refuse: Callable[[np.ndarray], Reason | None],
         *,
-        offset: np.ndarray | None = None,
+        offset: np.ndarray | float = 0.0,
     ) -> GuardedStep[Reason]:
         """Returns the motion one period later, for an arm with forbidden postures.
 
@@ -181,23 +181,19 @@ class VelocityLimiter:
                 posture after the step, half-way through the braking that would follow, and at its
                 end. It is called only for steps that the joints' limits allow.
             offset: (n,) distance of the real arm from its command [rad], so that the real arm stays
-                within the joints' limits too. None means zero.
+                within the joints' limits too.
         """
         rest = np.zeros_like(motion.velocity)
         if not all_finite(wanted) or not wanted.any():
             return GuardedStep(self._towards(motion, rest), 1.0, None)
         excess = max(1.0, float((np.abs(wanted) / self._speed).max()))
         wanted = wanted / excess
-        reason = None
+        both, reason = np.array([rest, rest + offset]), None
         for share in _SHARES:
             after = self._towards(motion, share * wanted)
             # In velocity control Ruckig's position extrema always include 0, hence this start.
             braking = self._plan(after._replace(position=rest), rest)
-            if not self._stays_inside(braking, after.position, motion.position):
-                continue
-            if offset is not None and not self._stays_inside(
-                braking, after.position + offset, motion.position + offset
-            ):
+            if not self._stays_inside(braking, after.position + both, motion.position + both):
                 continue
             refusal = refuse(after.position + _ways(braking))
             if refusal is None:
@@ -213,7 +209,10 @@ class VelocityLimiter:
         return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
-        """Returns whether braking from `start` stays within the limits, or no farther outside."""
+        """Returns whether braking from `start` (K, n) stays inside, or no farther out than before.
+
+        The braking itself starts at zero; `before` (K, n) is one period earlier [rad].
+        """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]
         highest = start + [one.max for one in extrema]

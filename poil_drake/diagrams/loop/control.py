@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
@@ -66,6 +65,7 @@ def AddControl(
     poil = station.scenario.poil
     period = poil.rates.control
     X_WB = station.robot_base_pose()
+    x, y, z = X_WB.translation().tolist()
     kinematics = MakePandaKinematics(X_WB)
     max_age = _MISSED_TRACKS * poil.rates.tracker + poil.latency
     straight = StraightMotionConfig()
@@ -85,7 +85,9 @@ def AddControl(
                 bcsdm=BcsdmConfig(eta=poil.eta),
                 max_angular_speed=speed * poil.max_angular_speed,
                 max_linear_speed=speed * poil.max_linear_speed,
-                **_workspace(X_WB.translation(), poil.table_height),
+                # The Panda reaches 0.855 m, and the object that it holds somewhat farther.
+                workspace_lower=(x - 1.0, y - 1.0, poil.table_height - 0.05),
+                workspace_upper=(x + 1.0, y + 1.0, z + 1.3),
             ),
         ),
         "inverse_kinematics": DifferentialInverseKinematics(
@@ -144,15 +146,3 @@ def _safety(poil: PoilConfig, speed: float) -> SafetyConfig:
     limiter = replace(safety.limiter, velocity_scale=speed * safety.limiter.velocity_scale)
     posture = replace(safety.posture, table_height=poil.table_height)
     return replace(safety, limiter=limiter, posture=posture)
-
-
-def _workspace(p_WB: np.ndarray, table_height: float) -> dict[str, tuple[float, float, float]]:
-    """Returns the workspace of a robot whose base is at p_WB (3,) [m].
-
-    The Panda reaches 0.855 m, and the object that it holds somewhat farther.
-    """
-    x, y, z = p_WB.tolist()
-    return {
-        "workspace_lower": (x - 1.0, y - 1.0, table_height - 0.05),
-        "workspace_upper": (x + 1.0, y + 1.0, z + 1.3),
-    }

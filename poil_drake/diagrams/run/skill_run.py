@@ -52,7 +52,7 @@ from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.stop_requests import StopSwitch
-from poil_drake.systems.skill.terminal_stop_key import TerminalStopKey
+from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 
 
 def RunSkill(
@@ -186,8 +186,8 @@ def ExecutePlan(
         with stages.measure("execution"):
             switch = StopSwitch()
             if hardware:
-                key = stack.enter_context(TerminalStopKey(switch))
-                keys = "space, Enter, q or Escape" if key.active else "no key (no terminal)"
+                listening = stack.enter_context(terminal_stop_key(switch))
+                keys = "space, Enter, q or Escape" if listening else "no key (no terminal)"
                 page = ", the button on the page" if meshcat is not None else ""
                 print(f"what stops the arm: {keys}{page}, Ctrl-C", flush=True)
             loop = MakeClosedLoop(

@@ -60,7 +60,7 @@ class StopRequests(LeafSystem):
             switch: Another source of requests.
         """
         super().__init__()
-        self._meshcat, self._switch, self._clicks_before_close = meshcat, switch, 0
+        self._meshcat, self._switch, self._clicks = meshcat, switch, 0
         if meshcat is not None:
             meshcat.AddButton(BUTTON, BUTTON_KEY)
         self.DeclareStateOutputPort("stop", self.DeclareDiscreteState(1))
@@ -68,16 +68,16 @@ class StopRequests(LeafSystem):
 
     def close(self) -> None:
         """Removes the button from the page; its clicks still count, and the switch still works."""
+        self._count_clicks()
         if self._meshcat is not None:
-            self._clicks_before_close = self._clicks()
             self._meshcat.DeleteButton(BUTTON, strict=False)
             self._meshcat = None
 
-    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        requests = self._clicks() + (self._switch.requests if self._switch is not None else 0)
-        discrete_state.get_mutable_vector().SetAtIndex(0, requests)
+    def _count_clicks(self) -> None:
+        if self._meshcat is not None:
+            self._clicks = self._meshcat.GetButtonClicks(BUTTON)
 
-    def _clicks(self) -> int:
-        if self._meshcat is None:
-            return self._clicks_before_close
-        return self._meshcat.GetButtonClicks(BUTTON)
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self._count_clicks()
+        requests = self._clicks + (self._switch.requests if self._switch is not None else 0)
+        discrete_state.set_value([requests])
