@@ -70,9 +70,7 @@ class PostureGuardConfig:
     def __post_init__(self) -> None:
         for name in ("gripper", "body"):
             lower, upper = getattr(self, f"{name}_lower"), getattr(self, f"{name}_upper")
-            if not len(lower) == len(upper) == 3 or not all(
-                low < high for low, high in zip(lower, upper, strict=True)
-            ):
+            if not np.shape(lower) == np.shape(upper) == (3,) or not np.less(lower, upper).all():
                 raise InvalidValueError(
                     f"PostureGuardConfig.{name}_lower is {lower} and {name}_upper is {upper}.",
                     remedy="Give three numbers each, the lower ones below the upper ones.",

@@ -1,7 +1,8 @@
 """The faults that stop the arm, and the thresholds for them."""
 
-import math
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots.posture_guard import PostureGuardConfig, PostureRule
@@ -86,13 +87,13 @@ class SafetyConfig:
     stall_limit: float = 0.08
 
     def __post_init__(self) -> None:
-        others = {"limiter", "posture", "external_torque", "min_success_rate"}
-        values = {name: (value,) for name, value in vars(self).items() if name not in others}
-        for name, numbers in (values | {"external_torque": self.external_torque}).items():
-            if not numbers or not all(0.0 < number < math.inf for number in numbers):
+        for name, value in vars(self).items():
+            if name in ("limiter", "posture", "min_success_rate"):
+                continue
+            numbers = np.ravel(value)
+            if not numbers.size or not ((numbers > 0.0) & (numbers < np.inf)).all():
                 raise InvalidValueError(
-                    f"SafetyConfig.{name} is {getattr(self, name)}.",
-                    remedy="It must be positive and finite.",
+                    f"SafetyConfig.{name} is {value}.", remedy="It must be positive and finite."
                 )
         if not 0.0 <= self.min_success_rate <= 1.0:
             raise InvalidValueError(
