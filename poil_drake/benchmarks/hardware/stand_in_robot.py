@@ -25,7 +25,7 @@ from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
-from poil_drake.robots.panda import NUM_JOINTS
+from poil_drake.robots.panda import MAX_HAND_WIDTH, NUM_JOINTS
 from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
 from poil_drake.systems.lcm.mailbox import LcmMailbox
@@ -110,7 +110,7 @@ class StandInRobot:
         self.commands = LcmMailbox(self.lcm, self.channels.command, decode_panda_command)
         self.hand_commands = LcmMailbox(self.lcm, self.channels.hand_command, decode_hand_command)
         self.position, self.velocity = np.array(setup.position), np.zeros(NUM_JOINTS)
-        self.width = 0.08
+        self.width = MAX_HAND_WIDTH
         self.speeds: list[tuple[float, float]] = []
         self.commanded: list[float] = []
         self.told: list[tuple[float, float]] = []

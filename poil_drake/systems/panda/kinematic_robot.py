@@ -12,9 +12,7 @@ from pydrake.systems.framework import (
 from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.control_period import CONTROL_PERIOD
-
-_HAND_SPEED = 0.1
-"""Rate of change of the hand's opening [m/s]."""
+from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 _HELD_WIDTH = 0.005
 """Smallest opening of the hand [m], as if it held an object."""
@@ -96,5 +94,5 @@ class KinematicRobot(LeafSystem):
         elif self._width.HasValue(context):
             goal = max(float(self._width.Eval(context)[0]), _HELD_WIDTH)
             if np.isfinite(goal):
-                step = _HAND_SPEED * self._period
+                step = PandaDriver.hand_speed * self._period
                 width[0] += min(max(goal - width[0], -step), step)
