@@ -7,6 +7,7 @@ from poil_drake.errors import MissingDependencyError
 
 _PACKAGE = "example-robot-data"
 _DIRECTORY = "cmeel.prefix/share/example-robot-data/robots/panda_description"
+_URDF = "urdf/panda_collision.urdf"
 
 
 def panda_description_directory() -> Path:
@@ -16,13 +17,17 @@ def panda_description_directory() -> Path:
         MissingDependencyError: when the package `example-robot-data` is not installed.
     """
     try:
-        directory = importlib.metadata.distribution(_PACKAGE).locate_file(_DIRECTORY)
-    except importlib.metadata.PackageNotFoundError as error:
+        located = importlib.metadata.distribution(_PACKAGE).locate_file(_DIRECTORY)
+        directory = Path(str(located))
+        found = (directory / _URDF).is_file()
+    except importlib.metadata.PackageNotFoundError:
+        found = False
+    if not found:
         raise MissingDependencyError(
             f"The Panda's description (PyPI package {_PACKAGE}) was not found.",
             remedy="Install it with: pip install 'example-robot-data>=4.3'",
-        ) from error
-    return Path(str(directory))
+        )
+    return directory
 
 
 def panda_urdf() -> Path:
@@ -31,4 +36,4 @@ def panda_urdf() -> Path:
     Raises:
         MissingDependencyError: when the package `example-robot-data` is not installed.
     """
-    return panda_description_directory() / "urdf" / "panda_collision.urdf"
+    return panda_description_directory() / _URDF

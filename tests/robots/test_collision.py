@@ -69,7 +69,7 @@ def test_clearance_is_the_distance_of_a_point_from_the_nearest_sphere(
     assert_allclose(clearance, expected, atol=1e-12)
 
 
-def test_path_through_a_planted_wall_is_found_out(model: PandaModel, spheres: RobotSpheres):
+def test_path_through_a_wall_is_not_free(model: PandaModel, spheres: RobotSpheres):
     across = np.array(NOMINAL_POSTURE) + np.linspace(-0.6, 0.6, 60)[:, None] * np.eye(7)[0]
     free, dut = (
         RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(wall(y)))
@@ -112,7 +112,7 @@ def test_points_on_the_object_are_removed():
     assert_allclose(dut.points, [[0.5, 0.0, 0.2]])
 
 
-def test_carried_cloud_comes_as_near_as_it_is_moved():
+def test_clearance_of_a_carried_cloud_follows_its_motion():
     scene = SceneCloud(np.array([[0.5, 0.0, 0.5]]), config=NO_TABLE)
     motion = make_transform(np.eye(3), np.array([[0.0, 0.0, 0.0], [0.0, 0.47, 0.0]]))
 

@@ -152,14 +152,14 @@ def test_distance_to_itself_is_that_of_the_planners_check(seed: int) -> None:
         (LOW, {"gripper_upper": (0.5, 0.85, 1.2), "table_height": 0.05}, PostureRule.WORKSPACE),
     ],
 )
-def test_the_first_broken_rule_is_told(q: np.ndarray, changes: dict, rule) -> None:
+def test_the_first_broken_rule_is_returned(q: np.ndarray, changes: dict, rule) -> None:
     # The ready posture is far from everything: at x = 0.31, 0.49 m high.
     free = np.array(NOMINAL_POSTURE)
 
     assert guard(**changes).broken_rule(np.stack([free, q, free]), free) == rule
 
 
-def test_an_arm_too_low_may_only_rise() -> None:
+def test_an_arm_that_is_too_low_may_only_rise() -> None:
     height = MODEL.gripper_pose(LOW)[2, 3]  # The tips are 8.8 mm and the margin too low.
     table = guard(table_height=height)
 

@@ -109,7 +109,7 @@ def test_no_twist_no_motion_even_away_from_the_nominal_posture() -> None:
     assert answer.scale == 1.0
 
 
-def test_the_direction_is_kept_from_rest_whatever_saturates() -> None:
+def test_the_direction_is_kept_from_rest_under_saturation() -> None:
     J = np.random.default_rng(2).normal(size=(6, 7))
     V = np.array([5.0, -3.0, 1.0, 4.0, 2.0, -6.0])
     config = DifferentialInverseKinematicsConfig(nominal_posture=(0.0,) * 7, centering_gain=0.0)

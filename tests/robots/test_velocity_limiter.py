@@ -31,7 +31,7 @@ def drive(limiter, start, wanted):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=40)
-def test_no_limit_is_exceeded_whatever_is_wanted(seed):
+def test_no_limit_is_exceeded_by_any_wanted_velocity(seed):
     rng = np.random.default_rng(seed)
     start = rng.uniform(LIMITS.lower + 0.06, LIMITS.upper - 0.06)
     sizes = rng.choice([0.0, 0.1, 1.0, 10.0], size=(12, 1))
@@ -67,7 +67,7 @@ def test_direction_is_kept_from_rest_and_beyond_the_speed_limits():
     assert v[-1, 0] == pytest.approx(0.5 * 2.175)
 
 
-def test_arm_stops_before_its_limits_and_comes_back():
+def test_arm_stops_before_its_limits_and_returns():
     towards = np.tile([0.0, 1.5, 0, 0, 0, 0, 0], (600, 1))
 
     q, v = drive(make_limiter(), MIDDLE, np.concatenate([towards, -towards[:100]]))
@@ -78,7 +78,7 @@ def test_arm_stops_before_its_limits_and_comes_back():
     assert q[-1, 1] < q[600, 1] - 0.1
 
 
-def test_arm_outside_of_its_limits_may_only_go_back():
+def test_arm_outside_of_its_limits_may_only_return():
     start = MIDDLE.copy()
     start[3] = LIMITS.upper[3] - 0.01
 
@@ -125,7 +125,7 @@ def test_the_share_is_what_the_speed_limits_leave(share):
     assert step.reason is None
 
 
-def test_postures_asked_about_are_those_after_the_step_and_of_the_braking():
+def test_postures_to_check_are_those_after_the_step_and_of_the_braking():
     limiter, moving, asked = make_limiter(), MOVING, []
 
     after = limiter.guarded_step(moving, np.full(7, 0.5), asked.append).motion
@@ -141,7 +141,7 @@ def test_postures_asked_about_are_those_after_the_step_and_of_the_braking():
     assert np.all((postures[0] < postures[1]) & (postures[1] < postures[2]))
 
 
-def test_a_smaller_share_is_taken_where_the_whole_is_refused():
+def test_a_smaller_share_is_taken_if_the_whole_is_refused():
     moving = dut.JointMotion(MIDDLE, 0.3 * np.eye(7)[0], np.zeros(7))
     wanted = 0.6 * np.eye(7)[0]
     # The wall is a hair before where the arm would stand if the whole were allowed.
@@ -158,7 +158,7 @@ def test_a_smaller_share_is_taken_where_the_whole_is_refused():
     np.testing.assert_allclose(step.motion.velocity, moving.velocity, atol=1e-12)
 
 
-def test_an_arm_that_is_refused_everything_brakes_and_says_why():
+def test_if_every_share_is_refused_the_arm_brakes_with_a_reason():
     limiter, moving = make_limiter(), MOVING
 
     step = limiter.guarded_step(moving, np.full(7, 0.5), lambda postures: "wall")
@@ -167,7 +167,7 @@ def test_an_arm_that_is_refused_everything_brakes_and_says_why():
     assert (step.share, step.reason) == (0.0, "wall")
 
 
-def test_what_the_joint_limits_forbid_has_no_other_reason():
+def test_joint_limits_are_no_reason():
     start = MIDDLE.copy()
     start[3] = LIMITS.upper[3] - 0.01
     asked = []
@@ -180,7 +180,7 @@ def test_what_the_joint_limits_forbid_has_no_other_reason():
     assert not asked
 
 
-def test_nobody_is_asked_whether_the_arm_may_brake():
+def test_braking_is_never_refused():
     asked = []
 
     for wanted in (np.zeros(7), np.full(7, np.nan)):

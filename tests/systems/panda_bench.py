@@ -58,7 +58,7 @@ def hand_status(width: float, stamp: float = START) -> bytes:
 
 
 class FakeTime:
-    """Stands for the module: time passes only where somebody sleeps."""
+    """Replaces the module `time`; time passes only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -80,7 +80,7 @@ class RobotBench(NetworkBench):
         receiver: The receiver, simulated separately.
         sent: Commands since the start, or since the last `send` or `rest` began.
         elapsed: Time since `START` by the clock [s]; set by the test.
-        outdated: Whether the last update was too long ago, as the sender is told.
+        outdated: Whether the last update was too long ago, for the sender.
     """
 
     elapsed, outdated = 0.0, False
@@ -110,7 +110,7 @@ class RobotBench(NetworkBench):
     def now(self) -> float:
         return START + self.elapsed
 
-    def say(self, status: bytes) -> None:
+    def report(self, status: bytes) -> None:
         self.publish("STATUS", status)
 
     def show(self, port: str) -> np.ndarray:
@@ -127,7 +127,7 @@ class RobotBench(NetworkBench):
         return self.sent
 
     def rest(self, duration: float) -> list[Any]:
-        """Returns what the sender sends on the way out."""
+        """Returns what the sender sends in `SendRest`."""
         self.sent.clear()
         self.dut.SendRest(duration)
         self.lcm.HandleSubscriptions(0)

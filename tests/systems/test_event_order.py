@@ -1,4 +1,4 @@
-"""At one instant: first the tracker, then what consumes it, and whoever looks on comes last."""
+"""At one instant the tracker updates first, then its consumers; publishing comes last."""
 
 import numpy as np
 import pytest

@@ -34,7 +34,7 @@ _GRIP_FORCE = 40.0
 
 
 class FrankaCommandSender(LeafSystem):
-    """Sends joint velocities to the Panda's driver, which stops the arm when they stop.
+    """Sends joint velocities to the Panda's driver, which stops the arm without them.
 
     .. pydrake_system::
 

@@ -39,7 +39,7 @@ def test_it_starts_at_the_posture_of_the_real_robot(bench: SystemBench) -> None:
         bench.advance(PERIOD)
 
 
-def test_velocities_are_integrated_whatever_the_real_robot_does(started: SystemBench) -> None:
+def test_velocities_are_integrated_independently_of_the_real_robot(started: SystemBench) -> None:
     started.fix(velocity=WANTED, real_position=np.zeros(7))
     started.advance(0.5)
 

@@ -1,4 +1,4 @@
-"""What the drivers of the Panda and its hand are told."""
+"""Commands to the drivers of the Panda and its hand."""
 
 import math
 import signal
@@ -46,7 +46,7 @@ def test_before_the_first_status_nothing_is_known_and_nothing_is_sent(arm: Robot
 
 
 def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.elapsed += 0.25
     wanted = 0.1 * np.arange(7)
 
@@ -61,26 +61,26 @@ def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
 
 def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
     arm = make_arm_bench()
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     wanted = np.full(7, 0.1)
 
     def is_rest(sent: list) -> bool:
         (command,) = sent
         return not any(command.joint_velocity)
 
-    def comes_to_rest(*, time: float) -> bool:
+    def rests_soon(*, time: float) -> bool:
         return any(is_rest(arm.send(velocity=wanted, velocity_time=time)) for _ in range(32))
 
     assert is_rest(arm.send())
     assert is_rest(arm.send(velocity=np.where(np.arange(7) == 3, np.nan, wanted)))
-    assert not comes_to_rest(time=0.0)
+    assert not rests_soon(time=0.0)
     arm.context.SetTime(0.09)
-    assert not comes_to_rest(time=0.0)
+    assert not rests_soon(time=0.0)
     arm.context.SetTime(0.11)
-    assert comes_to_rest(time=0.0)
+    assert rests_soon(time=0.0)
     arm.context.SetTime(0.0)
-    assert not comes_to_rest(time=0.0)
-    assert comes_to_rest(time=np.nan)
+    assert not rests_soon(time=0.0)
+    assert rests_soon(time=np.nan)
 
 
 class HaltedBench(RobotBench):
@@ -94,9 +94,9 @@ class HaltedBench(RobotBench):
         return False
 
 
-def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
+def test_a_delayed_command_carries_its_true_age() -> None:
     arm = make_arm_bench(HaltedBench)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.halt = 1.0
 
     (command,) = arm.send(velocity=np.full(7, 0.1))
@@ -107,7 +107,7 @@ def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
 
 
 def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.fix(velocity=np.full(7, 0.1))
 
     arm.advance_to(0.5)
@@ -125,10 +125,8 @@ def speed_up(arm: RobotBench, *, speed: float) -> None:
     arm.send(velocity=motion.velocity)
 
 
-def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
-    fake_time: FakeTime, arm: RobotBench
-) -> None:
-    arm.say(arm_status(START))
+def test_send_rest_brakes_as_the_supervisor(fake_time: FakeTime, arm: RobotBench) -> None:
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
 
     sent = arm.rest(0.05)
@@ -142,14 +140,14 @@ def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
     assert not arm.dut.commanding
 
 
-def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
+def test_after_a_suspended_send_rest_the_arm_is_still_commanded(
     fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def halted_sleep(duration: float) -> None:
         fake_time.now += 10.0
 
     monkeypatch.setattr(fake_time, "sleep", halted_sleep)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
 
     sent = arm.rest(0.05)
@@ -161,7 +159,7 @@ def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
 def test_an_arm_that_speeds_up_brakes_within_its_limits(
     fake_time: FakeTime, arm: RobotBench
 ) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.1)  # It would go on to 2 rad/s.
     motion = JointMotion.at_rest(np.array(JOINTS))
     sent = []
@@ -184,7 +182,7 @@ def test_an_arm_that_speeds_up_brakes_within_its_limits(
 def test_after_a_pause_there_is_nothing_to_brake_from(
     fake_time: FakeTime, arm: RobotBench, pause: float, moves: bool
 ) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.send(velocity=np.full(7, 0.2))
 
     fake_time.sleep(pause)  # The driver's expiry is 0.1 s.
@@ -210,7 +208,7 @@ def test_a_signal_waits_until_the_arm_rests(
         fake_time.now += duration
 
     monkeypatch.setattr(fake_time, "sleep", interrupted_sleep)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.send(velocity=np.full(7, 0.2))
     arm.sent.clear()
     before = signal.signal(signal.SIGTERM, stop)
@@ -225,8 +223,8 @@ def test_a_signal_waits_until_the_arm_rests(
     assert not any(arm.sent[-1].joint_velocity)
 
 
-def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+def test_the_arm_brakes_when_the_velocity_becomes_nan(arm: RobotBench) -> None:
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
     expected = LIMITER.braking(JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7)))
 
@@ -237,9 +235,9 @@ def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake(arm: RobotBen
     assert np.abs(found[-1]).max() < 0.03
 
 
-def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
+def test_hand_gets_commands_after_its_first_status(hand: RobotBench) -> None:
     assert hand.send(width=0.05) == []
-    hand.say(hand_status(0.08))
+    hand.report(hand_status(0.08))
 
     (command,) = hand.send(width=0.05)
 
@@ -250,7 +248,7 @@ def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
 
 
 def test_hand_without_a_command_keeps_its_opening(hand: RobotBench) -> None:
-    hand.say(hand_status(0.08))
+    hand.report(hand_status(0.08))
 
     assert hand.send() == []
 
@@ -260,7 +258,7 @@ def test_the_result_of_an_outdated_update_is_not_sent(
     robot: str, request: pytest.FixtureRequest
 ) -> None:
     bench: RobotBench = request.getfixturevalue(robot)
-    bench.say(arm_status(START) if robot == "arm" else hand_status(0.08))
+    bench.report(arm_status(START) if robot == "arm" else hand_status(0.08))
     inputs = {"velocity": np.full(7, 0.2)} if robot == "arm" else {"width": 0.05}
     assert len(bench.send(**inputs)) == 1
 
@@ -269,9 +267,9 @@ def test_the_result_of_an_outdated_update_is_not_sent(
     assert bench.send(**inputs) == []
 
 
-def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
+def test_initializing_a_simulator_sends_nothing_to_the_hand() -> None:
     hand = make_hand_bench(offset=0.003)
-    hand.say(hand_status(0.08))
+    hand.report(hand_status(0.08))
     hand.fix(width=0.05)
 
     hand.simulator.Initialize()
@@ -300,8 +298,8 @@ def test_another_process_that_commands_the_robot_ends_the_run(
         bench.send()
 
 
-def test_own_commands_are_no_surprise_when_they_come_back(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+def test_echoes_of_own_commands_are_recognized(arm: RobotBench) -> None:
+    arm.report(arm_status(START))
 
     for k in range(3):
         arm.elapsed = 0.004 * k
@@ -325,7 +323,7 @@ def test_two_drivers_that_take_turns_are_reported(arm: RobotBench, difference: d
         now = {"robot_utime": 1000 * k, "joint_position": [0.0] * 7}
         other = {"robot_utime": 1000 * k + difference.get("robot_utime", 0)}
         changes = now | difference | other if k % 2 else now
-        arm.say(arm_status(START + 0.001 * k, **changes))
+        arm.report(arm_status(START + 0.001 * k, **changes))
 
     with pytest.raises(StationError, match="Two senders take turns on STATUS"):
         arm.show("status")

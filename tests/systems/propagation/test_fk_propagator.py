@@ -134,7 +134,7 @@ def test_object_motion_at_images_from_before_the_history_is_not_known(
     assert np.all(np.isnan(bench.read("object_motion")))
 
 
-def test_points_move_with_the_hand_whatever_images_there_are(bench: ArmBench) -> None:
+def test_points_move_with_the_hand_independently_of_images(bench: ArmBench) -> None:
     bench.fix(tracked_points=seen(held_points(0.0), 0.0), image_time=2 * PERIOD)
 
     bench.step_to(60)
@@ -154,7 +154,7 @@ def test_a_stamp_between_two_ticks_is_interpolated(bench: ArmBench) -> None:
 
 
 @pytest.mark.parametrize("holding", [0.0, 0.5, np.nan])
-def test_what_is_not_held_stays(bench: ArmBench, holding: float) -> None:
+def test_without_a_grasp_the_points_stay(bench: ArmBench, holding: float) -> None:
     bench.fix(holding=holding, tracked_points=seen(P_G, 0.0))
 
     bench.step_to(60)
@@ -254,7 +254,7 @@ def test_a_stamp_that_does_not_advance_changes_nothing(bench: ArmBench) -> None:
 
 
 @pytest.mark.parametrize("wrong", [ABSENT, np.zeros((N, 3)), TrackedPoints.lost(N + 1, 0.0)])
-def test_what_is_not_a_track_of_these_points_is_refused(bench: ArmBench, wrong: object) -> None:
+def test_a_track_of_other_points_is_refused(bench: ArmBench, wrong: object) -> None:
     bench.fix(tracked_points=wrong)
 
     with pytest.raises(InvalidValueError, match="tracked_points"):

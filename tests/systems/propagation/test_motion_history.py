@@ -47,7 +47,7 @@ def test_between_samples_the_motion_is_interpolated() -> None:
     np.testing.assert_allclose(X, turn_about_z(0.9525, 9.525), atol=1e-12)
 
 
-def test_what_is_held_turns_with_the_hand() -> None:
+def test_a_held_object_turns_with_the_hand() -> None:
     # The hand stands at x = 1 and turns by 90 degrees; the object at the origin swings to (1, -1).
     before, now = turn_about_z(0.0, 1.0), turn_about_z(np.pi / 2, 1.0)
 

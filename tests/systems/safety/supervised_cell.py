@@ -1,4 +1,4 @@
-"""A narrow cell for a supervised arm, and what somebody may ask of it."""
+"""A narrow cell for a supervised arm, and random velocities for it."""
 
 import numpy as np
 from supervisor_bench import LIMITS, MODEL

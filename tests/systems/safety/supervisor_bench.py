@@ -1,4 +1,4 @@
-"""A supervised arm that does exactly as it is told, in continuous time."""
+"""A supervised arm that follows its commands exactly, in continuous time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,14 +20,14 @@ class SupervisorBench(SystemBench):
     """Runs a supervisor tick by tick, with an arm that follows at once.
 
     The velocities between two ticks are taken to be on a straight line, so that the arm's position
-    is the integral of what it is told.
+    is the integral of its commands.
 
     Attributes:
         dut: The supervisor.
         q: (7,) where the arm is [rad].
-        inputs: What the inputs that are connected show, or functions of the time [s] that say it;
-            the arm's posture and speed only where they are not measured as they are.
-        velocities: (K, 7) what the supervisor said at each tick [rad/s].
+        inputs: Values of the connected inputs, or functions of the time [s] that return them;
+            the arm's posture and speed only where the measurement is to differ from the truth.
+        velocities: (K, 7) the commands at each tick [rad/s].
         held_up: By how much the clock of a `timed` supervisor is ahead of the simulation [s].
     """
 
@@ -70,9 +70,9 @@ class SupervisorBench(SystemBench):
             for name, value in (measured | self.inputs).items():
                 self.fix(name, value(self.time) if callable(value) else value)
             self.simulator.AdvancePendingEvents()
-            told = self.read("velocity")
-            self.q = self.q + 0.5 * PERIOD * (speed + told)
-            self.velocities.append(told)
+            command = self.read("velocity")
+            self.q = self.q + 0.5 * PERIOD * (speed + command)
+            self.velocities.append(command)
             self.advance_to(len(self.velocities) * PERIOD)
 
     def hold_up(self, duration: float) -> None:

@@ -49,7 +49,7 @@ def test_before_the_first_status_the_arm_rests(ticks: int) -> None:
     assert dut.scale == 0.0
 
 
-def test_what_is_wanted_goes_through() -> None:
+def test_a_safe_velocity_passes_through() -> None:
     dut = moving_bench()
 
     assert not dut.dut.HasAnyDirectFeedthrough()
@@ -126,7 +126,7 @@ def test_a_cause_stops_the_arm_until_a_reset(fault: SafetyFault) -> None:
 
 
 @pytest.mark.parametrize("fault", CAUSES)
-def test_a_reset_does_not_release_while_the_cause_is_there(fault: SafetyFault) -> None:
+def test_a_reset_does_not_release_while_the_cause_persists(fault: SafetyFault) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, cameras=["front", "side"])
     dut.tick(128, velocity=WANTED, **WELL)
     dut.tick(300, **CAUSES[fault])
@@ -169,7 +169,7 @@ def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
 
 
 @pytest.mark.parametrize("name", ["position_measured", "torque_external", "status", "velocity"])
-def test_what_is_no_number_brakes_the_arm(name: str) -> None:
+def test_a_nan_input_brakes_the_arm(name: str) -> None:
     dut = moving_bench()
     size = dut.dut.GetInputPort(name).size()
 
@@ -305,7 +305,7 @@ def test_torques_and_joints_must_be_seven() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=25)
-def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
+def test_no_limit_is_exceeded_by_any_wanted_velocity(seed: int) -> None:
     """A thousand wishes: 25 times 40."""
     rng = np.random.default_rng(seed)
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
@@ -329,16 +329,16 @@ def test_no_limit_is_exceeded_whatever_is_wanted(seed: int) -> None:
     assert np.all(distance_from_cell(q) > -1e-3)
 
 
-def test_what_is_commanded_can_be_read_off() -> None:
+def test_the_commanded_posture_is_an_output() -> None:
     bench = moving_bench()
 
     np.testing.assert_array_equal(bench.read("position"), bench.commanded)
-    # The arm does as it is told.
+    # The arm follows its commands.
     np.testing.assert_allclose(bench.read("position"), bench.q, atol=1e-3)
     assert np.isnan(bench.read("updated_at")[0])
 
 
-def test_in_a_replay_the_arm_need_not_go_where_it_is_told() -> None:
+def test_in_a_replay_the_arm_need_not_follow_its_commands() -> None:
     still = np.array(NOMINAL_POSTURE)
     held = {"position_measured": still, "velocity_measured": np.zeros(7)}
     live, replay = SupervisorBench(still), SupervisorBench(still)

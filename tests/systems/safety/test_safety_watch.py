@@ -69,7 +69,7 @@ def moving() -> dut.SafetyMemory:
         ({"image_age": 1.01}, SafetyFault.CAMERA_STALE),
         ({"image_ahead": 0.06}, SafetyFault.CAMERA_CLOCK),
         ({"stalled": 0.09}, SafetyFault.LOOP_STALLED),
-        # The gravest is told.
+        # The most severe fault counts.
         ({"stops": 1.0, "mode": 0.0, "command_finite": False}, SafetyFault.STOP_REQUESTED),
         ({"mode": 0.0, "command_finite": False}, SafetyFault.ROBOT_MODE),
     ],
@@ -91,7 +91,7 @@ def test_each_cause_is_a_fault_at_once(moving: dut.SafetyMemory, changes: dict, 
         {"resets": 1.0},
     ],
 )
-def test_what_is_within_its_limit_is_no_fault(moving: dut.SafetyMemory, changes: dict) -> None:
+def test_values_within_their_limits_are_no_fault(moving: dut.SafetyMemory, changes: dict) -> None:
     assert watch(moving, 1000, **changes).fault == SafetyFault.NONE
 
 
@@ -108,7 +108,7 @@ def test_what_is_within_its_limit_is_no_fault(moving: dut.SafetyMemory, changes:
 def test_some_causes_must_last(moving: dut.SafetyMemory, changes: dict, fault, ticks) -> None:
     shorter = watch(moving, ticks - 1, **changes)
     longer = watch(moving, ticks, **changes)
-    # A moment without it begins the count anew.
+    # A moment without the cause restarts the count.
     interrupted = watch(watch(shorter), ticks - 1, **changes)
 
     assert shorter.fault == SafetyFault.NONE
@@ -166,7 +166,7 @@ def test_a_jump_of_the_clock_is_no_silence(moving: dut.SafetyMemory, offset: flo
 
 
 @pytest.mark.parametrize("offset", [100.0, -100.0])
-def test_a_clock_that_is_off_from_the_start_is_told(offset: float) -> None:
+def test_a_clock_that_is_off_from_the_start_is_a_fault(offset: float) -> None:
     # Statuses come every third period, which makes their age a saw.
     ages = [offset + (tick % 3) * PERIOD for tick in range(30)]
 
@@ -204,7 +204,7 @@ def test_a_fault_stays_when_its_cause_goes_or_another_comes(moving: dut.SafetyMe
         {"resets": 1.0, "command_finite": False},  # Another cause is.
         {"resets": 1.0, "standing": False},  # The arm is still braking.
         {"resets": 1.0, "stops": 1.0},
-        {"resets": 1.0, "status_age": 0.6},  # Nobody knows yet why the status is old.
+        {"resets": 1.0, "status_age": 0.6},  # The cause of the old status is still unknown.
         {"resets": math.nan},
         {"resets": 0.0},
     ],

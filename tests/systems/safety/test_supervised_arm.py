@@ -63,7 +63,7 @@ def test_an_arm_that_is_ahead_keeps_within_its_joints_limits(ahead: float) -> No
     assert dut.q[6] == pytest.approx(LIMITS.upper[6] - 0.05, abs=0.01)
 
 
-def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
+def test_late_updates_account_for_the_motion_meanwhile() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
     moving(dut)
 
@@ -77,7 +77,7 @@ def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
 
 
 @pytest.mark.parametrize(("held_up", "moves"), [(0.09, True), (0.3, False)])
-def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
+def test_after_a_suspension_the_arm_brakes_from_its_measured_motion(
     held_up: float, moves: bool
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
@@ -88,9 +88,9 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
     dut.tick(velocity_measured=measured)
 
     assert dut.fault is SafetyFault.LOOP_STALLED
-    told = dut.velocities[-1]
-    assert np.all(np.abs(told - measured) <= LARGEST_CHANGE + 1e-9)
-    assert np.any(told) == moves
+    commanded = dut.velocities[-1]
+    assert np.all(np.abs(commanded - measured) <= LARGEST_CHANGE + 1e-9)
+    assert np.any(commanded) == moves
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
         (0.09, 0.089, 0.2),  # The driver follows the last command still.
     ],
 )
-def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
+def test_measurements_from_before_a_suspension_do_not_move_the_arm(
     held_up: float, age: float, expected: float
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
@@ -112,9 +112,9 @@ def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
     dut.tick(velocity_measured=0.9 * velocity, status=[float(RobotMode.MOVE), age, 1.0])
 
     assert dut.fault is SafetyFault.LOOP_STALLED
-    told, braked = np.abs(dut.velocities[-1]), expected - LARGEST_CHANGE
-    assert np.all(told <= expected)
-    assert np.all(told >= braked)
+    commanded, braked = np.abs(dut.velocities[-1]), expected - LARGEST_CHANGE
+    assert np.all(commanded <= expected)
+    assert np.all(commanded >= braked)
     dut.tick(20)
     assert np.all(np.abs(dut.velocities[-20:]) <= expected)
 
@@ -137,8 +137,8 @@ class Network:
         return 0
 
 
-class WayOut:
-    """Sends what a supervisor says, and brings the arm to rest."""
+class RestSender:
+    """Sends a supervisor's velocities, and brings the arm to rest."""
 
     def __init__(self) -> None:
         self._lcm = Network()
@@ -153,9 +153,9 @@ class WayOut:
         )
         self._lcm.Publish("STATUS", arm_status(100.0))
 
-    def velocities(self, said: list[np.ndarray]) -> np.ndarray:
-        """Returns what is sent (K, 7) after the supervisor said the last two velocities."""
-        for velocity in said[-2:]:
+    def velocities(self, commanded: list[np.ndarray]) -> np.ndarray:
+        """Returns what is sent (K, 7) after the last two velocities of the supervisor."""
+        for velocity in commanded[-2:]:
             self._sender.GetInputPort("velocity").FixValue(self._context, velocity)
             self._sender.ForcedPublish(self._context)
         self._sent.clear()
@@ -165,7 +165,7 @@ class WayOut:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=15)
-def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
+def test_no_limit_is_exceeded_while_coming_to_rest(seed: int) -> None:
     """At full speed, out of any motion."""
     rng = np.random.default_rng(seed)
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
@@ -175,7 +175,7 @@ def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
             dut.tick(reset=[float(len(dut.velocities))])
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(panda_senders, "time", FakeTime())
-            rest = WayOut().velocities(dut.velocities)
+            rest = RestSender().velocities(dut.velocities)
 
         v = np.concatenate([dut.velocities[-1:], rest])
         q = dut.q + np.cumsum(0.5 * PERIOD * (v[:-1] + v[1:]), axis=0)

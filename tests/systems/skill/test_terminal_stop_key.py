@@ -10,7 +10,7 @@ import pytest
 from poil_drake.systems.skill.stop_requests import StopSwitch
 from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 
-PATIENCE = 3600.0  # [s]; only a test that fails waits for so long.
+PATIENCE = 3600.0  # [s]; only a failing test waits that long.
 
 
 class Noticing(StopSwitch):
@@ -35,7 +35,7 @@ def keyboard() -> Iterator[tuple[int, io.TextIOWrapper]]:
 
 
 @pytest.mark.parametrize("key", [b" ", b"\r", b"\n", b"q", b"Q", b"\x1b"])
-def test_a_stop_key_presses_the_switch(keyboard, key: bytes) -> None:
+def test_a_stop_key_requests_a_stop(keyboard, key: bytes) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
@@ -99,7 +99,7 @@ def test_the_terminal_is_given_back_after_an_error(keyboard) -> None:
     assert termios.tcgetattr(terminal) == before
 
 
-def test_nobody_listens_any_more_after_it(keyboard) -> None:
+def test_afterwards_keys_have_no_effect(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
@@ -122,7 +122,7 @@ def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
     assert switch.requests == 1
 
 
-def test_what_is_no_terminal_is_left_alone(tmp_path) -> None:
+def test_a_file_is_left_alone(tmp_path) -> None:
     file = tmp_path / "keys"
     file.write_text(" q\n")
     switch = StopSwitch()
