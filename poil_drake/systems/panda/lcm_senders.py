@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.runtime.held_signals import HeldSignals
@@ -23,6 +22,7 @@ from poil_drake.systems.panda.lcm_messages import (
     encode_hand_command,
     encode_panda_command,
 )
+from poil_drake.systems.panda.velocity_driver import eval_velocity
 
 _REST = np.zeros(NUM_JOINTS)
 
@@ -139,20 +139,10 @@ class FrankaCommandSender(LeafSystem):
         stamp, now = self._clock(), time.monotonic()
         if self._mailbox.newest is None or self._outdated():
             return
-        wanted = self._wanted(context)
+        wanted = eval_velocity(context, self._velocity, self._velocity_time, max_age=_MAX_AGE)
         if wanted is None:
             wanted = self._limiter.step(self._motion(), _REST).velocity
         self._publish(wanted, stamp, now)
-
-    def _wanted(self, context: Context) -> np.ndarray | None:
-        if not self._velocity.HasValue(context):
-            return None
-        if self._velocity_time.HasValue(context):
-            age = context.get_time() - self._velocity_time.Eval(context)[0]
-            if not age <= _MAX_AGE:
-                return None
-        velocity = self._velocity.Eval(context)
-        return velocity if all_finite(velocity) else None
 
     def _motion(self) -> JointMotion:
         """Returns the last commanded motion; rest if the driver has stopped the arm since.

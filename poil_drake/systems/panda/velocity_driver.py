@@ -4,9 +4,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+)
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -109,6 +116,24 @@ def step_joints(
     return reached, np.where(reached == next_position, limited, 0.0)
 
 
+def eval_velocity(
+    context: Context, velocity: InputPort, velocity_time: InputPort, *, max_age: float
+) -> np.ndarray | None:
+    """Evaluates the ports of a velocity and its time [s]; returns None for a velocity to ignore.
+
+    That is one which is not connected, not finite, or whose time is connected and not within
+    `max_age` [s] of the context's.
+    """
+    if not velocity.HasValue(context):
+        return None
+    if velocity_time.HasValue(context):
+        age = context.get_time() - velocity_time.Eval(context)[0]
+        if not age <= max_age:
+            return None
+    value = velocity.Eval(context)
+    return value if all_finite(value) else None
+
+
 class PandaVelocityDriver(LeafSystem):
     """Converts velocity commands to the desired state of the simulated arm's joint controllers.
 
@@ -177,24 +202,16 @@ class PandaVelocityDriver(LeafSystem):
         context.SetDiscreteState(self._position_index, np.full(NUM_JOINTS, np.nan))
         context.SetDiscreteState(self._velocity_index, np.zeros(NUM_JOINTS))
 
-    def _wanted_velocity(self, context: Context) -> np.ndarray:
-        rest = np.zeros(NUM_JOINTS)
-        if not self._velocity.HasValue(context):
-            return rest
-        if self._velocity_time.HasValue(context):
-            age = context.get_time() - self._velocity_time.Eval(context)[0]
-            if not age <= self._config.expire_sec:
-                return rest
-        wanted = self._velocity.Eval(context)
-        return wanted if np.isfinite(wanted).all() else rest
-
     def _step(self, context: Context, state: DiscreteValues) -> None:
         measured = self._measured.Eval(context)
         commanded = state.value(self._position_index)
+        wanted = eval_velocity(
+            context, self._velocity, self._velocity_time, max_age=self._config.expire_sec
+        )
         position, velocity = step_joints(
             position=measured if math.isnan(commanded[0]) else commanded,
             velocity=state.value(self._velocity_index),
-            wanted=self._wanted_velocity(context),
+            wanted=np.zeros(NUM_JOINTS) if wanted is None else wanted,
             measured=measured,
             limits=self._limits,
             config=self._config,
