@@ -10,7 +10,7 @@ from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, tr
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.control.motion_source import MotionSource, MotionSourceConfig
+from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
 from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
 from poil_drake.systems.ik.differential_ik import (
@@ -90,9 +90,7 @@ class ControlPath:
                 stopwatch=stopwatch,
             ),
             "controller": PointSetBcsdm(reference=self._reference(num_samples), period=period),
-            "motion": MotionSource(
-                approach=rest, descent=rest, config=MotionSourceConfig(), period=period
-            ),
+            "motion": MotionSource(approach=rest, descent=rest, period=period),
             "inverse_kinematics": DifferentialInverseKinematics(
                 kinematics=self._kinematics, period=period, config=ik, stopwatch=stopwatch
             ),

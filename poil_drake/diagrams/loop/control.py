@@ -14,7 +14,7 @@ from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.control.motion_source import MotionSource, MotionSourceConfig
+from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
 from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
 from poil_drake.systems.ik.differential_ik import (
@@ -114,11 +114,9 @@ def AddControl(
         "motion": MotionSource(
             approach=plan.approach.slowed(speed),
             descent=plan.descent.slowed(speed),
-            config=MotionSourceConfig(
-                lift_distance=plan.lift_height,
-                retreat_distance=plan.retreat_distance,
-                straight=replace(straight, speed=speed * straight.speed),
-            ),
+            lift_distance=plan.lift_height,
+            retreat_distance=plan.retreat_distance,
+            straight=replace(straight, speed=speed * straight.speed),
             period=period,
         ),
     }

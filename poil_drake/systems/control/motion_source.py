@@ -1,7 +1,6 @@
 """Selects the motion of the arm in each phase of the skill."""
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -16,27 +15,12 @@ from poil_drake.robots.joint_trajectory import JointTrajectory, follow_joint_tra
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.skill.phases import TWIST_PHASES, Phase
 
-_STRAIGHT_PHASES = frozenset({Phase.LIFT, Phase.RETREAT})
+JOINT_GAIN = 4.0
+"""Feedback gain along joint trajectories [1/s]."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class MotionSourceConfig:
-    """Parameters of the open-loop motions.
-
-    Attributes:
-        joint_gain: Feedback gain along joint trajectories [1/s].
-        joint_tolerance: Largest distance of a joint from the end of a finished motion [rad]; an arm
-            that was held up has not arrived.
-        lift_distance: Height to which the arm lifts the object before it follows the field [m].
-        retreat_distance: Distance by which the gripper retreats after release [m].
-        straight: Speed and gain of the lift and the retreat.
-    """
-
-    joint_gain: float = 4.0
-    joint_tolerance: float = 0.02
-    lift_distance: float = 0.05
-    retreat_distance: float = 0.10
-    straight: StraightMotionConfig = field(default_factory=StraightMotionConfig)
+_JOINT_TOLERANCE = 0.02
+"""Largest distance of a joint from the end of a finished motion [rad]; an arm that was held up has
+not arrived."""
 
 
 class MotionSource(LeafSystem):
@@ -74,7 +58,9 @@ class MotionSource(LeafSystem):
         *,
         approach: JointTrajectory,
         descent: JointTrajectory,
-        config: MotionSourceConfig | None = None,
+        lift_distance: float = 0.05,
+        retreat_distance: float = 0.10,
+        straight: StraightMotionConfig | None = None,
         period: float = CONTROL_PERIOD,
     ):
         """Constructs the source.
@@ -82,13 +68,15 @@ class MotionSource(LeafSystem):
         Args:
             approach: Motion from the start to the pre-grasp.
             descent: Motion from the pre-grasp to the grasp.
-            config: Gains and distances.
+            lift_distance: Height to which the arm lifts the object before it follows the field [m].
+            retreat_distance: Distance by which the gripper retreats after release [m].
+            straight: Speed and gain of the lift and the retreat.
             period: The control period [s].
         """
         super().__init__()
-        self._config = config = config or MotionSourceConfig()
+        self._straight = straight or StraightMotionConfig()
         self._trajectories = {Phase.APPROACH: approach, Phase.DESCEND: descent}
-        self._distances = {Phase.LIFT: config.lift_distance, Phase.RETREAT: config.retreat_distance}
+        self._distances = {Phase.LIFT: lift_distance, Phase.RETREAT: retreat_distance}
         n = approach.positions.shape[1]
         phase = self._phase = self.DeclareVectorInputPort("phase", 1)
         start = self._start = self.DeclareVectorInputPort("phase_start", 1)
@@ -140,7 +128,7 @@ class MotionSource(LeafSystem):
         twist = np.zeros(6)
         if phase is Phase.FOLLOW:
             twist = self._field.Eval(context)
-        elif phase in _STRAIGHT_PHASES:
+        elif phase in self._distances:
             X_WStart = self._latched(context, phase)
             if X_WStart is not None:
                 twist = straight_motion_twist(
@@ -149,7 +137,7 @@ class MotionSource(LeafSystem):
                     np.array([0.0, 0.0, 1.0]) if phase is Phase.LIFT else -X_WStart[:3, 2],
                     self._distances[phase],
                     self._elapsed(context),
-                    self._config.straight,
+                    self._straight,
                 )
         output.SetFromVector(_finite_or_zero(twist))
 
@@ -162,7 +150,7 @@ class MotionSource(LeafSystem):
                     self._trajectories[phase],
                     self._elapsed(context),
                     self._joints.Eval(context),
-                    self._config.joint_gain,
+                    JOINT_GAIN,
                 )
             )
         elif phase in TWIST_PHASES:
@@ -175,11 +163,11 @@ class MotionSource(LeafSystem):
         if phase in self._trajectories:
             trajectory = self._trajectories[phase]
             distance = np.abs(self._joints.Eval(context) - trajectory.positions[-1])
-            arrived = bool(distance.max() <= self._config.joint_tolerance)
+            arrived = bool(distance.max() <= _JOINT_TOLERANCE)
             done = arrived and self._elapsed(context) >= trajectory.duration
-        elif phase in _STRAIGHT_PHASES:
+        elif phase in self._distances:
             latched = self._latched(context, phase) is not None
-            duration = straight_motion_duration(self._distances[phase], self._config.straight)
+            duration = straight_motion_duration(self._distances[phase], self._straight)
             done = latched and self._elapsed(context) >= duration
         output.SetAtIndex(0, float(done))
 

@@ -2,12 +2,11 @@ import numpy as np
 import pytest
 from system_bench import SystemBench
 
-from poil_drake.control.field.straight_motion import straight_motion_twist
+from poil_drake.control.field.straight_motion import StraightMotionConfig, straight_motion_twist
 from poil_drake.robots.joint_trajectory import JointTrajectory, follow_joint_trajectory
-from poil_drake.systems.control.motion_source import MotionSource, MotionSourceConfig
+from poil_drake.systems.control.motion_source import JOINT_GAIN, MotionSource
 from poil_drake.systems.skill.phases import Phase
 
-CONFIG = MotionSourceConfig()
 APPROACH = JointTrajectory([0.0, 1.0], [[0.0] * 7, [0.5] * 7], [[0.5] * 7] * 2)
 DESCENT = JointTrajectory([0.0, 2.0], [[0.5] * 7, [0.7] * 7], [[0.1] * 7] * 2)
 FIELD = np.arange(6.0) / 10
@@ -50,7 +49,7 @@ def test_the_arm_rests_in_phases_without_motion(phase: Phase) -> None:
 )
 def test_joint_phases_follow_their_trajectory(phase: Phase, joints: JointTrajectory) -> None:
     bench = make_bench(phase, time=0.5)
-    expected = follow_joint_trajectory(joints, 0.5, np.full(7, 0.1), CONFIG.joint_gain)
+    expected = follow_joint_trajectory(joints, 0.5, np.full(7, 0.1), JOINT_GAIN)
     assert bench.read("velocity") == pytest.approx(expected)
     assert bench.read("motion_done")[0] == 0.0
 
@@ -64,7 +63,7 @@ def test_an_arm_that_was_held_up_has_not_ended_its_motion() -> None:
 
     assert bench.read("motion_done")[0] == 0.0
     # It continues towards the end.
-    assert bench.read("velocity")[2] == pytest.approx(0.021 * CONFIG.joint_gain)
+    assert bench.read("velocity")[2] == pytest.approx(0.021 * JOINT_GAIN)
 
 
 def test_following_passes_the_field_and_the_inverse_kinematics() -> None:
@@ -77,7 +76,7 @@ def test_following_passes_the_field_and_the_inverse_kinematics() -> None:
 @pytest.mark.parametrize(
     ("phase", "distance"),
     # The retreat goes back along the approach axis, which points down here.
-    [(Phase.LIFT, CONFIG.lift_distance), (Phase.RETREAT, CONFIG.retreat_distance)],
+    [(Phase.LIFT, 0.05), (Phase.RETREAT, 0.1)],
 )
 def test_straight_phases_move_up_from_the_latched_pose(phase: Phase, distance: float) -> None:
     before = make_bench(phase)
@@ -86,7 +85,7 @@ def test_straight_phases_move_up_from_the_latched_pose(phase: Phase, distance: f
     assert before.read("motion_done")[0] == 0.0
 
     bench = make_bench(phase, time=0.25)
-    expected = straight_motion_twist(X_WG, X_WG, UP, distance, 0.25, CONFIG.straight)
+    expected = straight_motion_twist(X_WG, X_WG, UP, distance, 0.25, StraightMotionConfig())
     assert bench.read("spatial_velocity") == pytest.approx(expected)
     assert bench.read("velocity") == pytest.approx(IK)
 
