@@ -234,7 +234,11 @@ def _following() -> np.ndarray:
     """Returns the sequencer's memory of an object that follows, and never has to progress."""
     return np.array(
         SkillState(
-            phase=float(Phase.FOLLOW), best_error=-np.inf, best_tau=np.inf, progress_at=np.inf
+            phase=float(Phase.FOLLOW),
+            width=0.0,
+            best_error=-np.inf,
+            best_tau=np.inf,
+            progress_at=np.inf,
         )
     )
 

@@ -19,8 +19,8 @@ class ArmKinematics:
     """The arm's joints and its gripper frame G in a finalized plant.
 
     It has no state: its methods compute in a scratch context of the plant, which a system keeps in
-    a cache entry of its own context (`declare_scratch`). Drake's kinematics and not
-    `PandaModel`'s, so that the loop sees the arm as the simulated plant does, to the last bit.
+    a cache entry of its own context (`declare_scratch`). It uses Drake's kinematics rather than
+    `PandaModel`, so that the loop computes poses as the simulated plant does, to the last bit.
 
     Attributes:
         num_joints: The number of the arm's joints, n.

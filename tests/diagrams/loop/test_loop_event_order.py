@@ -98,7 +98,7 @@ def _simulate(loop: ClosedLoop) -> None:
     root = simulator.get_mutable_context()
     # The field leads at once, though nothing is held; so every stage of the loop has its say.
     sequencer = loop.sequencer.GetMyMutableContextFromRoot(root)
-    sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW)))
+    sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW, width=0.0)))
     simulator.AdvanceTo(MOVED)
     station = loop.station.GetMyMutableContextFromRoot(root)
     X_WO = GetObjectPose(loop.station, station)

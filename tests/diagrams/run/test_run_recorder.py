@@ -171,6 +171,6 @@ def _move_object(dut: RunRecorder, root: Context) -> None:
 def _put_in_phase(
     dut: RunRecorder, root: Context, *, phase: Phase, fault: Fault = Fault.NONE, start: float = 0.0
 ) -> None:
-    state = SkillState(phase=phase, phase_start=start, fault=fault, fault_width=0.04)
+    state = SkillState(phase=phase, phase_start=start, fault=fault, width=0.04)
     sequencer = dut.loop.sequencer.GetMyMutableContextFromRoot(root)
     sequencer.SetDiscreteState(np.array(state))
