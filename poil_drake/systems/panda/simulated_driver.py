@@ -11,6 +11,7 @@ from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
 from poil_drake.systems.panda.lcm_messages import (
+    PandaChannels,
     PandaCommand,
     PandaStatus,
     decode_panda_command,
@@ -77,9 +78,9 @@ class SimulatedDriver(LeafSystem):
         self,
         *,
         lcm: MessageNetwork,
-        command_channel: str,
-        status_channel: str,
-        period: float,
+        command_channel: str = PandaChannels.command,
+        status_channel: str = PandaChannels.status,
+        period: float = 1 / 512,
         config: SimulatedDriverConfig | None = None,
         clock: Clock = time.time,
     ):

@@ -10,6 +10,7 @@ from poil_drake.systems.lcm.network import Clock, MessageNetwork
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
     HandOpening,
+    PandaChannels,
     decode_hand_command,
     encode_hand_status,
 )
@@ -38,8 +39,8 @@ class SimulatedHand(LeafSystem):
         self,
         *,
         lcm: MessageNetwork,
-        command_channel: str,
-        status_channel: str,
+        command_channel: str = PandaChannels.hand_command,
+        status_channel: str = PandaChannels.hand_status,
         clock: Clock = time.time,
     ):
         """Constructs the driver.
