@@ -56,13 +56,13 @@ class SkillSequencer(LeafSystem):
         - detect_request
 
     Every port has size 1, and every output is a function of the state alone. Before the first
-    update the phase is WAIT, the hand opens, and there is no grasp and no
-    request. A NaN in `tau` or an error counts as no progress; a NaN in the hand's `width_measured`
-    [m], or a nonzero `safety_fault` (a `SafetyFault`, or NaN), is a fault. The sequencer reads the
-    controller's inputs in the phase FOLLOW only. `phase` is a
-    `poil_drake.systems.skill.phases.Phase`, `fault` a `Fault`. `width` [m] is the commanded opening
-    of the hand, which a fault leaves unchanged; `holding` is 1 while the object moves with the
-    gripper, `detect_request` counts the requests to the part detector to search again.
+    update the phase is WAIT, the hand opens, and there is no grasp and no request. A NaN in `tau`
+    or an error counts as no progress; a NaN in the hand's `width_measured` [m], or a nonzero
+    `safety_fault` (a `SafetyFault`, or NaN), is a fault. The sequencer reads the controller's
+    inputs in the phase FOLLOW only. `phase` is a `Phase`, `fault` a `Fault` of
+    `poil_drake.systems.skill.phases`. `width` [m] is the commanded opening of the hand, which a
+    fault leaves unchanged; `holding` is 1 while the object moves with the gripper, `detect_request`
+    counts the requests to the part detector to search again.
     """
 
     def __init__(
