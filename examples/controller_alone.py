@@ -51,7 +51,7 @@ class FreeBody(LeafSystem):
 
 builder = DiagramBuilder()
 body = builder.AddSystem(FreeBody())
-bcsdm = builder.AddSystem(PointSetBcsdm(reference=reference, period=1 / 256))
+bcsdm = builder.AddSystem(PointSetBcsdm(reference=reference))
 builder.Connect(body.GetOutputPort("points"), bcsdm.GetInputPort("points"))
 builder.Connect(body.GetOutputPort("pose"), bcsdm.GetInputPort("gripper_pose"))
 builder.Connect(bcsdm.GetOutputPort("spatial_velocity"), body.GetInputPort("spatial_velocity"))

@@ -15,9 +15,9 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log.layout import JOINT_COMMANDS_TOPIC
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.skill.stop_requests import StopSwitch
 
 

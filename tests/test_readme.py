@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.robots.panda import ARM_JOINTS
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = (ROOT / "examples" / "first_diagram.py").read_text()

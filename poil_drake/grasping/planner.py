@@ -21,7 +21,8 @@ from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
 from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.joint_trajectory import JointTrajectory
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
@@ -112,7 +113,7 @@ def plan_execution(
     workspace = WorkspaceCheck.of(model, q_start, feasibility)
     # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
-    spheres = make_robot_spheres(model, finger_opening=GRIPPER.max_width)
+    spheres = make_robot_spheres(finger_opening=GRIPPER.max_width)
     scene = (
         SceneCloud(scene_points, config=feasibility.collision)
         .without_object(object_cloud.points, _OBJECT_PADDING)
@@ -204,7 +205,7 @@ def _first_reachable(
         opening = choice.candidate.pregrasp_width
         checker = RobotCollisionChecker(
             model=model,
-            spheres=make_robot_spheres(model, finger_opening=opening),
+            spheres=make_robot_spheres(finger_opening=opening),
             scene=scene,
             config=feasibility.collision,
         )

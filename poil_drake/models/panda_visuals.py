@@ -8,46 +8,35 @@ import numpy as np
 if TYPE_CHECKING:
     import trimesh
 
-VISUAL_LINKS = (
-    "link0",
-    "link1",
-    "link2",
-    "link3",
-    "link4",
-    "link5",
-    "link6",
-    "link7",
-    "hand",
-    "finger",
-)
+_MESHES = (*(f"link{i}" for i in range(8)), "hand", "finger")
 """The visual meshes, named as in `meshes/visual/<name>.dae`."""
 
-FACE_FRACTION = 0.1
-"""Fraction of the triangles kept. Full meshes make a render two to three times slower."""
+_FACE_FRACTION = 0.1
+"""Fraction of the triangles to keep. With full meshes a render takes two to three times as long."""
 
-FEWEST_FACES = 60
-"""A piece with no more triangles than this is kept as it is."""
+_FEWEST_FACES = 60
+"""Pieces with no more triangles than this keep them all."""
 
-SHARPEST_SMOOTH_ANGLE = 0.6
-"""Edges sharper than this [rad] stay visible as edges."""
+_SHARPEST_SMOOTH_ANGLE = 0.6
+"""Edges sharper than this [rad] stay visible."""
 
 
 def convert_visuals(*, source: Path, target: Path) -> None:
     """Writes `<name>.obj` and `<name>.mtl` into `target` for every visual mesh of the Panda.
 
-    Plain .obj with vertex normals is used rather than glTF, because one glTF file switches
-    Drake's whole render engine to physically based shading, a quarter dearer.
+    The format is plain .obj with vertex normals, because one glTF file switches Drake's whole
+    render engine to physically based shading, which takes a quarter longer.
 
     Args:
         source: The directory that holds the .dae files.
         target: The directory to write to.
     """
-    for name in VISUAL_LINKS:
+    for name in _MESHES:
         _write_obj(_load_by_color(source / f"{name}.dae"), name=name, directory=target)
 
 
 def _load_by_color(path: Path) -> "dict[tuple[int, ...], list[trimesh.Trimesh]]":
-    """Returns the decimated pieces of a .dae file, in the link's frame, by their colour."""
+    """Returns the decimated pieces of a .dae file in the link's frame, by colour."""
     import trimesh
 
     pieces: dict[tuple[int, ...], list[trimesh.Trimesh]] = {}
@@ -66,18 +55,18 @@ def _decimate(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
     import trimesh
 
     mesh = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=True)
-    if len(mesh.faces) > FEWEST_FACES:
+    if len(mesh.faces) > _FEWEST_FACES:
         dense = open3d.geometry.TriangleMesh(
             open3d.utility.Vector3dVector(np.asarray(mesh.vertices)),
             open3d.utility.Vector3iVector(np.asarray(mesh.faces, dtype=np.int32)),
         )
         light = dense.simplify_quadric_decimation(
-            max(FEWEST_FACES, int(FACE_FRACTION * len(mesh.faces)))
+            max(_FEWEST_FACES, int(_FACE_FRACTION * len(mesh.faces)))
         )
         mesh = trimesh.Trimesh(
             vertices=np.asarray(light.vertices), faces=np.asarray(light.triangles), process=True
         )
-    return trimesh.graph.smooth_shade(mesh, angle=SHARPEST_SMOOTH_ANGLE)
+    return trimesh.graph.smooth_shade(mesh, angle=_SHARPEST_SMOOTH_ANGLE)
 
 
 def _write_obj(

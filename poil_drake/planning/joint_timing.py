@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.robots.panda import ACCELERATION_LIMITS
 
 _FINE = 1e-3
 """Time step of the motion before smoothing [s]; far below any joint's time constant."""
@@ -17,18 +18,18 @@ class JointTimingConfig:
     """Speed limits of motions along joint paths.
 
     Attributes:
-        velocity_scale: Fraction of the joint velocity limits; brisk, with a reserve for the
-            feedback that follows the trajectory.
-        acceleration: (7,) joint acceleration limits [rad/s^2], from the Panda's datasheet.
-        acceleration_scale: Fraction of the acceleration limits.
-        smoothing_time: The motion is averaged over this time [s], which bounds the jerk; a real
-            Panda stops with a reflex if commands jump.
-        path_samples: Number of samples of the path at which the speed is bounded.
+        velocity_scale: Fraction of the joint velocity limits; brisk, and leaves the feedback that
+            follows the trajectory room to correct.
+        acceleration: (7,) joint acceleration limits [rad/s^2].
+        acceleration_scale: Fraction of them.
+        smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
+            Panda stops with a reflex when commands step.
+        path_samples: Samples of the path at which its speed is bounded.
         sample_period: Time between the trajectory's samples [s].
     """
 
     velocity_scale: float = 0.4
-    acceleration: tuple[float, ...] = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+    acceleration: tuple[float, ...] = ACCELERATION_LIMITS
     acceleration_scale: float = 0.3
     smoothing_time: float = 0.2
     path_samples: int = 400

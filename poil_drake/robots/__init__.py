@@ -1,4 +1,4 @@
-"""The Panda as data and maths: kinematics, limits, shape, posture and IK. No pydrake."""
+"""The Panda: its data, kinematics, shape, limits and inverse kinematics, without Drake."""
 
 import lazy_loader
 

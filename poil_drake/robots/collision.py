@@ -9,24 +9,25 @@ from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import RobotSpheres
 
-_SELF_COLLISION_BASE = (0, 1, 2)
-_SELF_COLLISION_DISTAL = (5, 6, 7, 8)
+_RESTING_LINKS = (0, 1)
+"""Links that do not move, or only turn about their own axis; they may touch the robot's stand."""
+
+_SHOULDER_LINKS, _WRIST_LINKS = (0, 1, 2), (5, 6, 7, 8)
+"""The links of the Panda that can meet within its joint limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionConfig:
-    """What counts as too close.
+    """Margins of the collision checks.
 
     Attributes:
         robot_margin: Clearance that the robot's spheres must keep from the scene [m]: depth noise
             and the tracking error of the arm; the spheres themselves already bulge by 5-10 mm.
         object_margin: Clearance that the carried object must keep from the scene [m].
-        ground_height: Height of the table in the world [m], which is checked as a plane because
-            the cameras see only part of it; None where there is no table.
+        ground_height: Height of the table in the world [m], a plane because the cameras see only
+            part of it; None without a table.
         ground_thickness: Scene points less than this above the table belong to the table [m].
-        max_distance: Distances beyond this are reported as this [m]; a smaller value is faster.
-        resting_links: Links that do not move, or only turn about their own axis, and which may
-            touch what the robot stands on.
+        max_distance: Cap on the distances that are reported [m]; a smaller value is faster.
     """
 
     robot_margin: float = 0.008
@@ -34,7 +35,6 @@ class CollisionConfig:
     ground_height: float | None = 0.0
     ground_thickness: float = 0.008
     max_distance: float = 0.06
-    resting_links: tuple[int, ...] = (0, 1)
 
 
 class SceneCloud:
@@ -48,8 +48,8 @@ class SceneCloud:
         """Indexes the points.
 
         Args:
-            points: (P, 3) points of everything that must not be touched [m, world].
-            config: Where the table is and how far to look.
+            points: (P, 3) points on all obstacles [m, world].
+            config: Height of the table and range of the queries.
         """
         self._config = config or CollisionConfig()
         points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
@@ -66,7 +66,7 @@ class SceneCloud:
 
         Args:
             points: (..., 3) query points [m, world].
-            reach: Farthest distance of interest [m]; by default the config's `max_distance`.
+            reach: Cap on the distances [m]; by default the config's `max_distance`.
         """
         reach = self._config.max_distance if reach is None else reach
         distance = np.full(points.shape[:-1], reach)
@@ -80,11 +80,11 @@ class SceneCloud:
     def without_robot(
         self, bodies: RobotSpheres, link_poses: np.ndarray, padding: float
     ) -> "SceneCloud":
-        """Returns the scene less the points that lie on the robot.
+        """Returns the scene without the points that lie on the robot.
 
         Args:
             bodies: The robot's shape.
-            link_poses: (9, 4, 4) where its links were when the points were seen.
+            link_poses: (9, 4, 4) poses of its links at the capture of the points.
             padding: Points this close to the spheres are removed as well [m].
         """
         keep = np.ones(len(self.points), dtype=bool)
@@ -95,10 +95,10 @@ class SceneCloud:
         return SceneCloud(self.points[keep], config=self._config)
 
     def without_object(self, object_points: np.ndarray, padding: float) -> "SceneCloud":
-        """Returns the scene less the points that lie on the object.
+        """Returns the scene without the points that lie on the object.
 
         Args:
-            object_points: (P, 3) the object [m, world].
+            object_points: (P, 3) points on the object [m, world].
             padding: Points this close to them are removed [m].
         """
         if not len(self.points) or not len(object_points):
@@ -107,7 +107,7 @@ class SceneCloud:
         return SceneCloud(self.points[np.isinf(apart)], config=self._config)
 
     def with_points(self, points: np.ndarray) -> "SceneCloud":
-        """Returns the scene and further obstacle points (P, 3) [m, world]."""
+        """Returns the scene with further obstacle points (P, 3) [m, world]."""
         return SceneCloud(np.concatenate([self.points, points]), config=self._config)
 
 
@@ -127,13 +127,17 @@ class RobotCollisionChecker:
         Args:
             model: The arm's kinematics.
             spheres: The robot's shape.
-            scene: What must not be touched.
-            config: Margins and reach.
+            scene: The obstacles.
+            config: Margins and range.
         """
         self._config = config or CollisionConfig()
         self._model = model
         self._scene = scene
-        self._groups = [_LinkGroup.of(spheres, link) for link in np.unique(spheres.links)]
+        groups = [_LinkGroup.of(spheres, link) for link in np.unique(spheres.links)]
+        self._moving = [group for group in groups if group.link not in _RESTING_LINKS]
+        self._wrist = [group for group in groups if group.link in _WRIST_LINKS]
+        own = np.isin(spheres.links, _SHOULDER_LINKS)
+        self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
         """Returns the smallest clearance (B,) to the scene or the robot itself, capped [m].
@@ -155,39 +159,32 @@ class RobotCollisionChecker:
         """Returns the clearance (B,) of the robot at link poses (B, 9, 4, 4) to the scene [m]."""
         reach = self._config.max_distance
         clearance = np.full(len(link_poses), reach)
-        for group in self._groups:
-            if group.link in self._config.resting_links:
-                continue
+        for group in self._moving:
             X = link_poses[:, group.link]
-            center = group.world(X, group.bound_center)
+            center = _to_world(X, group.bound_center)
             bound = self._scene.distance(center, reach + group.bound_radius) - group.bound_radius
             near = np.flatnonzero(bound < clearance)
             if near.size:
-                centers = group.world(X[near, None], group.centers)
+                centers = _to_world(X[near, None], group.centers)
                 largest = float(group.radii.max())
                 own = self._scene.distance(centers, reach + largest) - group.radii
                 clearance[near] = np.minimum(clearance[near], own.min(axis=1))
         return clearance
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the clearance (B,) between the shoulder links and the wrist, at most capped [m].
-
-        These are the pairs of links of the Panda that can meet within its joint limits.
-        """
-        base = [g for g in self._groups if g.link in _SELF_COLLISION_BASE]
-        distal = [g for g in self._groups if g.link in _SELF_COLLISION_DISTAL]
-        centers = np.concatenate(
-            [g.world(link_poses[:, None, g.link], g.centers) for g in base], axis=1
+        """Returns the clearance (B,) between the shoulder links and the wrist, capped [m]."""
+        links, centers, radii = self._shoulder
+        centers = _to_world(link_poses[:, links], centers)
+        bounds = _to_world(
+            link_poses[:, [group.link for group in self._wrist]],
+            np.array([group.bound_center for group in self._wrist]),
         )
-        radii = np.concatenate([g.radii for g in base])
+        gaps = np.linalg.norm(bounds[:, :, None] - centers[:, None], axis=-1) - radii
         clearance = np.full(len(link_poses), self._config.max_distance)
-        for group in distal:
-            X = link_poses[:, group.link]
-            bound_center = group.world(X, group.bound_center)[:, None]
-            bound = np.linalg.norm(centers - bound_center, axis=-1) - radii - group.bound_radius
-            near = np.flatnonzero(bound.min(axis=1) < clearance)
+        for group, gap in zip(self._wrist, gaps.min(axis=2).T, strict=True):
+            near = np.flatnonzero(gap - group.bound_radius < clearance)
             if near.size:
-                own = group.world(X[near, None], group.centers)[:, :, None]
+                own = _to_world(link_poses[near, None, group.link], group.centers)[:, :, None]
                 gaps = np.linalg.norm(own - centers[near, None], axis=-1)
                 gaps -= group.radii[:, None] + radii
                 clearance[near] = np.minimum(clearance[near], gaps.min(axis=(1, 2)))
@@ -200,7 +197,7 @@ def cloud_clearance(points: np.ndarray, X_W: np.ndarray, scene: SceneCloud) -> n
     Args:
         points: (P, 3) the object's points before it moves [m, world].
         X_W: (T, 4, 4) rigid motion of the object from there.
-        scene: What must not be touched.
+        scene: The obstacles.
     """
     moved = points @ np.swapaxes(X_W[:, :3, :3], -1, -2) + X_W[:, None, :3, 3]
     return scene.distance(moved)
@@ -208,7 +205,7 @@ def cloud_clearance(points: np.ndarray, X_W: np.ndarray, scene: SceneCloud) -> n
 
 @dataclass(frozen=True)
 class _LinkGroup:
-    """The spheres of one link and a sphere around them all, in the link's frame."""
+    """The spheres of one link and their bounding sphere, in the link's frame."""
 
     link: int
     centers: np.ndarray
@@ -220,14 +217,13 @@ class _LinkGroup:
     def of(cls, spheres: RobotSpheres, link: int) -> "_LinkGroup":
         own = spheres.links == link
         centers, radii = spheres.centers[own], spheres.radii[own]
-        lower, upper = (
-            (centers - radii[:, None]).min(axis=0),
-            (centers + radii[:, None]).max(axis=0),
-        )
+        lower = (centers - radii[:, None]).min(axis=0)
+        upper = (centers + radii[:, None]).max(axis=0)
         center = 0.5 * (lower + upper)
         bound = float((np.linalg.norm(centers - center, axis=1) + radii).max())
         return cls(int(link), centers, radii, center, bound)
 
-    @staticmethod
-    def world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]
+
+def _to_world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns points (..., 3) in the frames X (..., 4, 4), each in the world."""
+    return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]

@@ -5,27 +5,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import inverse, rotation_log, transform_points
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
+
+_WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
+"""Offsets of joint 7 from the nominal posture at which the search starts [rad]."""
+
+_ELBOW_SEEDS = (0.0, 0.7, -0.7)
+"""Offsets of joint 1, and negated of joint 3 [rad], which swing the elbow to either side."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InverseKinematicsConfig:
-    """How configurations are searched and which are accepted.
+    """Effort and tolerances of the search.
 
     Attributes:
         damping: Damping of the least squares, relative to translations in metres and rotations
-            scaled by `rotation_scale`. Larger is calmer near singularities and slower elsewhere.
+            scaled by `rotation_scale`. A larger value is calmer near singularities and slower
+            elsewhere.
         rotation_scale: Length that one radian counts as [m]: about the hand's size.
-        posture_gain: Share of the way to the nominal posture gone in each step within the
-            motions that leave the gripper in place.
+        posture_gain: Share of the way to the nominal posture that each step goes within the null
+            space of the gripper's motion.
         largest_step: Largest joint step of one iteration [rad]; the linearisation holds that far.
-        iterations: Steps at most. Panda grasps converge within 20 to 40.
+        iterations: Largest number of steps; grasps of the Panda converge within 20 to 40.
         position_tolerance: Largest accepted position error [m].
         rotation_tolerance: Largest accepted rotation error [rad].
-        limit_margin: Distance kept from the joint limits [rad], so that the controller, which
-            starts from there, can move both ways.
-        wrist_seeds: Offsets of joint 7 tried around the nominal posture [rad].
-        elbow_seeds: Offsets of joints 1 and -3 tried [rad]: the elbow swung to either side.
+        limit_margin: Distance from the joint limits [rad], so that the controller, which starts
+            from a solution, can move both ways.
         distinct: Solutions closer than this in every joint count as one [rad].
     """
 
@@ -37,8 +43,6 @@ class InverseKinematicsConfig:
     position_tolerance: float = 5e-4
     rotation_tolerance: float = 3e-3
     limit_margin: float = 0.05
-    wrist_seeds: tuple[float, ...] = (-2.4, -1.2, 0.0, 1.2)
-    elbow_seeds: tuple[float, ...] = (0.0, 0.7, -0.7)
     distinct: float = 0.2
 
 
@@ -47,7 +51,7 @@ def pose_error(X_target: np.ndarray, X: np.ndarray) -> np.ndarray:
 
     Args:
         X_target: (..., 4, 4) wanted poses.
-        X: (..., 4, 4) present poses.
+        X: (..., 4, 4) current poses.
     """
     rotation = rotation_log(X_target[..., :3, :3] @ np.swapaxes(X[..., :3, :3], -1, -2))
     return np.concatenate([rotation, X_target[..., :3, 3] - X[..., :3, 3]], axis=-1)
@@ -63,15 +67,14 @@ def damped_step(
     """Returns the configurations (B, 7) after one damped least-squares step towards the targets.
 
     The step is J+ e + (I - J+ J) k (q_nominal - q) with the damped pseudo-inverse
-    J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits is held there and the step is
-    solved again with the other joints, so that the redundancy is used before the target is given
-    up.
+    J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits stays at the limit, and the
+    other joints solve for the step again, so that they use the redundancy first.
 
     Args:
         model: The arm.
-        q: (B, 7) present joint positions [rad].
-        X_target: (B, 4, 4) wanted gripper poses in the world.
-        nominal: (7,) or (B, 7) posture preferred where the target leaves a choice [rad].
+        q: (B, 7) current joint positions [rad].
+        X_target: (B, 4, 4) target poses of the gripper in the world.
+        nominal: (7,) or (B, 7) preferred posture within the redundancy [rad].
         config: Damping, limits and step size.
     """
     X, jacobian = model.gripper_pose_and_jacobian(q)
@@ -87,7 +90,7 @@ def damped_step(
         if not outside.any():
             break
         free[outside] = 0.0
-        # The held joint still moves up to its limit, which the others must account for.
+        # The held joint still moves up to its limit; the others account for that motion.
         held = (np.clip(q, lower, upper) - q) * (1.0 - free)
         left = error - (jacobian @ held[..., None])[..., 0]
         step = held + _solve_step(jacobian, left, posture, free, config.damping)
@@ -115,17 +118,17 @@ def solve_inverse_kinematics(
     nominal: np.ndarray = NOMINAL_POSTURE,
     config: InverseKinematicsConfig | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Searches a configuration for each gripper pose from each seed.
+    """Searches for a configuration for each gripper pose, starting at its seed.
 
     Args:
         model: The arm.
-        X_WG: (B, 4, 4) wanted gripper poses in the world.
-        seeds: (B, 7) configurations to start from [rad].
+        X_WG: (B, 4, 4) target poses of the gripper in the world.
+        seeds: (B, 7) initial configurations [rad].
         nominal: (7,) preferred posture [rad].
         config: Tolerances, limits and effort.
 
     Returns:
-        The configurations (B, 7) [rad], inside the limits, and whether each reaches its pose: (B,)
+        The configurations (B, 7) [rad], within the limits, and whether each reaches its pose: (B,)
         bool.
     """
     config = config or InverseKinematicsConfig()
@@ -135,21 +138,14 @@ def solve_inverse_kinematics(
     active = np.arange(len(q))
     for _ in range(config.iterations):
         q[active] = damped_step(model, q[active], X_WG[active], nominal, config)
-        reached[active] = is_reached(model, q[active], X_WG[active], config)
+        error = pose_error(X_WG[active], model.gripper_pose(q[active]))
+        reached[active] = (np.linalg.norm(error[:, 3:], axis=-1) <= config.position_tolerance) & (
+            np.linalg.norm(error[:, :3], axis=-1) <= config.rotation_tolerance
+        )
         active = np.flatnonzero(~reached)
         if active.size == 0:
             break
     return q, reached
-
-
-def is_reached(
-    model: PandaModel, q: np.ndarray, X_WG: np.ndarray, config: InverseKinematicsConfig
-) -> np.ndarray:
-    """Returns whether each configuration (B, 7) reaches its gripper pose (B, 4, 4): (B,) bool."""
-    error = pose_error(X_WG, model.gripper_pose(q))
-    return (np.linalg.norm(error[..., 3:], axis=-1) <= config.position_tolerance) & (
-        np.linalg.norm(error[..., :3], axis=-1) <= config.rotation_tolerance
-    )
 
 
 def distinct_solutions(
@@ -163,18 +159,20 @@ def distinct_solutions(
 
     Args:
         model: The arm.
-        X_WG: (B, 4, 4) wanted gripper poses in the world.
+        X_WG: (B, 4, 4) target poses of the gripper in the world.
         nominal: (7,) preferred posture [rad].
-        config: Seeds, tolerances, limits and effort.
+        config: Tolerances, limits and effort.
 
     Returns:
         The configurations (S, 7) [rad] and the index (S,) of the pose that each one reaches, in
         the order of the poses and, for one pose, of the seeds.
     """
     config = config or InverseKinematicsConfig()
-    offsets = _seed_offsets(config)
+    offsets = np.array(
+        [[elbow, 0, -elbow, 0, 0, 0, wrist] for wrist in _WRIST_SEEDS for elbow in _ELBOW_SEEDS]
+    )
     seeds = np.repeat((nominal + offsets)[None], len(X_WG), axis=0)
-    # The first joint turns the nominal posture, which works in the x-z plane, to the target.
+    # Joint 1 turns the nominal posture, which lies in the x-z plane, towards the target.
     p_BG = transform_points(inverse(model.X_WB), X_WG[:, :3, 3])
     seeds[:, :, 0] += np.arctan2(p_BG[:, 1], p_BG[:, 0])[:, None]
     pose_index = np.repeat(np.arange(len(X_WG)), len(offsets))
@@ -187,12 +185,3 @@ def distinct_solutions(
         if all(np.abs(q[k] - q[i]).max() > config.distinct for k in same_pose):
             kept.append(int(i))
     return q[kept], pose_index[kept]
-
-
-def _seed_offsets(config: InverseKinematicsConfig) -> np.ndarray:
-    """Returns offsets (S, 7) from the nominal posture [rad]."""
-    offsets = np.zeros((len(config.wrist_seeds), len(config.elbow_seeds), 7))
-    offsets[..., 6] = np.array(config.wrist_seeds)[:, None]
-    offsets[..., 0] = np.array(config.elbow_seeds)
-    offsets[..., 2] = -np.array(config.elbow_seeds)
-    return offsets.reshape(-1, 7)

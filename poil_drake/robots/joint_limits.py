@@ -1,4 +1,4 @@
-"""What the arm's joints may do."""
+"""Limits of an arm's joints."""
 
 from dataclasses import dataclass
 
@@ -43,14 +43,14 @@ class JointLimits(SharedOnCopy):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns the lowest and highest velocities (n,) [rad/s] allowed at `positions` (n,).
 
-        A joint may approach its limit no faster than `braking_gain` times the distance left to
+        A joint approaches its limit no faster than `braking_gain` times the distance left to
         `margin` before it, so that it brakes smoothly and stops there. Beyond the margin it may
-        only move back. Standing still is always allowed.
+        only move back. Rest is always allowed.
 
         Args:
             positions: Joint positions [rad].
-            margin: Distance kept from the position limits [rad].
-            braking_gain: Speed per distance left [1/s].
+            margin: Distance from the position limits [rad].
+            braking_gain: Speed per remaining distance [1/s].
         """
         highest = braking_gain * (self.upper - margin - positions)
         lowest = braking_gain * (self.lower + margin - positions)

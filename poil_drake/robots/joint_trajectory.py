@@ -1,4 +1,4 @@
-"""Timed joint-space motions and how to follow them with velocity commands."""
+"""Timed joint-space motions, and velocity commands that follow them."""
 
 from dataclasses import dataclass
 
@@ -29,15 +29,13 @@ class JointTrajectory(SharedOnCopy):
                 f"JointTrajectory.times has {times.size} samples that do not increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
-        positions = frozen_array(
-            self.positions, name="JointTrajectory.positions", shape=(times.size, "J")
-        )
+        shape = (times.size, "J")
+        positions = frozen_array(self.positions, name="JointTrajectory.positions", shape=shape)
         velocities = frozen_array(
             self.velocities, name="JointTrajectory.velocities", shape=positions.shape
         )
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "velocities", velocities)
+        for name, value in (("times", times), ("positions", positions), ("velocities", velocities)):
+            object.__setattr__(self, name, value)
 
     @property
     def duration(self) -> float:
@@ -45,11 +43,11 @@ class JointTrajectory(SharedOnCopy):
         return float(self.times[-1])
 
     def slowed(self, speed: float) -> "JointTrajectory":
-        """Returns the same motion at a share `speed`, in (0, 1], of its speed."""
+        """Returns the same path at a share `speed`, in (0, 1], of its speed."""
         return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
+        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; rest outside its duration."""
         if time <= 0.0:
             return self.positions[0], np.zeros(self.positions.shape[1])
         if time >= self.times[-1]:
@@ -66,7 +64,7 @@ class JointTrajectory(SharedOnCopy):
 def follow_joint_trajectory(
     trajectory: JointTrajectory, time: float, positions: np.ndarray, gain: float
 ) -> np.ndarray:
-    """Returns the joint velocity (J,) [rad/s] that follows a trajectory: feedforward + P feedback.
+    """Returns the joint velocity (J,) [rad/s] of feedforward and proportional feedback.
 
     Args:
         trajectory: The motion.

@@ -4,17 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from poil_drake.robots.panda import MAX_HAND_WIDTH
+
 
 @dataclass(frozen=True, kw_only=True)
 class GripperGeometry:
-    """The Franka hand in the gripper frame G, `panda_hand_tcp`.
+    """The Franka hand in the gripper frame G.
 
     +z is the approach direction, the fingers close along y. Lengths in metres, measured on the
     collision meshes of the Panda's description: each finger is a slim tip that carries the pad and
     a thicker base that is screwed to the hand.
 
     Attributes:
-        max_width: Largest finger opening.
+        max_width: Largest opening between the pads.
         finger_width: Finger extent along x.
         tip_thickness: Finger extent along y over the tip.
         tip_end: z of the finger's end; it lies beyond the frame's origin.
@@ -24,7 +26,7 @@ class GripperGeometry:
         hand_bottom: z of the hand's face that carries the fingers.
     """
 
-    max_width: float = 0.08
+    max_width: float = MAX_HAND_WIDTH
     finger_width: float = 0.021
     tip_thickness: float = 0.0175
     tip_end: float = 0.0088
@@ -37,18 +39,18 @@ class GripperGeometry:
         """Returns the lower and upper corners (4, 3) of the finger boxes: tip and base, +y then -y.
 
         Args:
-            width: Finger opening: the distance between the pads [m].
+            width: Distance between the pads [m].
         """
         half, inner = 0.5 * self.finger_width, 0.5 * width
         tip_start = self.tip_end - self.tip_length
-        boxes = [
-            ((-half, inner, tip_start), (half, inner + self.tip_thickness, self.tip_end)),
-            ((-half, inner, self.hand_bottom), (half, inner + self.base_thickness, tip_start)),
-        ]
-        lower = np.array([low for low, _ in boxes])
-        upper = np.array([high for _, high in boxes])
-        mirror = np.array([1.0, -1.0, 1.0])
-        far_lower, far_upper = lower * mirror, upper * mirror
+        lower = np.array([(-half, inner, tip_start), (-half, inner, self.hand_bottom)])
+        upper = np.array(
+            [
+                (half, inner + self.tip_thickness, self.tip_end),
+                (half, inner + self.base_thickness, tip_start),
+            ]
+        )
+        far_lower, far_upper = lower.copy(), upper.copy()
         far_lower[:, 1], far_upper[:, 1] = -upper[:, 1], -lower[:, 1]
         return np.concatenate([lower, far_lower]), np.concatenate([upper, far_upper])
 

@@ -1,17 +1,14 @@
-"""The robot's shape as spheres: the body that is checked against point clouds."""
+"""The robot's shape as spheres, for collision checks against point clouds."""
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.robots.panda import ARM_LINKS
 from poil_drake.robots.panda_hand import GripperGeometry
-from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.robot_description import panda_urdf
 
-ARM_LINKS = tuple(f"panda_link{i}" for i in range(8))
 GRIPPER_LINK = 8
 """Index of the gripper frame among the poses of `PandaModel.link_poses`."""
 
@@ -24,7 +21,7 @@ class RobotSpheresConfig:
         arm_spacing: Distance between spheres along an arm cylinder [m]; closer spheres bulge less.
         hand_cell: Largest edge of the cells into which the hand's box is divided [m]; each cell
             gets the sphere around it, so a smaller edge bulges less beyond the box.
-        finger_cell: The same for the fingers, which work closest to other things [m].
+        finger_cell: The same for the fingers, which come closest to other objects [m].
         gripper: The shape of the hand.
     """
 
@@ -49,13 +46,9 @@ class RobotSpheres:
     radii: np.ndarray
 
     def __post_init__(self) -> None:
-        shapes: dict[str, tuple[int | str, ...]] = {
-            "links": ("S",),
-            "centers": ("S", 3),
-            "radii": ("S",),
-        }
-        for name, shape in shapes.items():
+        for name in ("links", "centers", "radii"):
             value = getattr(self, name)
+            shape = ("S", 3) if name == "centers" else ("S",)
             array = frozen_array(value, name=f"RobotSpheres.{name}", shape=shape, dtype=value.dtype)
             object.__setattr__(self, name, array)
 
@@ -76,23 +69,23 @@ class RobotSpheres:
 
 
 def make_robot_spheres(
-    model: PandaModel, *, finger_opening: float | None, config: RobotSpheresConfig | None = None
+    *, finger_opening: float | None, config: RobotSpheresConfig | None = None
 ) -> RobotSpheres:
-    """Covers the arm's collision primitives and the hand's boxes with spheres.
+    """Covers the collision primitives of the arm's description and the hand's boxes with spheres.
+
+    The hand and the fingers of the description are far thicker than the real ones, so the spheres
+    cover their measured boxes instead.
 
     Args:
-        model: The arm; its description's cylinders and spheres are covered. The hand and fingers
-            of the description are far thicker than the real ones, so their measured boxes are
-            covered instead.
         finger_opening: Distance between the pads [m]; None leaves the fingers out, for motions
-            in which they are checked otherwise or meant to come close.
-        config: How finely.
+            in which other code checks them or they are meant to come close.
+        config: How finely the shape is covered.
 
     Raises:
-        InvalidValueError: The description holds collision shapes other than cylinders and spheres.
+        MissingDependencyError: the Panda's description is not installed.
     """
     config = config or RobotSpheresConfig()
-    parts = [_arm_spheres(model, config.arm_spacing)]
+    parts = [_arm_spheres(config.arm_spacing)]
     boxes = [(*config.gripper.hand_box(), config.hand_cell)]
     if finger_opening is not None:
         lower, upper = config.gripper.finger_boxes(finger_opening)
@@ -111,7 +104,7 @@ def cover_box(lower: np.ndarray, upper: np.ndarray, cell: float) -> tuple[np.nda
     Args:
         lower: (3,) lower corner [m].
         upper: (3,) upper corner [m].
-        cell: Largest edge of the cells that get one sphere each [m].
+        cell: Largest edge of the cells, each of which gets one sphere [m].
     """
     counts = np.maximum(np.ceil((upper - lower) / cell).astype(int), 1)
     edges = (upper - lower) / counts
@@ -136,40 +129,22 @@ def cover_cylinder(length: float, radius: float, spacing: float) -> tuple[np.nda
     return centers, float(np.hypot(radius, 0.5 * slice_length))
 
 
-def _arm_spheres(model: PandaModel, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _arm_spheres(spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns links, centres and radii of the spheres around the arm's collision primitives."""
+    import pinocchio
+
+    urdf = str(panda_urdf())
+    model = pinocchio.buildModelFromUrdf(urdf)
+    shapes = pinocchio.buildGeomFromUrdf(model, urdf, pinocchio.GeometryType.COLLISION)
     links, centers, radii = [], [], []
-    for element in ET.parse(model.urdf_path).getroot().findall("link"):
-        name = element.get("name")
-        if name not in ARM_LINKS:
+    for shape in shapes.geometryObjects:
+        link = model.frames[shape.parentFrame].name
+        if link not in ARM_LINKS:
             continue
-        for collision in element.findall("collision"):
-            own_centers, radius = _cover_shape(collision, spacing, f"{model.urdf_path}, {name}")
-            links.append(np.full(len(own_centers), ARM_LINKS.index(name)))
-            centers.append(own_centers)
-            radii.append(np.full(len(own_centers), radius))
+        # A sphere is a cylinder without a length.
+        length = 2.0 * getattr(shape.geometry, "halfLength", 0.0)
+        own, radius = cover_cylinder(length, shape.geometry.radius, spacing)
+        links.append(np.full(len(own), ARM_LINKS.index(link)))
+        centers.append(own @ shape.placement.rotation.T + shape.placement.translation)
+        radii.append(np.full(len(own), radius))
     return np.concatenate(links), np.concatenate(centers), np.concatenate(radii)
-
-
-def _cover_shape(collision: ET.Element, spacing: float, where: str) -> tuple[np.ndarray, float]:
-    cylinder = collision.find("geometry/cylinder")
-    sphere = collision.find("geometry/sphere")
-    if cylinder is not None:
-        size = float(cylinder.attrib["length"]), float(cylinder.attrib["radius"])
-        centers, radius = cover_cylinder(*size, spacing)
-    elif sphere is not None:
-        centers, radius = np.zeros((1, 3)), float(sphere.attrib["radius"])
-    else:
-        raise InvalidValueError(
-            f"{where}: a collision shape is neither a cylinder nor a sphere.",
-            remedy="Use the panda_collision.urdf of the package example-robot-data.",
-        )
-    origin = collision.find("origin")
-    rpy, xyz = (
-        np.array([float(v) for v in text.split()])
-        for text in (
-            ("0 0 0", "0 0 0")
-            if origin is None
-            else (origin.get("rpy", "0 0 0"), origin.get("xyz", "0 0 0"))
-        )
-    )
-    return centers @ Rotation.from_euler("xyz", rpy).as_matrix().T + xyz, radius

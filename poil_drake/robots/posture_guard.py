@@ -1,4 +1,4 @@
-"""Where the arm may be: a box to work in, above the table, and clear of itself."""
+"""Rules for the arm's posture: inside a box, above the table, and clear of itself."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,30 +14,23 @@ from poil_drake.robots.panda_spheres import (
     GRIPPER_LINK,
     RobotSpheres,
     RobotSpheresConfig,
-    cover_box,
     make_robot_spheres,
 )
 
-_MOVING_LINKS = slice(2, GRIPPER_LINK + 1)
-"""Links 0 and 1 do not move, or only turn about their own axis, and may touch the table."""
-
-_SHOULDER, _WRIST = slice(0, 3), slice(5, GRIPPER_LINK)
-"""Links that can meet each other (see `RobotCollisionChecker`); the hand goes with the wrist."""
+_FIRST_LINK = 2
+"""Links 0 and 1 do not move, or only turn about their own axis; they may touch the table."""
 
 _SELF_REACH = 0.02
-"""How far beyond its margin the robot's distance to itself is measured [m]: less is faster."""
-
-_HAND_CELL = 0.07
-"""Edge of the cells of the hand's box for a quick look whether it is near [m]."""
+"""Cap on the robot's distance to itself, beyond the margin [m]; a smaller value is faster."""
 
 _ROUNDING = 1e-9
-"""A clearance [m] is no worse than another one if it is smaller by no more than this."""
+"""Clearances that differ by no more than this count as equal [m]."""
 
 Box = tuple[float, float, float]
 
 
 class PostureRule(IntEnum):
-    """What a posture must keep; the value is its column in `PostureGuard.clearances`."""
+    """A rule for postures; the value is its column in `PostureGuard.clearances`."""
 
     WORKSPACE = 0
     TABLE = 1
@@ -46,23 +39,22 @@ class PostureRule(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PostureGuardConfig:
-    """Where the arm may be.
+    """The space in which the arm may be.
 
-    The boxes are along the world's axes, measured from the robot's base [m]. By default they hold
-    all that the arm can reach usefully: they are there to be narrowed to the cell.
+    The boxes are along the world's axes, measured from the robot's base [m]. By default they
+    contain all of the arm's useful reach; narrow them to the cell.
 
     Attributes:
         gripper_lower: Lower corner of the box for the gripper point, between the finger tips.
         gripper_upper: Its upper corner.
         body_lower: Lower corner of the box for the whole arm from its second link on, the elbow
-            too: walls, and where people are.
+            included; it keeps the arm from walls and people.
         body_upper: Its upper corner.
-        table_height: Height of the table in the world [m], a plane without end; None where there is
-            none.
-        table_margin: Distance that the arm, the hand and the closed fingers' tips keep from the
-            table [m]: less than the 6 mm that grasps are planned with, as the tips are exact.
-        self_margin: Distance of the wrist and the hand from the shoulder [m]; the spheres, of which
-            this is measured, bulge by 5-10 mm already.
+        table_height: Height of the table in the world [m], an infinite plane; None without a table.
+        table_margin: Distance of the arm, the hand and the tips of the closed fingers from the
+            table [m]: less than the 6 mm of planned grasps, as the tips are exact.
+        self_margin: Distance of the wrist and the hand from the shoulder [m]; the spheres between
+            which it is measured already bulge by 5-10 mm.
         spheres: How finely the robot's shape is covered.
     """
 
@@ -78,9 +70,7 @@ class PostureGuardConfig:
     def __post_init__(self) -> None:
         for name in ("gripper", "body"):
             lower, upper = getattr(self, f"{name}_lower"), getattr(self, f"{name}_upper")
-            if not len(lower) == len(upper) == 3 or not all(
-                low < high for low, high in zip(lower, upper, strict=True)
-            ):
+            if not np.shape(lower) == np.shape(upper) == (3,) or not np.less(lower, upper).all():
                 raise InvalidValueError(
                     f"PostureGuardConfig.{name}_lower is {lower} and {name}_upper is {upper}.",
                     remedy="Give three numbers each, the lower ones below the upper ones.",
@@ -94,36 +84,30 @@ class PostureGuardConfig:
 
 
 class PostureGuard:
-    """Tells which of the rules of `PostureGuardConfig` the arm would break.
+    """Checks postures against the rules of `PostureGuardConfig`.
 
-    The arm is the spheres that planning knows it by. For the box and the table the hand is the
-    corners of its box and of its finger tips when closed: with open fingers a slanting hand reaches
-    up to 4 cm times the sine of its slant farther down. What the hand holds is not looked at.
+    The arm's shape is the spheres of motion planning. For the boxes and the table, the hand's shape
+    is the corners of its box and of its closed finger tips: with open fingers a slanting hand
+    reaches up to 4 cm times the sine of its slant farther down. A held object is ignored.
     """
 
     def __init__(self, *, model: PandaModel, config: PostureGuardConfig | None = None):
         """Prepares the check.
 
         Args:
-            model: The arm's kinematics, with its base where it stands in the world.
+            model: The arm's kinematics, with the pose of its base in the world.
             config: The rules.
         """
         self._config = config = config or PostureGuardConfig()
         self._model = model
-        spheres = make_robot_spheres(model, finger_opening=None, config=config.spheres)
-        self._self_reach = config.self_margin + _SELF_REACH
+        spheres = make_robot_spheres(finger_opening=None, config=config.spheres)
         self._checker = RobotCollisionChecker(
             model=model,
             spheres=spheres,
             scene=SceneCloud(np.zeros((0, 3))),
-            config=CollisionConfig(max_distance=self._self_reach),
+            config=CollisionConfig(max_distance=config.self_margin + _SELF_REACH),
         )
-        self._centers, radii = _points_of_links(spheres, config.spheres)
-        self._radii = radii[_MOVING_LINKS]
-        self._hand, hand_radius = _hand_cover(config.spheres)
-        shoulder, wrist = radii[_SHOULDER].ravel(), radii[_WRIST].ravel()
-        wrist = np.r_[wrist, np.full(self._hand.shape[1], hand_radius)]
-        self._near = (shoulder[:, None] + wrist + self._self_reach) ** 2
+        self._centers, self._radii = _outline(spheres, config.spheres.gripper)
         base = model.X_WB[:3, 3]
         # Rows: the gripper point, then the whole arm.
         self._lower = base + np.array([config.gripper_lower, config.body_lower])
@@ -132,39 +116,38 @@ class PostureGuard:
         self._lowest_height = table + config.table_margin
 
     def clearances(self, q: np.ndarray) -> np.ndarray:
-        """Returns how far postures are from breaking each rule (B, 3) [m]; negative: they do.
+        """Returns the distance of postures from breaking each rule (B, 3) [m]; negative if broken.
 
-        The columns are `PostureRule`s: how far inside the boxes, how far above the table and how
-        far the robot's parts are apart, each less its margin. The last is 2 cm at most.
+        The columns are `PostureRule`s: the depth inside the boxes, the height above the table and
+        the distance between the robot's parts (capped at 2 cm), each less its margin.
 
         Args:
             q: (B, 7) joint positions [rad].
         """
         poses = self._model.link_poses(q)
-        points = poses[:, :, :3] @ self._centers
-        distances, height = self._outer(poses, points)
+        distances, height = self._outer(poses)
         clearances = np.empty((len(q), len(PostureRule)))
         clearances[:, PostureRule.WORKSPACE] = distances.min(axis=(1, 2, 3))
         clearances[:, PostureRule.TABLE] = height - self._lowest_height
-        clearances[:, PostureRule.SELF_COLLISION] = self._self_clearance(poses, points)
+        clearances[:, PostureRule.SELF_COLLISION] = self._checker.self_clearance(poses)
+        clearances[:, PostureRule.SELF_COLLISION] -= self._config.self_margin
         return clearances
 
     def face_distances(self, q: np.ndarray) -> np.ndarray:
-        """Returns how far inside each face of the boxes postures are (B, 12) [m]; negative: beyond.
+        """Returns the depth of postures inside each face of the boxes (B, 12) [m].
 
-        The smallest is the first column of `clearances`.
+        It is negative beyond a face. The smallest depth is the first column of `clearances`.
 
         Args:
             q: (B, 7) joint positions [rad].
         """
-        poses = self._model.link_poses(q)
-        return self._outer(poses, poses[:, :, :3] @ self._centers)[0].reshape(len(q), 12)
+        return self._outer(self._model.link_poses(q))[0].reshape(len(q), 12)
 
     def tightest_face(self, q: np.ndarray) -> str:
-        """Says which face of the boxes postures (B, 7) [rad] come nearest to, or pass by most.
+        """Returns a clause that names the face of the boxes nearest to, or farthest passed by, `q`.
 
         Args:
-            q: (B, 7) joint positions [rad], one at least.
+            q: (B, 7) joint positions [rad], at least one.
         """
         distances = self.face_distances(q)
         nearest = int(np.argmin(distances.min(axis=0)))
@@ -176,53 +159,36 @@ class PostureGuard:
         return f"posture.{name}[{axis}] is {limit:g} m, which is {where}"
 
     def tightest(self, q: np.ndarray) -> str:
-        """Says which rule a posture (7,) [rad] is nearest to breaking, or breaks by most."""
+        """Returns a clause on the rule that a posture (7,) [rad] is nearest to, or breaks most."""
         rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
         if rule is PostureRule.WORKSPACE:
             return self.tightest_face(q[None])
         if rule is PostureRule.SELF_COLLISION:
             return "wrist or hand are close to the shoulder"
-        poses = self._model.link_poses(q[None])
-        _, height = self._outer(poses, poses[:, :, :3] @ self._centers)
+        _, height = self._outer(self._model.link_poses(q[None]))
         table = self._lowest_height - self._config.table_margin
         return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
 
-    def _outer(self, poses: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _outer(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).
 
-        By side (lower, upper), body (the gripper point, the whole arm) and axis.
+        The distances are by side (lower, upper), body (gripper point, whole arm) and axis.
         """
-        count = len(poses)
-        # Two extremes at a time, of the gripper point and of the whole arm.
-        lowest, highest = np.empty((2, count, 2, 3))
-        lowest[:, 0] = highest[:, 0] = poses[:, GRIPPER_LINK, :3, 3]
-        moving = points[:, _MOVING_LINKS]
-        lowest[:, 1] = (moving - self._radii).min(axis=(1, 3))
-        highest[:, 1] = (moving + self._radii).max(axis=(1, 3))
+        gripper = poses[:, GRIPPER_LINK, :3, 3]
+        points = poses[:, _FIRST_LINK:, :3] @ self._centers
+        lowest = np.stack([gripper, (points - self._radii).min(axis=(1, 3))], axis=1)
+        highest = np.stack([gripper, (points + self._radii).max(axis=(1, 3))], axis=1)
         faces = np.stack([lowest - self._lower, self._upper - highest], axis=1)
         return faces, lowest[:, 1, 2]
 
-    def _self_clearance(self, poses: np.ndarray, points: np.ndarray) -> np.ndarray | float:
-        """Returns the clearance (B,) of the wrist and the hand to the shoulder, less its margin."""
-        count = len(poses)
-        shoulder = points[:, _SHOULDER].transpose(0, 1, 3, 2).reshape(count, -1, 3)
-        wrist = points[:, _WRIST].transpose(0, 2, 1, 3).reshape(count, 3, -1)
-        wrist = np.concatenate([wrist, poses[:, GRIPPER_LINK, :3] @ self._hand], axis=2)
-        # |s - w|^2 of all pairs: three times as quick as their distances.
-        squared = (shoulder * shoulder).sum(axis=2)[:, :, None] - 2.0 * (shoulder @ wrist)
-        squared += (wrist * wrist).sum(axis=1)[:, None]
-        if (squared >= self._near).all():
-            return self._self_reach - self._config.self_margin
-        return self._checker.self_clearance(poses) - self._config.self_margin
-
     def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
-        """Returns the first rule that one of some postures breaks, or None.
+        """Returns the first rule that any of the postures breaks, or None.
 
-        An arm that breaks a rule already may move, unless it breaks it by more: it may come back.
+        An arm that already breaks a rule may return, but not break it by more.
 
         Args:
-            q: (B, 7) postures to go to [rad].
-            present: (7,) where the arm is [rad], or (B, 7), for each posture another one.
+            q: (B, 7) next postures [rad].
+            present: (7,) current posture [rad], or (B, 7), one for each next posture.
         """
         clearances = self.clearances(q)
         if clearances.min() >= 0.0:
@@ -232,32 +198,19 @@ class PostureGuard:
         return PostureRule(int(np.argmax(broken))) if broken.any() else None
 
 
-def _points_of_links(
-    spheres: RobotSpheres, config: RobotSpheresConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns homogeneous centres (9, 4, P) and radii (9, 1, P), each link filled up to P.
+def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) of the moving links' spheres.
 
-    The hand's are its corners, without a radius.
+    Repeated spheres fill each link up to P. Those of the hand are its corners, of radius zero.
     """
-    corners = _hand_corners(config.gripper)
-    parts = [
-        (spheres.centers[own], spheres.radii[own])
-        for own in (spheres.links == link for link in range(GRIPPER_LINK))
-    ]
-    parts.append((corners, np.zeros(len(corners))))
-    size = max(len(radii) for _, radii in parts)
-    centers, all_radii = np.ones((len(parts), 4, size)), np.empty((len(parts), 1, size))
-    for link, (own, radii) in enumerate(parts):
-        filled = np.minimum(np.arange(size), len(radii) - 1)
-        centers[link, :3], all_radii[link, 0] = own[filled].T, radii[filled]
-    return centers, all_radii
-
-
-def _hand_cover(config: RobotSpheresConfig) -> tuple[np.ndarray, float]:
-    """Returns homogeneous centres (4, S) and the radius of few spheres around the hand's many."""
-    centers, radius = cover_box(*config.gripper.hand_box(), _HAND_CELL)
-    _, bulge = cover_box(*config.gripper.hand_box(), config.hand_cell)
-    return np.concatenate([centers.T, np.ones((1, len(centers)))]), radius + bulge
+    corners = _hand_corners(gripper)
+    own = [np.flatnonzero(spheres.links == link) for link in range(_FIRST_LINK, GRIPPER_LINK)]
+    size = max(len(corners), *map(len, own))
+    own = [np.resize(indices, size) for indices in own]
+    centers = [*spheres.centers[own], np.resize(corners, (size, 3))]
+    radii = [*spheres.radii[own], np.zeros(size)]
+    points = np.concatenate([centers, np.ones((len(centers), size, 1))], axis=-1)
+    return np.swapaxes(points, -1, -2).copy(), np.array(radii)[:, None]
 
 
 def _hand_corners(gripper: GripperGeometry) -> np.ndarray:

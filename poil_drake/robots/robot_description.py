@@ -1,13 +1,13 @@
 """Finds the Panda's description files in the PyPI package `example-robot-data`."""
 
 import importlib.metadata
-import site
-import sys
 from pathlib import Path
 
 from poil_drake.errors import MissingDependencyError
 
-_RELATIVE_PATH = Path("cmeel.prefix/share/example-robot-data/robots/panda_description")
+_PACKAGE = "example-robot-data"
+_DIRECTORY = "cmeel.prefix/share/example-robot-data/robots/panda_description"
+_URDF = "urdf/panda_collision.urdf"
 
 
 def panda_description_directory() -> Path:
@@ -17,14 +17,23 @@ def panda_description_directory() -> Path:
         MissingDependencyError: when the package `example-robot-data` is not installed.
     """
     try:
-        installed_to = [str(importlib.metadata.distribution("example-robot-data").locate_file(""))]
+        located = importlib.metadata.distribution(_PACKAGE).locate_file(_DIRECTORY)
+        directory = Path(str(located))
+        found = (directory / _URDF).is_file()
     except importlib.metadata.PackageNotFoundError:
-        installed_to = []
-    for root in (*installed_to, *sys.path, *site.getsitepackages()):
-        candidate = Path(root) / _RELATIVE_PATH
-        if (candidate / "urdf" / "panda_collision.urdf").is_file():
-            return candidate
-    raise MissingDependencyError(
-        "The Panda's description (PyPI package example-robot-data) was not found.",
-        remedy="Install it with: pip install 'example-robot-data>=4.3'",
-    )
+        found = False
+    if not found:
+        raise MissingDependencyError(
+            f"The Panda's description (PyPI package {_PACKAGE}) was not found.",
+            remedy="Install it with: pip install 'example-robot-data>=4.3'",
+        )
+    return directory
+
+
+def panda_urdf() -> Path:
+    """Returns the URDF of the Panda with primitive collision shapes.
+
+    Raises:
+        MissingDependencyError: when the package `example-robot-data` is not installed.
+    """
+    return panda_description_directory() / _URDF

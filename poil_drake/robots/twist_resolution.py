@@ -1,50 +1,47 @@
-"""From the twist wanted of the gripper to the velocities of the joints, direction kept."""
+"""Differential inverse kinematics: joint velocities that keep the direction of a twist."""
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda import NOMINAL_POSTURE
 
-PANDA_READY_POSTURE = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4)
-"""The Panda's usual rest posture [rad]: elbow bent, hand down, far from limits."""
-
-# Singular values below this fraction of the largest count as zero, and so does what is left of a
-# twist that the arm cannot produce.
 _RANK_TOLERANCE = 1e-6
-# A null-space direction or a task direction that moves a joint less than this is vertical or
-# horizontal in the plane of the linear program.
+"""Singular values below this fraction of the largest count as zero, as does a residual twist."""
+
 _FLAT = 1e-12
+"""A direction that moves a joint by less than this does not move it."""
+
+_LENGTH = 0.1
+"""Converts angular into linear speed where twists are compared [m]: about the distance between
+the gripper and the object's points."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwistResolutionConfig:
-    """How a twist becomes joint velocities.
+class DifferentialInverseKinematicsConfig:
+    """Margins and gains of the differential inverse kinematics.
 
     Attributes:
-        nominal_posture: (n,) joint positions that the spare freedom pulls towards [rad].
-        centering_gain: Speed of that pull per distance [1/s]; slow against the task.
+        nominal_posture: (n,) joint positions towards which the null space pulls [rad].
+        centering_gain: Speed of that pull per distance [1/s]; slow compared with the task.
         centering_speed: Largest speed of that pull [rad/s].
-        position_margin: Distance kept from the joint limits [rad]; the Panda's own controller
-            stops the arm at the limits.
-        braking_gain: A joint approaches its limit at most this fast per distance left [1/s].
-            5/s times 1 rad/s is a deceleration within what the weakest joint can do.
+        position_margin: Distance from the joint limits [rad]; the Panda's own controller stops the
+            arm at the limits.
+        braking_gain: Largest speed of a joint per distance left to its limit [1/s]. 5/s times
+            1 rad/s is a deceleration that the weakest joint can produce.
         velocity_scale: Fraction of the joints' speed limits that is used.
         acceleration_scale: Fraction of the joints' acceleration limits that is used.
-        length: Turns angular into linear speed where twists are compared [m]; about the distance
-            between the gripper and the object's points.
     """
 
-    nominal_posture: tuple[float, ...] = PANDA_READY_POSTURE
+    nominal_posture: tuple[float, ...] = tuple(NOMINAL_POSTURE.tolist())
     centering_gain: float = 1.0
     centering_speed: float = 0.3
     position_margin: float = 0.05
     braking_gain: float = 5.0
     velocity_scale: float = 0.9
     acceleration_scale: float = 0.8
-    length: float = 0.1
 
 
 class ResolvedTwist(NamedTuple):
@@ -52,7 +49,7 @@ class ResolvedTwist(NamedTuple):
 
     Attributes:
         velocity: (n,) [rad/s].
-        scale: Which fraction of the twist they achieve, in [0, 1]; 1 for a twist of zero.
+        scale: The fraction of the twist that they achieve, in [0, 1]; 1 for a zero twist.
         reachable_scale: The fraction without the acceleration limits: 0 where the arm is stuck.
     """
 
@@ -67,26 +64,26 @@ def resolve_twist(
     positions: np.ndarray,
     previous: np.ndarray,
     limits: JointLimits,
-    config: TwistResolutionConfig,
+    config: DifferentialInverseKinematicsConfig,
     time_step: float,
 ) -> ResolvedTwist:
-    """Returns the joint velocities to command now.
+    """Returns the next joint velocities to command.
 
     Two steps. (1) `direction_preserving_velocity`: J qdot = a V with the largest a in [0, 1] that
     the joints' speeds (reduced near position limits) allow, and a pull to the nominal posture in
-    the null space of J. (2) `approach_velocity`: the change from `previous` to that is shortened by
-    ONE factor until every joint's acceleration is allowed. So the direction of the twist is kept
-    from rest and along a steady direction; where the wanted direction changes, the command goes
-    straight, in joint space, from the old velocity to the new one.
+    the null space of J. (2) `approach_velocity`: ONE factor shortens the change from `previous` to
+    that velocity until every joint's acceleration is allowed. So the twist keeps its direction
+    from rest and along a steady direction; after a change of the wanted direction the command
+    moves straight, in joint space, from the old velocity to the new one.
 
-    A twist of zero brings the arm to rest, the null space included.
+    A zero twist brings the arm to rest, the null space included.
 
     Args:
         V_WG: (6,) wanted (ω [rad/s], v [m/s]) of the gripper frame, in the world.
         J: (6, n) V_WG = J qdot, n <= 7.
         positions: (n,) measured joint positions [rad].
         previous: (n,) velocities commanded one time step ago [rad/s].
-        limits: What the joints may do.
+        limits: Limits of the joints.
         config: Margins and gains.
         time_step: Time between two commands [s].
     """
@@ -105,7 +102,7 @@ def resolve_twist(
     velocity = approach_velocity(
         previous, wanted, config.acceleration_scale * limits.acceleration, time_step
     )
-    return ResolvedTwist(velocity, achieved_fraction(V_WG, J @ velocity, config.length), reachable)
+    return ResolvedTwist(velocity, achieved_fraction(V_WG, J @ velocity), reachable)
 
 
 def direction_preserving_velocity(
@@ -118,11 +115,10 @@ def direction_preserving_velocity(
 ) -> tuple[np.ndarray, float]:
     """Returns qdot (n,) and the largest a in [0, 1] with J qdot = a V within the bounds.
 
-    Of all such qdot it is the one closest to `pull`. It is the problem that Drake's
-    `DoDifferentialInverseKinematics` poses, which OSQP there fails to solve, after milliseconds,
-    close to joint limits. With one spare joint qdot = a J^+ V + z n, where n spans the null space
-    of J; a linear program in the plane (a, z) remains, and eliminating z (Fourier-Motzkin) solves
-    it exactly.
+    Of all such qdot it is the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
+    poses the same problem, but its solver OSQP fails, after milliseconds, close to joint limits.
+    With one spare joint qdot = a J^+ V + z n, where n spans the null space of J; a linear program
+    in the plane (a, z) remains, and eliminating z (Fourier-Motzkin) solves it exactly.
 
     Args:
         V: (6,) the wanted twist.
@@ -130,109 +126,70 @@ def direction_preserving_velocity(
         pull: (n,) velocities wanted in the null space [rad/s].
         lowest: (n,) not above 0 [rad/s].
         highest: (n,) not below 0 [rad/s].
-        pull_speed: The null-space velocity is no longer than this [rad/s], nor than |J^+ V|, so
-            that it fades out with the twist.
+        pull_speed: Largest speed in the null space [rad/s]. It is also at most |J^+ V|, so that it
+            fades out with the twist.
     """
     rows, n = J.shape
     U, S, Vt = np.linalg.svd(J)
-    threshold = _RANK_TOLERANCE * S[0]
-    r = sum(s > threshold for s in S.tolist())
+    r = int(np.count_nonzero(S / S[0] > _RANK_TOLERANCE))
     task = ((V @ U[:, :r]) / S[:r]) @ Vt[:r]
     null = Vt[-1] if n > r else np.zeros(n)
-    span = min(pull_speed, math.sqrt(task @ task))
+    span = min(pull_speed, float(np.linalg.norm(task)))
     wanted_z = min(max(float(null @ pull), -span), span)
 
-    strips, flat = _strips(task, null, lowest, highest)
-    # With full rank the arm can produce every twist.
-    a = 0.0 if r < rows and _differ(J @ task, V) else 1.0
-    low, high = _range_of_second(strips, a)
-    if low > high or any(not lower <= a * g <= upper for g, lower, upper in flat):
-        a = _largest_first(strips, flat)
-        low, high = _range_of_second(strips, a)
+    # The bounds of the joints that z moves are lower <= slope a + z <= upper, of the others
+    # lowest <= task a <= highest.
+    moved = np.abs(null) > _FLAT
+    slope = task[moved] / null[moved]
+    ends = np.array([lowest[moved], highest[moved]]) / null[moved]
+    lower, upper = ends.min(axis=0), ends.max(axis=0)
+    flat, flat_lowest, flat_highest = task[~moved], lowest[~moved], highest[~moved]
+
+    def range_of_z(a: float) -> tuple[float, float]:
+        low = (lower - slope * a).max(initial=-np.inf)
+        return float(low), float((upper - slope * a).min(initial=np.inf))
+
+    # An arm of full rank can produce every twist.
+    residual = J @ task - V
+    possible = r == rows or np.linalg.norm(residual) <= _RANK_TOLERANCE * np.linalg.norm(V)
+    a = 1.0 if possible else 0.0
+    low, high = range_of_z(a)
+    if low > high or ((flat_lowest > a * flat) | (a * flat > flat_highest)).any():
+        used = np.abs(flat) > _FLAT
+        limits = np.where(flat > 0.0, flat_highest, flat_lowest)[used] / flat[used]
+        a = float(limits.min(initial=1.0))
+        steeper = slope[:, None] - slope
+        crossings = (upper[:, None] - lower)[steeper > _FLAT] / steeper[steeper > _FLAT]
+        a = float(crossings.min(initial=a))
+        low, high = range_of_z(a)
     if low > high:  # by rounding
         low = high = 0.5 * (low + high)
     z = min(max(wanted_z, low), high)
     return np.minimum(np.maximum(a * task + z * null, lowest), highest), a
 
 
-# One joint's bounds: (slope, lower, upper).
-_Bounds = list[tuple[float, float, float]]
-
-
-def _strips(
-    task: np.ndarray, null: np.ndarray, lowest: np.ndarray, highest: np.ndarray
-) -> tuple[_Bounds, _Bounds]:
-    """Returns the joints' bounds on (a, z): lowest <= task a + null z <= highest.
-
-    As plain numbers: seven are quicker than arrays of seven.
-
-    Returns:
-        strips: Of joints that z moves, lower <= slope a + z <= upper.
-        flat: Of the others, lower <= slope a <= upper.
-    """
-    strips, flat = [], []
-    for g, h, lower, upper in zip(
-        task.tolist(), null.tolist(), lowest.tolist(), highest.tolist(), strict=True
-    ):
-        if h > _FLAT:
-            strips.append((g / h, lower / h, upper / h))
-        elif h < -_FLAT:
-            strips.append((g / h, upper / h, lower / h))
-        else:
-            flat.append((g, lower, upper))
-    return strips, flat
-
-
-def _differ(V: np.ndarray, wanted: np.ndarray) -> bool:
-    difference = V - wanted
-    return bool(difference @ difference > _RANK_TOLERANCE**2 * (wanted @ wanted))
-
-
-def _largest_first(strips: _Bounds, flat: _Bounds) -> float:
-    """Returns the largest a in [0, 1] for which some z is within all bounds."""
-    a = 1.0
-    for g, lower, upper in flat:
-        if abs(g) > _FLAT:
-            a = min(a, (upper if g > 0.0 else lower) / g)
-    for below, lower, _ in strips:
-        for above, _, upper in strips:
-            slope = above - below
-            if slope > _FLAT:
-                a = min(a, (upper - lower) / slope)
-    return a
-
-
-def _range_of_second(strips: _Bounds, a: float) -> tuple[float, float]:
-    """Returns the smallest and the largest z within the strips' bounds."""
-    low, high = -math.inf, math.inf
-    for slope, lower, upper in strips:
-        low = max(low, lower - slope * a)
-        high = min(high, upper - slope * a)
-    return low, high
-
-
 def approach_velocity(
     previous: np.ndarray, wanted: np.ndarray, acceleration: np.ndarray, time_step: float
 ) -> np.ndarray:
-    """Returns the velocity (n,) on the straight line to `wanted` as near to it as allowed.
+    """Returns the velocity (n,) on the straight line to `wanted`, as near to it as allowed.
 
     Args:
-        previous: (n,) velocities now, where the line begins [rad/s].
-        wanted: (n,) velocities to reach [rad/s].
+        previous: (n,) current velocities, at which the line begins [rad/s].
+        wanted: (n,) target velocities [rad/s].
         acceleration: (n,) largest accelerations [rad/s^2].
-        time_step: Time to move on [s].
+        time_step: Duration of the step [s].
     """
     change = wanted - previous
     excess = np.abs(change / (acceleration * time_step)).max(initial=0.0)
     return wanted if excess <= 1.0 else previous + change / excess
 
 
-def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray, length: float) -> float:
-    """Returns the part of a wanted twist (6,) that `achieved` (6,) has, in [0, 1].
+def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray) -> float:
+    """Returns the fraction of a wanted twist (6,) that `achieved` (6,) has, in [0, 1].
 
-    It is the projection onto the wanted twist, with angular speeds times `length` [m]; 1 when
-    nothing is wanted.
+    It is the projection onto the wanted twist, with angular speeds times a length of 0.1 m; 1 for
+    a zero twist.
     """
-    square = length**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])
-    product = length**2 * float(wanted[:3] @ achieved[:3]) + float(wanted[3:] @ achieved[3:])
+    square = _LENGTH**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])
+    product = _LENGTH**2 * float(wanted[:3] @ achieved[:3]) + float(wanted[3:] @ achieved[3:])
     return min(max(product / square, 0.0), 1.0) if square > 0.0 else 1.0

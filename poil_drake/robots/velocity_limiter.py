@@ -1,4 +1,4 @@
-"""Joint velocities that an arm can follow, and stop from, within all of its limits."""
+"""Limits joint velocities so that an arm can follow them, and stop, within all of its limits."""
 
 import weakref
 from collections.abc import Callable
@@ -12,15 +12,16 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda import JERK_LIMITS
 
 Reason = TypeVar("Reason")
 
 _SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Parts of the wanted velocity that are tried, the largest first, before the arm brakes."""
+"""Shares of the wanted velocity to try, in this order, before the arm brakes."""
 
 
 class JointMotion(NamedTuple):
-    """What the joints are commanded to do at one instant.
+    """Commanded motion of the joints at one instant.
 
     Attributes:
         position: (n,) [rad].
@@ -34,19 +35,19 @@ class JointMotion(NamedTuple):
 
     @classmethod
     def at_rest(cls, position: np.ndarray) -> "JointMotion":
-        """Returns standing still at a position (n,) [rad]."""
+        """Returns the motion at rest at a position (n,) [rad]."""
         return cls(position, np.zeros(position.size), np.zeros(position.size))
 
 
 class GuardedStep(NamedTuple, Generic[Reason]):
-    """A step of the limiter, and how much of what was wanted it is.
+    """A step of the limiter, and the share of the wanted velocity that it heads for.
 
     Attributes:
-        motion: One period later.
-        share: The part of the wanted velocity that the arm goes for, in [0, 1]: 1 where nothing
-            stands against it, less beyond the speed limits, 0 where the arm brakes instead.
-        reason: Why not more of it was allowed; None where all was, or the joints' own limits were
-            what stood against it.
+        motion: The motion one period later.
+        share: The share of the wanted velocity that the arm heads for, in [0, 1]: 1 without an
+            obstacle, less beyond the speed limits, 0 if the arm brakes instead.
+        reason: Why a larger share was refused; None if nothing or only the joints' limits forbade
+            it.
     """
 
     motion: JointMotion
@@ -56,17 +57,17 @@ class GuardedStep(NamedTuple, Generic[Reason]):
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityLimiterConfig:
-    """How much of its limits the arm may use.
+    """Shares of the joints' limits that the arm may use.
 
     Attributes:
-        jerk: Largest jerk of each joint [rad/s^3]; the Panda's, from Franka's documentation.
+        jerk: Largest jerk of each joint [rad/s^3].
         velocity_scale: Share of the speed limits.
         acceleration_scale: Share of the acceleration limits.
         jerk_scale: Share of the jerk limits.
-        position_margin: Distance that is kept from the position limits [rad].
+        position_margin: Distance from the position limits [rad].
     """
 
-    jerk: tuple[float, ...] = (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0)
+    jerk: tuple[float, ...] = JERK_LIMITS
     velocity_scale: float = 1.0
     acceleration_scale: float = 0.5
     jerk_scale: float = 0.1
@@ -77,7 +78,7 @@ class VelocityLimiterConfig:
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise InvalidValueError(
                     f"VelocityLimiterConfig.{name} is {getattr(self, name)}.",
-                    remedy="It must be above 0, and 1 at most.",
+                    remedy="It must be above 0 and at most 1.",
                 )
         if not self.position_margin >= 0.0 or not all(j > 0.0 for j in self.jerk):
             raise InvalidValueError(
@@ -90,13 +91,13 @@ class VelocityLimiterConfig:
 class VelocityLimiter:
     """Keeps joint velocities within limits of position, speed, acceleration and jerk.
 
-    By Ruckig (Berscheid and Kroeger 2021), which finds the fastest motion to a wanted velocity.
-    All joints share one scale, so that the direction is kept where it can be. Every step leaves the
-    arm able to brake within the position limits: the braking that follows a step is computed before
-    the step is taken, and a smaller part of the velocity, or braking, is chosen where it would end
-    outside. So, from a motion from which the arm can stop, all later ones have this property.
+    Ruckig (Berscheid and Kroeger 2021) finds the fastest motion to a wanted velocity. All joints
+    share one scale, which keeps the direction where possible. After every step the arm can brake
+    within the position limits: the limiter plans the braking that would follow a step before it
+    takes the step, and chooses a smaller share of the velocity, or braking, if the arm would stop
+    outside. So if the arm can stop from one motion, it can stop from all later ones.
 
-    It holds no state; what was commanded before is passed in.
+    The limiter has no state; callers pass the last commanded motion.
 
     Attributes:
         acceleration: Largest acceleration of each joint (n,) [rad/s^2].
@@ -112,12 +113,12 @@ class VelocityLimiter:
         """Constructs the limiter.
 
         Args:
-            limits: Of the joints.
+            limits: Limits of the joints.
             period: Time between two commands [s].
-            config: How much of the limits may be used.
+            config: Shares of the limits that the arm may use.
 
         Raises:
-            InvalidValueError: if there is not one jerk for each joint.
+            InvalidValueError: if the config does not have one jerk for each joint.
         """
         config = config or VelocityLimiterConfig()
         n = limits.lower.size
@@ -133,26 +134,26 @@ class VelocityLimiter:
         task.max_jerk = (config.jerk_scale * jerk).tolist()
         task.target_acceleration = [0.0] * n
         self._planner = [Ruckig(n), task]
-        # Where the limiter lives until the interpreter ends, as in a Drake system, Ruckig's
-        # binding would call what is left a leak.
+        # A limiter in a Drake system lives until the interpreter ends; Ruckig's binding would then
+        # report its objects as leaked.
         weakref.finalize(self, self._planner.clear)
 
     def step(self, motion: JointMotion, wanted: np.ndarray) -> JointMotion:
         """Returns the motion one period later.
 
         Args:
-            motion: What is commanded now.
-            wanted: (n,) velocity [rad/s]; where it is not finite, rest is wanted.
+            motion: The current command.
+            wanted: (n,) velocity [rad/s]; a velocity that is not finite means rest.
         """
         return self.guarded_step(motion, wanted, lambda postures: None).motion
 
     def braking(self, motion: JointMotion) -> np.ndarray:
         """Returns the velocities (K, n) [rad/s] of the steps that bring the arm to rest.
 
-        The last one is zero; there is none for an arm that rests.
+        The last one is zero; K is 0 for an arm at rest.
 
         Args:
-            motion: What is commanded now. Its position does not matter.
+            motion: The current command; its position is ignored.
         """
         rest, velocities = np.zeros_like(motion.velocity), []
         while motion.velocity.any() or motion.acceleration.any():
@@ -166,37 +167,33 @@ class VelocityLimiter:
         wanted: np.ndarray,
         refuse: Callable[[np.ndarray], Reason | None],
         *,
-        offset: np.ndarray | None = None,
+        offset: np.ndarray | float = 0.0,
     ) -> GuardedStep[Reason]:
-        """Returns the motion one period later, for an arm that may not stand everywhere.
+        """Returns the motion one period later, for an arm with forbidden postures.
 
-        Of the parts of the wanted velocity the largest is taken after which the arm can still brake
-        within the joints' limits and where it is allowed to be; if there is none, the arm brakes.
+        The step heads for the largest share of the wanted velocity after which the arm can still
+        brake within the joints' limits and in allowed postures; without one, the arm brakes.
 
         Args:
-            motion: What is commanded now.
-            wanted: (n,) velocity [rad/s]; where it is not finite, rest is wanted.
-            refuse: Given postures (3, n) [rad], says why one of them is not allowed, or None. They
-                are those after the step, half-way through the braking that would follow, and at the
-                end of it. It is asked about a step only if the joints' limits allow that.
-            offset: (n,) how far the arm really is from what is commanded [rad]: such an arm must
-                stay within the joints' limits as well. None: not at all.
+            motion: The current command.
+            wanted: (n,) velocity [rad/s]; a velocity that is not finite means rest.
+            refuse: Returns why one of the postures (3, n) [rad] is forbidden, or None. They are the
+                posture after the step, half-way through the braking that would follow, and at its
+                end. It is called only for steps that the joints' limits allow.
+            offset: (n,) distance of the real arm from its command [rad], so that the real arm stays
+                within the joints' limits too.
         """
         rest = np.zeros_like(motion.velocity)
         if not all_finite(wanted) or not wanted.any():
             return GuardedStep(self._towards(motion, rest), 1.0, None)
         excess = max(1.0, float((np.abs(wanted) / self._speed).max()))
         wanted = wanted / excess
-        reason = None
+        both, reason = np.array([rest, rest + offset]), None
         for share in _SHARES:
             after = self._towards(motion, share * wanted)
-            # Ruckig's extrema of a motion to a velocity always have zero among them: the start.
+            # In velocity control Ruckig's position extrema always include 0, hence this start.
             braking = self._plan(after._replace(position=rest), rest)
-            if not self._stays_inside(braking, after.position, motion.position):
-                continue
-            if offset is not None and not self._stays_inside(
-                braking, after.position + offset, motion.position + offset
-            ):
+            if not self._stays_inside(braking, after.position + both, motion.position + both):
                 continue
             refusal = refuse(after.position + _ways(braking))
             if refusal is None:
@@ -208,11 +205,14 @@ class VelocityLimiter:
         trajectory = self._plan(motion, velocity)
         position, reached, acceleration = trajectory.at_time(self._period)
         if trajectory.duration <= self._period and not velocity.any():
-            return JointMotion.at_rest(np.array(position))  # What is left is rounding.
+            return JointMotion.at_rest(np.array(position))  # The remaining speed is rounding.
         return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
-        """Returns whether braking from `start` ends within the limits, or no farther outside."""
+        """Returns whether braking from `start` (K, n) stays inside, or no farther out than before.
+
+        The braking itself starts at zero; `before` (K, n) is one period earlier [rad].
+        """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]
         highest = start + [one.max for one in extrema]
@@ -227,22 +227,22 @@ class VelocityLimiter:
         task.current_velocity = motion.velocity.tolist()
         task.current_acceleration = motion.acceleration.tolist()
         task.target_velocity = velocity.tolist()
-        # Where the joints only come to rest together, braking stays the same when it is planned
-        # anew on the way; where their phases are coupled, it need not.
+        # Replanning on the way leaves braking unchanged with time synchronization, but not with
+        # phase synchronization.
         moving = velocity.any()
         task.synchronization = Synchronization.Phase if moving else Synchronization.Time
-        # A new one each time: one that held a motion of no length keeps its extrema.
+        # A reused trajectory that once held a motion of no length keeps its extrema.
         trajectory = Trajectory(velocity.size)
         result = ruckig.calculate(task, trajectory)
         if result not in (Result.Working, Result.Finished):
             raise InvalidValueError(
-                f"No motion from {motion} to the velocity {velocity} was found ({result}).",
+                f"Ruckig finds no motion from {motion} to the velocity {velocity} ({result}).",
                 remedy="Pass positions, velocities and accelerations within the limits.",
             )
         return trajectory
 
 
 def _ways(braking: Trajectory) -> np.ndarray:
-    """Returns how far the joints went (3, n) [rad] at the start, the middle and the end."""
+    """Returns the distances (3, n) [rad] of the joints at the start, the middle and the end."""
     middle, end = (braking.at_time(share * braking.duration)[0] for share in (0.5, 1.0))
     return np.array([[0.0] * len(end), middle, end])

@@ -12,8 +12,7 @@ from .control.safe_entry import SafeEntry as SafeEntry
 from .detection.part_detector import PartDetector as PartDetector
 from .disturbance_injector import DisturbanceInjector as DisturbanceInjector
 from .disturbance_injector import Pulse as Pulse
-from .ik.differential_ik import DifferentialIk as DifferentialIk
-from .ik.differential_ik import DifferentialIkConfig as DifferentialIkConfig
+from .ik.differential_ik import DifferentialInverseKinematics as DifferentialInverseKinematics
 from .logging.mcap_logger import McapLogger as McapLogger
 from .logging.snapshot_recorder import SnapshotRecorder as SnapshotRecorder
 from .panda.hand_driver import HandDriver as HandDriver

@@ -1,4 +1,4 @@
-"""What an abstract port holds before there is anything to hold."""
+"""The value of an abstract port that has no value yet."""
 
 from typing import Final
 
@@ -6,11 +6,11 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 
 
 class Absent(SharedOnCopy):
-    """Stands for nothing: abstract values of newer Drakes take any object but None."""
+    """Replaces None, which newer versions of Drake refuse as an abstract value."""
 
     def __repr__(self) -> str:
         return "ABSENT"
 
 
 ABSENT: Final = Absent()
-"""The only one that is needed."""
+"""The only instance."""

@@ -1,4 +1,4 @@
-"""Pushes bodies of the simulated plant at set times."""
+"""Applies force pulses to bodies of the simulated plant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from poil_drake.errors import InvalidValueError, ScenarioError
 
 @dataclass(frozen=True, kw_only=True)
 class Pulse:
-    """One push, smooth in time.
+    """One smooth pulse.
 
     Attributes:
-        body: What is pushed, "<model instance>::<body>".
+        body: The body that it acts on, "<model instance>::<body>".
         start: When it begins [s].
         duration: How long it lasts [s].
-        force: The largest force [N, world].
-        torque: The largest torque [N m, world].
+        force: Largest force [N, world].
+        torque: Largest torque [N m, world].
         point: Where on the body the force acts [m, body frame].
     """
 
@@ -42,7 +42,7 @@ class Pulse:
 
 
 def half_sine(time: float, start: float, duration: float) -> float:
-    """Returns the strength of a pulse at `time`, in [0, 1]: half a period of a sine, else 0."""
+    """Returns the strength of a pulse at `time`, in [0, 1]: half a sine period, zero outside."""
     phase = (time - start) / duration
     return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
 
@@ -57,22 +57,31 @@ class DisturbanceInjector(LeafSystem):
         - applied_spatial_force
 
     `applied_spatial_force` is the list of `ExternallyAppliedSpatialForce` that the plant's port of
-    that name takes: one for each pulse, zero outside its time. It depends on time alone; there is
-    no input and no state.
+    that name takes: one for each pulse, zero outside its duration. It depends on time alone.
     """
 
     def __init__(self, *, plant: MultibodyPlant, pulses: Sequence[Pulse]):
         """Constructs the injector.
 
         Args:
-            plant: The finalized plant that is pushed.
-            pulses: What happens when.
+            plant: The finalized plant.
+            pulses: The pulses.
 
         Raises:
-            ScenarioError: if the plant has no body of a pulse's name.
+            ScenarioError: if the plant has no body with a pulse's name.
         """
         super().__init__()
-        self._pulses = [(pulse, _body_index(plant, pulse.body)) for pulse in pulses]
+        bodies = {
+            plant.get_body(BodyIndex(i)).scoped_name().get_full(): BodyIndex(i)
+            for i in range(plant.num_bodies())
+        }
+        for pulse in pulses:
+            if pulse.body not in bodies:
+                raise ScenarioError(
+                    f"The plant has no body '{pulse.body}' to push.",
+                    remedy=f"Choose one of: {', '.join(bodies)}.",
+                )
+        self._pulses = [(pulse, bodies[pulse.body]) for pulse in pulses]
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
@@ -92,17 +101,3 @@ class DisturbanceInjector(LeafSystem):
             )
             forces.append(applied)
         output.set_value(forces)
-
-
-def _body_index(plant: MultibodyPlant, scoped_name: str) -> BodyIndex:
-    for i in range(plant.num_bodies()):
-        body = plant.get_body(BodyIndex(i))
-        if body.scoped_name().get_full() == scoped_name:
-            return body.index()
-    names = [
-        plant.get_body(BodyIndex(i)).scoped_name().get_full() for i in range(plant.num_bodies())
-    ]
-    raise ScenarioError(
-        f"The plant has no body '{scoped_name}' to push.",
-        remedy=f"Choose one of: {', '.join(names)}.",
-    )

@@ -1,6 +1,24 @@
-"""What the numbers on status ports mean."""
+"""Enumerations of the numbers on status ports."""
 
 from enum import IntEnum
+from typing import Self
+
+
+class DescribedEnum(IntEnum):
+    """An IntEnum whose members are pairs of a number and a clause for logs and reports.
+
+    Attributes:
+        text: The clause.
+    """
+
+    text: str
+
+    def __new__(cls, value: int, text: str = "") -> Self:
+        """Makes a member."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.text = text
+        return member
 
 
 class DetectorStatus(IntEnum):
@@ -8,13 +26,13 @@ class DetectorStatus(IntEnum):
 
     WAITING = 0  # No images yet.
     FOUND = 1
-    NOT_FOUND = 2  # The last search failed; the results of an earlier one are still shown.
+    NOT_FOUND = 2  # The last search failed; the outputs keep the results of an earlier one.
 
 
 class TrackerStatus(IntEnum):
     """Of a point tracker."""
 
-    WAITING = 0  # Images, query points or masks are still missing.
+    WAITING = 0  # Images, query points or masks are missing.
     TRACKING = 1
     LOST = 2
 
@@ -23,24 +41,24 @@ class ControllerStatus(IntEnum):
     """Of `PointSetBcsdm`."""
 
     OK = 0
-    LIMITED = 1  # The twist was scaled down to the speed limits.
-    GOAL = 2  # The end of the reference is reached within tolerance.
+    LIMITED = 1  # The twist is scaled down to the speed limits.
+    GOAL = 2  # The points are at the end of the reference, within tolerance.
     LOST = 3  # Fewer than 3 non-collinear points with confidence: the twist is zero.
     INVALID_INPUT = 4  # The gripper pose is not finite: the twist is zero.
-    HOLDING = 5  # There is no reference to follow now: the twist is zero.
+    HOLDING = 5  # There is no reference to follow: the twist is zero.
 
 
 class IkStatus(IntEnum):
-    """Of `DifferentialIk`."""
+    """Of `DifferentialInverseKinematics`."""
 
     OK = 0
-    LIMITED = 1  # The twist asked for is followed at reduced speed.
-    STUCK = 2  # It cannot be followed at all: joint limit or singularity.
-    INVALID_INPUT = 3  # An input is not finite; the arm is brought to rest.
+    LIMITED = 1  # The arm follows the wanted twist at reduced speed.
+    STUCK = 2  # The arm cannot follow it at all: joint limit or singularity.
+    INVALID_INPUT = 3  # An input is not finite; the arm brakes to rest.
 
 
 class RobotMode(IntEnum):
-    """Of the robot, as numbered in Drake's `lcmt_panda_status`."""
+    """Of the robot, with the numbers of Drake's `lcmt_panda_status`."""
 
     OTHER = 0
     IDLE = 1

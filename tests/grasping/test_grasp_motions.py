@@ -7,7 +7,8 @@ from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.joint_trajectory import JointTrajectory
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
@@ -18,7 +19,7 @@ RIGHT, LEFT = (NOMINAL_POSTURE + turn * np.eye(7)[0] for turn in (-0.9, 0.9))
 def approach(model: PandaModel, **box) -> JointTrajectory:
     checker = RobotCollisionChecker(
         model=model,
-        spheres=make_robot_spheres(model, finger_opening=0.04),
+        spheres=make_robot_spheres(finger_opening=0.04),
         scene=SceneCloud(np.zeros((0, 3))),
     )
     boxes = FeasibilityConfig(posture=PostureGuardConfig(**box))

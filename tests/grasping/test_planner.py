@@ -43,7 +43,7 @@ def test_descent_is_straight(plan, model):
 def test_approach_keeps_clear_of_scene_and_object(plan, mug, model, screen):
     dut = RobotCollisionChecker(
         model=model,
-        spheres=make_robot_spheres(model, finger_opening=plan.pregrasp_width),
+        spheres=make_robot_spheres(finger_opening=plan.pregrasp_width),
         scene=SceneCloud(np.concatenate([screen, mug.cloud.points])),
     )
 

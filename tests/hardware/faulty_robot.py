@@ -12,7 +12,7 @@ import numpy as np
 
 from poil_drake.benchmarks.hardware.stand_in_robot import StandInRobot, StandInSetup, read_setup
 from poil_drake.systems.panda.lcm_messages import (
-    HandStatus,
+    HandOpening,
     PandaStatus,
     encode_hand_status,
     encode_panda_status,
@@ -109,7 +109,7 @@ class FaultyRobot(StandInRobot):
         if self.faulty("all_malformed", "some_bad"):
             self.lcm.Publish(channel, b"\x01garbage")
         if self.faulty("all_foreign", "some_bad"):
-            foreign = HandStatus(stamp=now, width=0.0)
+            foreign = HandOpening(stamp=now, width=0.0)
             self.lcm.Publish(channel, encode_hand_status(foreign, False))
         if self.faulty("all_late", "some_bad"):
             late = self.status(now - 0.3)

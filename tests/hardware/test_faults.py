@@ -36,9 +36,10 @@ from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import RunSummary
-from poil_drake.systems.ik.differential_ik import DifferentialIk
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, SkillConfig
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import Fault
+from poil_drake.systems.skill.state_machine import SkillConfig
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
@@ -60,8 +61,8 @@ class Case(NamedTuple):
     also: str = ""
 
 
-STATUS = SAFETY_FAULT_TEXT[SafetyFault.NO_STATUS]
-CAMERA = SAFETY_FAULT_TEXT[SafetyFault.CAMERA_STALE]
+STATUS = SafetyFault.NO_STATUS.text
+CAMERA = SafetyFault.CAMERA_STALE.text
 CASES = [
     Case("driver_killed", "the driver's process is killed", STATUS, 0.15),
     Case("status_stopped", "statuses stop", STATUS, 0.15),
@@ -78,33 +79,33 @@ CASES = [
     Case(
         "clock_ahead",
         "the driver's clock leaps 1 s ahead",
-        SAFETY_FAULT_TEXT[SafetyFault.CLOCK_OFF],
+        SafetyFault.CLOCK_OFF.text,
         0.15,
         "1.00 s after it came",
     ),
     Case(
         "clock_behind",
         "the driver's clock leaps 1 s back",
-        SAFETY_FAULT_TEXT[SafetyFault.CLOCK_OFF],
+        SafetyFault.CLOCK_OFF.text,
         0.15,
         "1.00 s before it came: are the clocks in step?",
     ),
     Case(
         "reflex",
         "the robot's reflex stops it",
-        SAFETY_FAULT_TEXT[SafetyFault.ROBOT_MODE],
+        SafetyFault.ROBOT_MODE.text,
         0.1,
     ),
     Case(
         "pushed",
         "somebody pushes with 60 N m",
-        SAFETY_FAULT_TEXT[SafetyFault.EXTERNAL_TORQUE],
+        SafetyFault.EXTERNAL_TORQUE.text,
         0.15,
     ),
     Case(
         "packets_lost",
         "the robot gets a third of the commands",
-        SAFETY_FAULT_TEXT[SafetyFault.SUCCESS_RATE],
+        SafetyFault.SUCCESS_RATE.text,
         0.7,
     ),
     Case("camera_frozen", "a camera repeats one image", CAMERA, 1.3),
@@ -197,7 +198,7 @@ def test_a_fault_stays_after_its_cause_is_gone(
     summary, seen = execute_with(swinging_plan(), fault="pushed_briefly")
 
     # It is asked for at the end, when nobody has pushed for 0.4 s.
-    assert summary.reason.startswith(SAFETY_FAULT_TEXT[SafetyFault.EXTERNAL_TORQUE])
+    assert summary.reason.startswith(SafetyFault.EXTERNAL_TORQUE.text)
     assert seen.rest_after(detected_at(summary)) <= REST
 
 
@@ -205,7 +206,7 @@ def test_bad_messages_among_good_ones_change_nothing(execute_with: ExecuteWith) 
     summary, seen = execute_with(swinging_plan(), fault="some_bad")
 
     # It was still on its way when, after a while, a reflex stopped it.
-    reflex = SAFETY_FAULT_TEXT[SafetyFault.ROBOT_MODE]
+    reflex = SafetyFault.ROBOT_MODE.text
     assert summary.reason.startswith(f"{reflex} (in phase 'approach')")
     assert "messages on PANDA_STATUS came late or twice" in summary.reason
     assert "messages on PANDA_STATUS could not be read" in summary.reason
@@ -272,7 +273,7 @@ def test_a_tracker_that_dies_again_and_again_is_a_fault(
     summary, seen = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=3.0)
 
     assert not summary.success
-    assert summary.reason.startswith(FAULT_TEXT[Fault.TRACKING_LOST])
+    assert summary.reason.startswith(Fault.TRACKING_LOST.text)
     rest = seen.rest_after(detected_at(summary))
     assert rest <= REST
     check_nothing_is_lost(tmp_path, summary)
@@ -284,17 +285,22 @@ def test_a_tracker_that_dies_again_and_again_is_a_fault(
 MOVING = 0.05
 """The inverse kinematics fails once it has asked for so much [rad/s]."""
 
-_RESOLVE, _ADVANCE = DifferentialIk._resolve, DifferentialIk._advance
+_RESOLVE = DifferentialInverseKinematics._resolve
+_UPDATE = DifferentialInverseKinematics._update
 
 
-def resolve_to_nan(self: DifferentialIk, context: Context, previous: np.ndarray) -> tuple:
+def resolve_to_nan(
+    self: DifferentialInverseKinematics, context: Context, previous: np.ndarray
+) -> tuple:
     velocity, *rest = _RESOLVE(self, context, previous)
     return (np.full_like(velocity, np.nan) if np.abs(velocity).max() > MOVING else velocity), *rest
 
 
-def advance_no_more(self: DifferentialIk, context: Context, state: DiscreteValues) -> None:
+def advance_no_more(
+    self: DifferentialInverseKinematics, context: Context, state: DiscreteValues
+) -> None:
     if np.abs(state.value(self._state["velocity"])).max() <= MOVING:
-        _ADVANCE(self, context, state)
+        _UPDATE(self, context, state)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +313,7 @@ def advance_no_more(self: DifferentialIk, context: Context, state: DiscreteValue
             "NaN from the inverse kinematics",
         ),
         (
-            "_advance",
+            "_update",
             advance_no_more,
             SafetyFault.COMMAND_STALE,
             "the inverse kinematics repeats its last answer for ever",
@@ -323,12 +329,12 @@ def test_inverse_kinematics_that_fail_are_a_fault(
     fault: SafetyFault,
     what: str,
 ) -> None:
-    monkeypatch.setattr(DifferentialIk, method, broken)
+    monkeypatch.setattr(DifferentialInverseKinematics, method, broken)
 
     summary, seen = execute_with(carrying_plan(), speed=1.0)
 
     assert not summary.success
-    assert summary.reason.startswith(SAFETY_FAULT_TEXT[fault])
+    assert summary.reason.startswith(fault.text)
     rest = seen.rest_after(detected_at(summary))
     assert rest <= REST
     check_nothing_is_lost(tmp_path, summary)

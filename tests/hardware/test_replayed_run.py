@@ -9,9 +9,9 @@ from machine_pace import Pace
 
 from poil_drake.diagrams.replay.replay import Replay
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.comparison.tolerances import JOINT_VELOCITY, TRACKED_POINTS
 from poil_drake.recording.run_log.reader import load_recorded_run
+from poil_drake.robots.panda import ARM_JOINTS
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
+from poil_drake.systems.safety.faults import SafetyFault
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parent)}
 REST = 0.15
 FAST = 0.2  # [rad/s]: the swing is well on its way.
-STALLED = SAFETY_FAULT_TEXT[SafetyFault.LOOP_STALLED]
+STALLED = SafetyFault.LOOP_STALLED.text
 ActOnRun = Callable[..., "Run"]
 
 
@@ -243,6 +243,6 @@ def test_a_second_run_refuses_to_command_beside_the_first(act_on_run: ActOnRun) 
     first = act_on_run(run_another)
 
     assert ended[-1].returncode != 0
-    assert "Somebody else commands the robot" in ended[-1].stderr
+    assert "Another process commands the robot" in ended[-1].stderr
     reason = json.loads((first.folder / "second" / "run.json").read_text())["reason"]
     assert "somebody else commands" in reason.lower()

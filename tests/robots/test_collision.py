@@ -9,7 +9,8 @@ from poil_drake.robots.collision import (
     SceneCloud,
     cloud_clearance,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import RobotSpheres, make_robot_spheres
 
 NO_TABLE = CollisionConfig(ground_height=None)
@@ -17,7 +18,7 @@ NO_TABLE = CollisionConfig(ground_height=None)
 
 @pytest.fixture(scope="module")
 def spheres(model: PandaModel) -> RobotSpheres:
-    return make_robot_spheres(model, finger_opening=0.03)
+    return make_robot_spheres(finger_opening=0.03)
 
 
 def wall(y: float) -> np.ndarray:
@@ -34,14 +35,9 @@ def test_distance_to_a_point_and_to_the_table():
     assert_allclose(distance, [0.05, 0.02, -0.01], atol=1e-12)
 
 
-def test_distance_is_capped():
-    dut = SceneCloud(np.array([[0.0, 0.0, 0.30]]), config=NO_TABLE)
-
-    assert_allclose(dut.distance(np.array([[1.0, 0.0, 0.0]])), NO_TABLE.max_distance)
-
-
-def test_empty_scene_without_table_is_far_away():
-    dut = SceneCloud(np.zeros((0, 3)), config=NO_TABLE)
+@pytest.mark.parametrize("points", [np.array([[1.0, 0.0, 0.30]]), np.zeros((0, 3))])
+def test_distance_is_capped(points: np.ndarray):
+    dut = SceneCloud(points, config=NO_TABLE)
 
     assert_allclose(dut.distance(np.zeros((2, 3))), NO_TABLE.max_distance)
 
@@ -73,13 +69,11 @@ def test_clearance_is_the_distance_of_a_point_from_the_nearest_sphere(
     assert_allclose(clearance, expected, atol=1e-12)
 
 
-def test_path_through_a_planted_wall_is_found_out(model: PandaModel, spheres: RobotSpheres):
+def test_path_through_a_wall_is_not_free(model: PandaModel, spheres: RobotSpheres):
     across = np.array(NOMINAL_POSTURE) + np.linspace(-0.6, 0.6, 60)[:, None] * np.eye(7)[0]
-    free = RobotCollisionChecker(
-        model=model, spheres=spheres, scene=SceneCloud(wall(-0.9)), config=CollisionConfig()
-    )
-    dut = RobotCollisionChecker(
-        model=model, spheres=spheres, scene=SceneCloud(wall(0.0)), config=CollisionConfig()
+    free, dut = (
+        RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(wall(y)))
+        for y in (-0.9, 0.0)
     )
 
     assert free.is_free(across).all()
@@ -118,7 +112,7 @@ def test_points_on_the_object_are_removed():
     assert_allclose(dut.points, [[0.5, 0.0, 0.2]])
 
 
-def test_carried_cloud_comes_as_near_as_it_is_moved():
+def test_clearance_of_a_carried_cloud_follows_its_motion():
     scene = SceneCloud(np.array([[0.5, 0.0, 0.5]]), config=NO_TABLE)
     motion = make_transform(np.eye(3), np.array([[0.0, 0.0, 0.0], [0.0, 0.47, 0.0]]))
 

@@ -7,7 +7,8 @@ from poil_drake.robots.inverse_kinematics import (
     distinct_solutions,
     solve_inverse_kinematics,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

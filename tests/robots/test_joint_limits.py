@@ -15,25 +15,20 @@ def dut() -> JointLimits:
     )
 
 
-def test_far_from_its_limits_a_joint_may_be_fast(dut: JointLimits) -> None:
-    lowest, highest = dut.velocity_bounds(np.zeros(2), margin=0.1, braking_gain=5.0)
+@pytest.mark.parametrize(
+    ("positions", "lowest", "highest"),
+    [
+        ([0.0, 0.0], [-1.0, -3.0], [1.0, 3.0]),  # Far from the limits.
+        ([1.8, -0.7], [-1.0, -1.0], [0.5, 3.0]),  # 0.1 and 0.2 from the margin, times 5 / s.
+        ([1.95, -1.5], [-1.0, 0.0], [0.0, 3.0]),  # Beyond it there is only the way back.
+    ],
+)
+def test_velocity_bounds_shrink_towards_the_limits(
+    dut: JointLimits, positions: list, lowest: list, highest: list
+) -> None:
+    bounds = dut.velocity_bounds(np.array(positions), margin=0.1, braking_gain=5.0)
 
-    np.testing.assert_array_equal(lowest, [-1.0, -3.0])
-    np.testing.assert_array_equal(highest, [1.0, 3.0])
-
-
-def test_near_a_limit_the_speed_is_the_gain_times_the_distance(dut: JointLimits) -> None:
-    lowest, highest = dut.velocity_bounds(np.array([1.8, -0.7]), margin=0.1, braking_gain=5.0)
-
-    np.testing.assert_allclose(highest, [0.5, 3.0])
-    np.testing.assert_allclose(lowest, [-1.0, -1.0])
-
-
-def test_beyond_the_margin_there_is_only_a_way_back(dut: JointLimits) -> None:
-    lowest, highest = dut.velocity_bounds(np.array([1.95, -1.5]), margin=0.1, braking_gain=5.0)
-
-    np.testing.assert_array_equal(highest, [0.0, 3.0])
-    np.testing.assert_array_equal(lowest, [-1.0, 0.0])
+    np.testing.assert_allclose(bounds, [lowest, highest], atol=1e-12)
 
 
 def test_limits_without_room_are_refused() -> None:

@@ -1,14 +1,14 @@
 import numpy as np
 import pinocchio
-import pytest
 from numpy.testing import assert_allclose
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
-from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
-from poil_drake.robots.panda_kinematics import GRIPPER_FRAME, NOMINAL_POSTURE, PandaModel
+from poil_drake.models.panda_model import panda_package_directory
+from poil_drake.robots.panda import GRIPPER_FRAME, NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.robot_description import panda_urdf
 
 
 def random_configurations(model: PandaModel, count: int) -> np.ndarray:
@@ -17,9 +17,7 @@ def random_configurations(model: PandaModel, count: int) -> np.ndarray:
 
 def test_gripper_pose_is_that_of_drake(model: PandaModel):
     plant = MultibodyPlant(0.0)
-    parser = Parser(plant)
-    parser.package_map().Add(PANDA_PACKAGE, str(panda_package_directory()))
-    parser.AddModels(url=f"package://{PANDA_PACKAGE}/panda.urdf")
+    Parser(plant).AddModels(str(panda_package_directory() / "panda.urdf"))
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0"))
     plant.Finalize()
     context = plant.CreateDefaultContext()
@@ -34,7 +32,7 @@ def test_gripper_pose_is_that_of_drake(model: PandaModel):
 
 
 def test_jacobian_is_that_of_pinocchio(model: PandaModel):
-    full = pinocchio.buildModelFromUrdf(str(model.urdf_path))
+    full = pinocchio.buildModelFromUrdf(str(panda_urdf()))
     data = full.createData()
     frame = full.getFrameId(GRIPPER_FRAME)
     configurations = random_configurations(model, 5)
@@ -61,9 +59,7 @@ def test_the_base_carries_every_link(model: PandaModel):
 
 
 def test_nominal_posture_points_the_gripper_down(model: PandaModel):
-    X_WG = model.gripper_pose(NOMINAL_POSTURE)
-
-    assert_allclose(X_WG[:3, 2], [0.0, 0.0, -1.0], atol=1e-9)
+    assert_allclose(model.gripper_pose(NOMINAL_POSTURE)[:3, 2], [0.0, 0.0, -1.0], atol=1e-9)
 
 
 def test_limit_margin_is_the_distance_to_the_nearest_limit(model: PandaModel):
@@ -73,8 +69,3 @@ def test_limit_margin_is_the_distance_to_the_nearest_limit(model: PandaModel):
     assert_allclose(model.limit_margin(q), 0.1)
     q[6] = model.upper[6] + 0.2
     assert_allclose(model.limit_margin(q), -0.2)
-
-
-def test_missing_description_is_named():
-    with pytest.raises(InvalidValueError, match=r"no robot description 'nowhere\.urdf'"):
-        PandaModel(urdf_path="nowhere.urdf")

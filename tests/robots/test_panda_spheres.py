@@ -5,9 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_hand import GripperGeometry
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import cover_box, cover_cylinder, make_robot_spheres
+from poil_drake.robots.robot_description import panda_urdf
 
 LENGTH = st.floats(0.005, 0.3)
 
@@ -53,7 +55,7 @@ def test_spheres_enclose_a_cylinder(length: float, radius: float, spacing: float
 
 def test_spheres_enclose_the_collision_shapes_of_the_arm(model: PandaModel):
     # Pinocchio reads shapes and poses by itself; only surface points are compared.
-    path = str(model.urdf_path)
+    path = str(panda_urdf())
     full = pinocchio.buildModelFromUrdf(path)
     shapes = pinocchio.buildGeomFromUrdf(full, path, pinocchio.GeometryType.COLLISION)
     data, shape_data = full.createData(), shapes.createData()
@@ -62,7 +64,7 @@ def test_spheres_enclose_the_collision_shapes_of_the_arm(model: PandaModel):
         full, data, shapes, shape_data, np.concatenate([q, [0.0, 0.0]])
     )
 
-    dut = make_robot_spheres(model, finger_opening=0.04)
+    dut = make_robot_spheres(finger_opening=0.04)
 
     centers = dut.world_centers(model.link_poses(q))
     checked = 0
@@ -82,7 +84,7 @@ def test_spheres_enclose_hand_and_fingers(model: PandaModel, opening: float):
     gripper = GripperGeometry()
     X_WG = model.gripper_pose(NOMINAL_POSTURE)
 
-    dut = make_robot_spheres(model, finger_opening=opening)
+    dut = make_robot_spheres(finger_opening=opening)
 
     centers = dut.world_centers(model.link_poses(NOMINAL_POSTURE))
     lower, upper = gripper.finger_boxes(opening)
@@ -101,9 +103,7 @@ def test_finger_boxes_are_mirror_images_with_the_opening_between():
     assert_allclose(upper[:2, 1] + lower[2:, 1], 0.0)
 
 
-def test_fingers_can_be_left_out(model: PandaModel):
-    whole = make_robot_spheres(model, finger_opening=0.0)
+def test_fingers_can_be_left_out():
+    whole = make_robot_spheres(finger_opening=0.0)
 
-    dut = make_robot_spheres(model, finger_opening=None)
-
-    assert len(dut.radii) < len(whole.radii)
+    assert len(make_robot_spheres(finger_opening=None).radii) < len(whole.radii)

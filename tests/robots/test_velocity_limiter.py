@@ -5,17 +5,13 @@ from hypothesis import strategies as st
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots import velocity_limiter as dut
-from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda_kinematics import PandaModel
 
 PERIOD = 1 / 256
-LIMITS = JointLimits(
-    lower=np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973]),
-    upper=np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973]),
-    velocity=np.array([2.175] * 4 + [2.61] * 3),
-    acceleration=np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
-)
+LIMITS = PandaModel().joint_limits
 JERK = np.array(dut.VelocityLimiterConfig().jerk)
 MIDDLE = 0.5 * (LIMITS.lower + LIMITS.upper)
+MOVING = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
 
 
 def make_limiter(**changes):
@@ -35,7 +31,7 @@ def drive(limiter, start, wanted):
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=40)
-def test_no_limit_is_exceeded_whatever_is_wanted(seed):
+def test_no_limit_is_exceeded_by_any_wanted_velocity(seed):
     rng = np.random.default_rng(seed)
     start = rng.uniform(LIMITS.lower + 0.06, LIMITS.upper - 0.06)
     sizes = rng.choice([0.0, 0.1, 1.0, 10.0], size=(12, 1))
@@ -71,7 +67,7 @@ def test_direction_is_kept_from_rest_and_beyond_the_speed_limits():
     assert v[-1, 0] == pytest.approx(0.5 * 2.175)
 
 
-def test_arm_stops_before_its_limits_and_comes_back():
+def test_arm_stops_before_its_limits_and_returns():
     towards = np.tile([0.0, 1.5, 0, 0, 0, 0, 0], (600, 1))
 
     q, v = drive(make_limiter(), MIDDLE, np.concatenate([towards, -towards[:100]]))
@@ -82,7 +78,7 @@ def test_arm_stops_before_its_limits_and_comes_back():
     assert q[-1, 1] < q[600, 1] - 0.1
 
 
-def test_arm_outside_of_its_limits_may_only_go_back():
+def test_arm_outside_of_its_limits_may_only_return():
     start = MIDDLE.copy()
     start[3] = LIMITS.upper[3] - 0.01
 
@@ -94,8 +90,7 @@ def test_arm_outside_of_its_limits_may_only_go_back():
 
 
 def test_velocity_that_is_not_finite_means_rest():
-    limiter = make_limiter()
-    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
+    limiter, moving = make_limiter(), MOVING
     wanted = np.full(7, 0.5)
     wanted[2] = np.nan
 
@@ -117,31 +112,21 @@ def test_step_depends_on_nothing_but_its_arguments():
         np.testing.assert_array_equal(one, another)
 
 
-def test_a_step_that_nothing_is_against_is_the_whole_of_what_is_wanted():
-    motion = dut.JointMotion.at_rest(MIDDLE)
-    wanted = np.full(7, 0.1)
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_the_share_is_what_the_speed_limits_leave(share):
+    # The limit of joint 1 is 2.175 rad/s.
+    wanted = 2.175 / share * np.eye(7)[0]
+    rest = dut.JointMotion.at_rest(MIDDLE)
 
-    step = make_limiter().guarded_step(motion, wanted, lambda postures: None)
+    step = make_limiter().guarded_step(rest, wanted, lambda postures: None)
 
-    np.testing.assert_array_equal(step.motion, make_limiter().step(motion, wanted))
-    assert (step.share, step.reason) == (1.0, None)
-
-
-def test_beyond_the_speed_limits_less_goes_through():
-    # The first joint may do 2.175 rad/s, a quarter of what is wanted.
-    wanted = 4 * 2.175 * np.eye(7)[0]
-
-    step = make_limiter().guarded_step(
-        dut.JointMotion.at_rest(MIDDLE), wanted, lambda postures: None
-    )
-
-    assert step.share == pytest.approx(0.25)
+    np.testing.assert_array_equal(step.motion, make_limiter().step(rest, wanted))
+    assert step.share == pytest.approx(share)
+    assert step.reason is None
 
 
-def test_postures_asked_about_are_those_after_the_step_and_of_the_braking():
-    limiter = make_limiter()
-    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
-    asked = []
+def test_postures_to_check_are_those_after_the_step_and_of_the_braking():
+    limiter, moving, asked = make_limiter(), MOVING, []
 
     after = limiter.guarded_step(moving, np.full(7, 0.5), asked.append).motion
 
@@ -156,7 +141,7 @@ def test_postures_asked_about_are_those_after_the_step_and_of_the_braking():
     assert np.all((postures[0] < postures[1]) & (postures[1] < postures[2]))
 
 
-def test_a_smaller_share_is_taken_where_the_whole_is_refused():
+def test_a_smaller_share_is_taken_if_the_whole_is_refused():
     moving = dut.JointMotion(MIDDLE, 0.3 * np.eye(7)[0], np.zeros(7))
     wanted = 0.6 * np.eye(7)[0]
     # The wall is a hair before where the arm would stand if the whole were allowed.
@@ -173,9 +158,8 @@ def test_a_smaller_share_is_taken_where_the_whole_is_refused():
     np.testing.assert_allclose(step.motion.velocity, moving.velocity, atol=1e-12)
 
 
-def test_an_arm_that_is_refused_everything_brakes_and_says_why():
-    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
-    limiter = make_limiter()
+def test_if_every_share_is_refused_the_arm_brakes_with_a_reason():
+    limiter, moving = make_limiter(), MOVING
 
     step = limiter.guarded_step(moving, np.full(7, 0.5), lambda postures: "wall")
 
@@ -183,7 +167,7 @@ def test_an_arm_that_is_refused_everything_brakes_and_says_why():
     assert (step.share, step.reason) == (0.0, "wall")
 
 
-def test_what_the_joint_limits_forbid_has_no_other_reason():
+def test_joint_limits_are_no_reason():
     start = MIDDLE.copy()
     start[3] = LIMITS.upper[3] - 0.01
     asked = []
@@ -196,12 +180,11 @@ def test_what_the_joint_limits_forbid_has_no_other_reason():
     assert not asked
 
 
-def test_nobody_is_asked_whether_the_arm_may_brake():
-    moving = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
+def test_braking_is_never_refused():
     asked = []
 
     for wanted in (np.zeros(7), np.full(7, np.nan)):
-        step = make_limiter().guarded_step(moving, wanted, asked.append)
+        step = make_limiter().guarded_step(MOVING, wanted, asked.append)
 
         assert (step.share, step.reason) == (1.0, None)
     assert not asked
@@ -224,7 +207,7 @@ def test_an_arm_never_stops_beyond_a_wall():
 
 
 def test_braking_ends_in_exact_rest():
-    motion, limiter = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7)), make_limiter()
+    motion, limiter = MOVING, make_limiter()
     for _ in range(256):
         motion = limiter.step(motion, np.zeros(7))
 

@@ -53,7 +53,8 @@ def make_arm(
         parent = link.body_frame()
     frame = plant.AddFrame(FixedOffsetFrame("tip", parent, RigidTransform([tip, 0.0, 0.0])))
     plant.Finalize()
-    return ArmKinematics(plant=plant, frame=frame)
+    names = [f"joint{number}" for number in range(len(joints))]
+    return ArmKinematics(plant=plant, frame=frame, joint_names=names)
 
 
 @pytest.fixture

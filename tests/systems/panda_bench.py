@@ -15,21 +15,21 @@ from network_bench import NetworkBench
 from pydrake.systems.framework import System
 from system_bench import START, SystemBench
 
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda.lcm_messages import (
     decode_hand_status,
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda.lcm_receivers import HandStatusReceiver, PandaStatusReceiver
-from poil_drake.systems.panda.lcm_senders import HandCommandSender, PandaCommandSender
+from poil_drake.systems.panda.lcm_receivers import FrankaStatusReceiver, HandStatusReceiver
+from poil_drake.systems.panda.lcm_senders import FrankaCommandSender, HandCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig
 
 PERIOD = 1 / 256
 LIMITER = VelocityLimiter(
-    limits=MakePandaKinematics().joint_limits, period=PERIOD, config=SafetyConfig().limiter
+    limits=PandaModel().joint_limits, period=PERIOD, config=SafetyConfig().limiter
 )
 JOINTS = [0.1, -0.2, 0.3, -1.5, 0.5, 1.6, 0.7]
 
@@ -58,7 +58,7 @@ def hand_status(width: float, stamp: float = START) -> bytes:
 
 
 class FakeTime:
-    """Stands for the module: time passes only where somebody sleeps."""
+    """Replaces the module `time`; time passes only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -80,10 +80,10 @@ class RobotBench(NetworkBench):
         receiver: The receiver, simulated separately.
         sent: Commands since the start, or since the last `send` or `rest` began.
         elapsed: Time since `START` by the clock [s]; set by the test.
-        update_age: Age of the last update, as the sender is told [s].
+        outdated: Whether the last update was too long ago, for the sender.
     """
 
-    elapsed = update_age = 0.0
+    elapsed, outdated = 0.0, False
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class RobotBench(NetworkBench):
             return make_sender(
                 channel="COMMAND",
                 mailbox=self.mailbox,
-                update_age=lambda: self.update_age,
+                outdated=lambda: self.outdated,
                 **network,
             )
 
@@ -110,7 +110,7 @@ class RobotBench(NetworkBench):
     def now(self) -> float:
         return START + self.elapsed
 
-    def say(self, status: bytes) -> None:
+    def report(self, status: bytes) -> None:
         self.publish("STATUS", status)
 
     def show(self, port: str) -> np.ndarray:
@@ -127,7 +127,7 @@ class RobotBench(NetworkBench):
         return self.sent
 
     def rest(self, duration: float) -> list[Any]:
-        """Returns what the sender sends on the way out."""
+        """Returns what the sender sends in `SendRest`."""
         self.sent.clear()
         self.dut.SendRest(duration)
         self.lcm.HandleSubscriptions(0)
@@ -136,8 +136,8 @@ class RobotBench(NetworkBench):
 
 def make_arm_bench(bench: type[RobotBench] = RobotBench, **options: float) -> RobotBench:
     return bench(
-        partial(PandaCommandSender, limiter=LIMITER, period=PERIOD, **options),
-        PandaStatusReceiver,
+        partial(FrankaCommandSender, limiter=LIMITER, period=PERIOD, **options),
+        FrankaStatusReceiver,
         partial(LcmMailbox, decode=decode_panda_status, same_sender=same_panda),
         lcmt_panda_command.decode,
     )

@@ -59,12 +59,6 @@ def test_forces_at_the_peak_and_outside(plant: MultibodyPlant) -> None:
     np.testing.assert_array_equal(before.F_Bq_W.get_coeffs(), np.zeros(6))
 
 
-def test_no_pulses_no_forces(plant: MultibodyPlant) -> None:
-    dut = DisturbanceInjector(plant=plant, pulses=[])
-
-    assert dut.GetOutputPort("applied_spatial_force").Eval(dut.CreateDefaultContext()) == []
-
-
 def test_a_pushed_body_gains_the_pulses_momentum(plant: MultibodyPlant) -> None:
     builder = DiagramBuilder()
     builder.AddSystem(plant)

@@ -1,4 +1,4 @@
-"""At one instant: first the tracker, then what consumes it, and whoever looks on comes last."""
+"""At one instant the tracker updates first, then its consumers; publishing comes last."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def simulator(two_joint_arm: ArmKinematics, onlooker: Onlooker) -> Simulator:
     tracked = tracker.GetOutputPort("tracked_points")
     builder.Connect(body.GetOutputPort("body_poses"), tracker.GetInputPort("body_poses"))
     builder.Connect(tracked, propagator.GetInputPort("tracked_points"))
-    builder.Connect(rest.get_output_port(), propagator.GetInputPort("panda.position_measured"))
+    builder.Connect(rest.get_output_port(), propagator.GetInputPort("position_measured"))
     builder.Connect(free.get_output_port(), propagator.GetInputPort("holding"))
     builder.Connect(tracked, onlooker.GetInputPort("tracked_points"))
     builder.Connect(propagator.GetOutputPort("points"), onlooker.GetInputPort("points"))

@@ -25,13 +25,14 @@ from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
+from poil_drake.robots.panda import MAX_HAND_WIDTH, NUM_JOINTS
 from poil_drake.runtime.real_time import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmNetwork
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
-    HandStatus,
+    HandOpening,
     PandaChannels,
     PandaStatus,
     decode_hand_command,
@@ -39,7 +40,6 @@ from poil_drake.systems.panda.lcm_messages import (
     encode_hand_status,
     encode_panda_status,
 )
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
 from poil_drake.systems.statuses import RobotMode
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class StandInRobot:
         self.commands = LcmMailbox(self.lcm, self.channels.command, decode_panda_command)
         self.hand_commands = LcmMailbox(self.lcm, self.channels.hand_command, decode_hand_command)
         self.position, self.velocity = np.array(setup.position), np.zeros(NUM_JOINTS)
-        self.width = 0.08
+        self.width = MAX_HAND_WIDTH
         self.speeds: list[tuple[float, float]] = []
         self.commanded: list[float] = []
         self.told: list[tuple[float, float]] = []
@@ -178,7 +178,7 @@ class StandInRobot:
         if command is not None:
             step, goal = _HAND_SPEED * HAND_PERIOD, max(command.width, self.setup.holds)
             self.width += min(max(goal - self.width, -step), step)
-        status = HandStatus(stamp=now, width=self.width)
+        status = HandOpening(stamp=now, width=self.width)
         self.lcm.Publish(self.channels.hand_status, encode_hand_status(status, False))
 
     def show(self) -> None:

@@ -10,10 +10,13 @@ from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, tr
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.control.motion_source import MotionSource, MotionSourceConfig
+from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
-from poil_drake.systems.ik.differential_ik import DifferentialIk, DifferentialIkConfig
+from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
+from poil_drake.systems.ik.differential_ik import (
+    DifferentialInverseKinematics,
+    DifferentialInverseKinematicsConfig,
+)
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.skill.phases import Phase
 
@@ -26,7 +29,7 @@ _WIRES = [
     ("motion.spatial_velocity", "inverse_kinematics.spatial_velocity"),
     ("inverse_kinematics.velocity", "motion.ik_velocity"),
 ]
-_JOINTS = "panda.position_measured"
+_JOINTS = "position_measured"
 
 
 class ControlPath:
@@ -51,8 +54,8 @@ class ControlPath:
         scratch = self._kinematics.declare_scratch(self._probe)
         self._probe_context = self._probe.CreateDefaultContext()
         self._scratch = scratch.Eval(self._probe_context)
-        ik = DifferentialIkConfig()
-        self._start = np.array(ik.resolution.nominal_posture)
+        ik = DifferentialInverseKinematicsConfig()
+        self._start = np.array(ik.nominal_posture)
         self._in_hand = self._random.uniform([-0.04] * 3, [0.04, 0.04, 0.14], (num_points, 3))
         builder = DiagramBuilder()
         systems = self._add_systems(builder, ik, num_samples)
@@ -73,7 +76,7 @@ class ControlPath:
         self._simulator.Initialize()
 
     def _add_systems(
-        self, builder: DiagramBuilder, ik: DifferentialIkConfig, num_samples: int
+        self, builder: DiagramBuilder, ik: DifferentialInverseKinematicsConfig, num_samples: int
     ) -> dict[str, LeafSystem]:
         period, stopwatch = self._rates.control, Stopwatch()
         rest = JointTrajectory(
@@ -87,10 +90,8 @@ class ControlPath:
                 stopwatch=stopwatch,
             ),
             "controller": PointSetBcsdm(reference=self._reference(num_samples), period=period),
-            "motion": MotionSource(
-                approach=rest, descent=rest, config=MotionSourceConfig(), period=period
-            ),
-            "inverse_kinematics": DifferentialIk(
+            "motion": MotionSource(approach=rest, descent=rest, period=period),
+            "inverse_kinematics": DifferentialInverseKinematics(
                 kinematics=self._kinematics, period=period, config=ik, stopwatch=stopwatch
             ),
         }

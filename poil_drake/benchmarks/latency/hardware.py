@@ -36,7 +36,8 @@ from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 from poil_drake.reports.progress import OneLineTqdm
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
-from poil_drake.systems.skill.phases import Phase, SkillState
+from poil_drake.systems.skill.phases import Phase
+from poil_drake.systems.skill.state_machine import SkillState
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _STALL = 1.0
@@ -223,7 +224,11 @@ def _following() -> np.ndarray:
     """Returns the sequencer's memory of an object that follows, and never has to progress."""
     return np.array(
         SkillState(
-            phase=float(Phase.FOLLOW), best_error=-np.inf, best_tau=np.inf, progress_at=np.inf
+            phase=float(Phase.FOLLOW),
+            width=0.0,
+            best_error=-np.inf,
+            best_tau=np.inf,
+            progress_at=np.inf,
         )
     )
 

@@ -25,7 +25,7 @@ from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
 from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.disturbance_injector import Pulse
-from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.publishing_clock import PublishingClock
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
@@ -63,7 +63,7 @@ class ClosedLoop:
     tracker: LeafSystem
     propagator: FkPropagator
     controller: PointSetBcsdm
-    inverse_kinematics: DifferentialIk
+    inverse_kinematics: DifferentialInverseKinematics
     sequencer: SkillSequencer
     motion: MotionSource
     supervisor: SafetySupervisor

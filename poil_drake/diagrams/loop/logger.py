@@ -8,12 +8,11 @@ from pydrake.multibody.tree import BodyIndex
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.logging.mcap_logger import McapLogger
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES, phase_reason
-from poil_drake.systems.skill.phases import FAULT_TEXT
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, phase_reason
 from poil_drake.systems.statuses import ControllerStatus, DetectorStatus, IkStatus, TrackerStatus
 
 _STATUSES = {
@@ -54,8 +53,8 @@ def MakeLoopLogger(
             "ik.status": _names(IkStatus),
             "tracker.status": _names(TrackerStatus),
             "detector.status": _names(DetectorStatus),
-            "supervisor.fault": {int(fault): text for fault, text in SAFETY_FAULT_TEXT.items()},
-            "skill.fault": {int(fault): text for fault, text in FAULT_TEXT.items()},
+            "supervisor.fault": {int(fault): fault.text for fault in SafetyFault},
+            "skill.fault": {int(fault): fault.text for fault in Fault},
         },
         reference=plan.reference,
         period=scenario.poil.rates.logger,

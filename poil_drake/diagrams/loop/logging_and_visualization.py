@@ -14,7 +14,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES
+from poil_drake.systems.skill.phases import PHASE_NAMES
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,

@@ -1,4 +1,7 @@
-"""The wires of the closed loop, each end as "<system>.<port>"."""
+"""The connections of the closed loop, each end as "<system>.<port>".
+
+"robot.<port>" is the port "<robot's name>.<port>" of the station.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 LOOP_WIRES = [
     # From                                   to
     ("tracker.tracked_points", "propagator.tracked_points"),
-    ("station.panda.position_measured", "propagator.panda.position_measured"),
+    ("robot.position_measured", "propagator.position_measured"),
     ("sequencer.holding", "propagator.holding"),
     ("propagator.points", "controller.points"),
     ("propagator.confidence", "controller.confidence"),
@@ -16,20 +19,20 @@ LOOP_WIRES = [
     ("controller.spatial_velocity", "motion.field_velocity"),
     ("sequencer.phase", "motion.phase"),
     ("sequencer.phase_start", "motion.phase_start"),
-    ("station.panda.position_measured", "motion.panda.position_measured"),
+    ("robot.position_measured", "motion.position_measured"),
     ("propagator.gripper_pose", "motion.gripper_pose"),
     ("inverse_kinematics.velocity", "motion.ik_velocity"),
     ("motion.spatial_velocity", "inverse_kinematics.spatial_velocity"),
-    ("station.panda.position_measured", "inverse_kinematics.panda.position_measured"),
+    ("robot.position_measured", "inverse_kinematics.position_measured"),
     ("motion.velocity", "supervisor.velocity"),
     ("inverse_kinematics.command_time", "supervisor.velocity_time"),
-    ("station.panda.position_measured", "supervisor.panda.position_measured"),
-    ("station.panda.velocity_measured", "supervisor.panda.velocity_measured"),
-    ("station.panda.torque_external", "supervisor.panda.torque_external"),
-    ("station.panda.status", "supervisor.panda.status"),
+    ("robot.position_measured", "supervisor.position_measured"),
+    ("robot.velocity_measured", "supervisor.velocity_measured"),
+    ("robot.torque_external", "supervisor.torque_external"),
+    ("robot.status", "supervisor.status"),
     ("stop_requests.stop", "supervisor.stop"),
-    ("supervisor.velocity", "station.panda.velocity"),
-    ("supervisor.velocity_time", "station.panda.velocity_time"),
+    ("supervisor.velocity", "robot.velocity"),
+    ("supervisor.velocity_time", "robot.velocity_time"),
     ("tracker.status", "sequencer.tracker_status"),
     ("controller.status", "sequencer.controller_status"),
     ("controller.tau", "sequencer.tau"),
@@ -37,9 +40,9 @@ LOOP_WIRES = [
     ("controller.goal_error", "sequencer.goal_error"),
     ("motion.motion_done", "sequencer.motion_done"),
     ("inverse_kinematics.status", "sequencer.ik_status"),
-    ("station.hand.width_measured", "sequencer.hand.width_measured"),
+    ("station.hand.width_measured", "sequencer.width_measured"),
     ("supervisor.fault", "sequencer.safety_fault"),
-    ("sequencer.hand.width", "station.hand.width"),
+    ("sequencer.width", "station.hand.width"),
 ]
 
 DETECTOR_WIRES = [
@@ -92,12 +95,12 @@ LOGGER_WIRES = [
     ("sequencer.fault", "logger.skill.fault"),
     ("sequencer.detect_request", "logger.skill.detect_request"),
     ("sequencer.holding", "logger.skill.holding"),
-    ("sequencer.hand.width", "logger.hand.width_commanded"),
+    ("sequencer.width", "logger.hand.width_commanded"),
     ("station.hand.width_measured", "logger.hand.width_measured"),
-    ("station.panda.position_measured", "logger.panda.position_measured"),
-    ("station.panda.velocity_measured", "logger.panda.velocity_measured"),
-    ("station.panda.torque_external", "logger.panda.torque_external"),
-    ("station.panda.status", "logger.panda.status"),
+    ("robot.position_measured", "logger.panda.position_measured"),
+    ("robot.velocity_measured", "logger.panda.velocity_measured"),
+    ("robot.torque_external", "logger.panda.torque_external"),
+    ("robot.status", "logger.panda.status"),
 ]
 
 DETECTOR_LOGGER_WIRES = [
@@ -117,7 +120,8 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     """Connects those parts of the loop that exist, by the names of their ports."""
     wires = list(LOOP_WIRES)
     station = parts["station"]
-    for camera in station.camera_names:
+    cameras = station.camera_names
+    for camera in cameras:
         if parts["supervisor"].HasInputPort(f"{camera}.image_time"):
             wires.append((f"station.{camera}.image_time", f"supervisor.{camera}.image_time"))
         if "logger" in parts:
@@ -145,10 +149,13 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             wires += DETECTOR_LOGGER_WIRES
     if "snapshots" in parts:
         wires += SNAPSHOT_WIRES
-    robot = station.scenario.poil.robot
+
+    def split(end: str) -> tuple[Any, str]:
+        part, port = end.split(".", 1)
+        if part == "robot":
+            return station, f"{station.scenario.poil.robot}.{port}"
+        return parts[part], port
+
     for source, target in wires:
-        source, target = (
-            end.replace("station.panda.", f"station.{robot}.") for end in (source, target)
-        )
-        (giver, output), (taker, input_) = source.split(".", 1), target.split(".", 1)
-        builder.Connect(parts[giver].GetOutputPort(output), parts[taker].GetInputPort(input_))
+        (output_system, output), (input_system, input_) = split(source), split(target)
+        builder.Connect(output_system.GetOutputPort(output), input_system.GetInputPort(input_))

@@ -14,7 +14,6 @@ from poil_drake.diagrams.replay.setup import RECORDED, ReplaySetup, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.station.replay_station import ReplayStation
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.comparison.run_comparison import compare_runs
 from poil_drake.recording.comparison.tolerances import ReplayTolerances
 from poil_drake.recording.run_log.layout import (
@@ -32,8 +31,9 @@ from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.progress import ProgressBar
 from poil_drake.reports.replay_picture import make_replay_picture
 from poil_drake.reports.replay_summary import ReplaySummary
+from poil_drake.robots.panda import ARM_JOINTS
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.real_time import QuietInterpreter
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.skill.stop_requests import StopSwitch
 
 
@@ -92,7 +92,7 @@ def Replay(
         outputs={kind: str(file) for kind, file in vars(outputs).items() if file is not None},
     )
     if outputs.png is not None:
-        limits = MakePandaKinematics().velocity_limits
+        limits = PandaModel().velocity
         make_replay_picture(
             outputs.png,
             summary=summary,

@@ -22,7 +22,6 @@ from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.comparison.tolerances import (
     CONTROL_TOLERANCES,
@@ -32,6 +31,7 @@ from poil_drake.recording.comparison.tolerances import (
 from poil_drake.recording.run_log.layout import PLAN_ATTACHMENT, SIMULATED, STATION_KEY
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
+from poil_drake.robots.panda import ARM_JOINTS
 
 RECORDED = "recorded"
 """The tracker that repeats the run's own tracks."""

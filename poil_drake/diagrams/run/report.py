@@ -15,12 +15,11 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
 from poil_drake.reports.summary_data import SummaryData
 from poil_drake.reports.summary_picture import make_summary_picture
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
-from poil_drake.systems.safety.faults import SAFETY_FAULT_TEXT, SafetyFault
-from poil_drake.systems.skill.phase_texts import PHASE_NAMES
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, Phase
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, Phase
 
 REQUIRED_HANGING_TIME = 2.0
 """How long [s, simulated] an object must hang, after release and retreat, to count as a success."""
@@ -159,9 +158,9 @@ def _judge(report: Report) -> tuple[bool, str]:
     # The supervisor can still find a fault after the sequencer is done.
     safety = report.safety_fault is not SafetyFault.NONE
     if report.fault is not Fault.NONE or safety:
-        reason = FAULT_TEXT[report.fault]
+        reason = report.fault.text
         if safety and report.fault in (Fault.NONE, Fault.SAFETY):
-            reason = SAFETY_FAULT_TEXT[report.safety_fault]
+            reason = report.safety_fault.text
         return False, "; ".join([f"{reason} (in phase '{_last_phase(report)}')", *report.problems])
     if phase is not Phase.DONE:
         reason = f"the time ran out in phase '{phase.name.lower()}'"
@@ -201,7 +200,7 @@ def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | No
     points = recorder.signal("points").reshape(len(recorder.times), -1, 3)
     targets = recorder.signal("target_points").reshape(points.shape)
     stamps, errors = recorder.tracking_errors()
-    pictured = {PHASE_NAMES[phase] for phase in _PICTURED_PHASES}
+    pictured = {phase.name.lower() for phase in _PICTURED_PHASES}
     starts = [span.start for span in summary.phases if span.name in pictured]
     return SummaryData(
         title=f"{poil.object} on {poil.fixture}",
@@ -217,7 +216,7 @@ def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | No
         tau=recorder.signal("tau"),
         reference_duration=float(report.plan.reference.times[-1]),
         joint_velocities=recorder.signal("joint_velocities"),
-        velocity_limits=MakePandaKinematics().velocity_limits,
+        velocity_limits=PandaModel().velocity,
         phases=summary.phases,
         tracking_times=stamps,
         tracking_errors=errors,

@@ -46,7 +46,7 @@ from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.stop_requests import StopSwitch
-from poil_drake.systems.skill.terminal_stop_key import TerminalStopKey
+from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 
 _LONGEST_BRAKING = 1.0
 """More time than the supervisor ever takes to bring the arm to rest [s]."""
@@ -178,8 +178,8 @@ def ExecutePlan(
         with stages.measure("execution"):
             switch = StopSwitch()
             if hardware:
-                key = stack.enter_context(TerminalStopKey(switch))
-                keys = "space, Enter, q or Escape" if key.active else "no key (no terminal)"
+                listening = stack.enter_context(terminal_stop_key(switch))
+                keys = "space, Enter, q or Escape" if listening else "no key (no terminal)"
                 page = ", the button on the page" if show else ""
                 print(f"what stops the arm: {keys}{page}, Ctrl-C", flush=True)
             loop = MakeClosedLoop(

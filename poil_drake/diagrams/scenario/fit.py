@@ -9,7 +9,7 @@ from poil_drake.diagrams.scenario.models import RequireModel
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.models.panda_model import BASE_LINK
+from poil_drake.robots.panda import BASE_LINK
 
 _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 from poil_drake.diagrams.scenario.value_ranges import require_positive
 from poil_drake.errors import ScenarioError
+from poil_drake.systems.control_period import CONTROL_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class Rates:
     """
 
     plant: float = 1 / 512
-    control: float = 1 / 256
+    control: float = CONTROL_PERIOD
     tracker: float = 1 / 8
     logger: float = 1 / 32
 

@@ -13,8 +13,8 @@ from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageChannel
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
 from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
-from poil_drake.systems.lcm.network import LcmPump, MessageNetwork
-from poil_drake.systems.panda.lcm_messages import Clock, PandaChannels
+from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
+from poil_drake.systems.panda.lcm_messages import PandaChannels
 from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.panda.simulated_hand import SimulatedHand
 

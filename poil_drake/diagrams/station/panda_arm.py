@@ -7,10 +7,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
 from poil_drake.errors import StationError
-from poil_drake.models.panda_model import ARM_JOINTS, FINGER_JOINTS
 from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda import ARM_JOINTS, FINGER_JOINTS, NUM_JOINTS
 from poil_drake.systems.panda.hand_driver import HandDriver
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS, PandaDriver, PandaVelocityDriver
+from poil_drake.systems.panda.velocity_driver import PandaDriver, PandaVelocityDriver
 
 ARM_DRIVER = "panda_velocity_driver"
 HAND_DRIVER = "hand_driver"
@@ -43,7 +43,7 @@ def SetControllerGains(
 
 
 def ArmJointLimits(plant: MultibodyPlant, robot: ModelInstanceIndex) -> JointLimits:
-    """Returns the arm's joint limits as the model has them."""
+    """Returns the arm's joint limits from the model."""
     joints = [plant.GetJointByName(name, robot) for name in ARM_JOINTS]
     return JointLimits(
         lower=np.array([j.position_lower_limits()[0] for j in joints]),

@@ -136,11 +136,11 @@ class ReplayStation(Station):
         )
         for port in ("velocity", "velocity_time"):
             builder.ExportInput(robot.GetInputPort(port), f"{name}.{port}")
-        builder.ExportInput(robot.GetInputPort("hand.width"), "hand.width")
+        builder.ExportInput(robot.GetInputPort("width"), "hand.width")
         for port in ("position_measured", "velocity_measured", "torque_external", "status"):
             builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
-        for port in ("hand.width_measured", "replayed_position"):
-            builder.ExportOutput(robot.GetOutputPort(port), port)
+        builder.ExportOutput(robot.GetOutputPort("width_measured"), "hand.width_measured")
+        builder.ExportOutput(robot.GetOutputPort("replayed_position"), "replayed_position")
 
     def _add_cameras(self, builder: DiagramBuilder) -> None:
         delay = CameraDelay(self._scenario.cameras)

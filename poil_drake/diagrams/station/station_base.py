@@ -13,8 +13,8 @@ from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_checks import ground_truth_error
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import BASE_LINK
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.robots.panda import BASE_LINK
 from poil_drake.systems.capture_timing import CaptureTiming
 
 

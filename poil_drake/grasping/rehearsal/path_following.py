@@ -7,7 +7,8 @@ from poil_drake.robots.inverse_kinematics import (
     damped_step,
     pose_error,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 
 LIMIT_MARGIN = 0.07
 """Distance kept from the joint limits [rad]: a little more than the controller keeps, so that it

@@ -171,7 +171,7 @@ class FeasibilityChecker:
         if opening not in self._checkers:
             self._checkers[opening] = RobotCollisionChecker(
                 model=self._model,
-                spheres=make_robot_spheres(self._model, finger_opening=opening),
+                spheres=make_robot_spheres(finger_opening=opening),
                 scene=self._scene,
                 config=self._config.collision,
             )

@@ -11,8 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from poil_drake.runtime.background_thread import Background
 from poil_drake.systems.cameras.delayed_cameras import SceneRenderer
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
-from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.panda.lcm_messages import Clock
+from poil_drake.systems.lcm.network import Clock, LcmNetwork
 
 
 class LcmCameraFeed(LeafSystem):

@@ -1,1 +1,1 @@
-"""Point-set BCSDM, safe entry and the choice of what moves the arm."""
+"""Point-set BCSDM, safe entry, and the selection of the arm's motion."""

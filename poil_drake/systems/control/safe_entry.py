@@ -1,4 +1,4 @@
-"""Gives the controller a reference that is safe to follow from where the object is."""
+"""Gives the controller a reference that is safe to follow from the object's present pose."""
 
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
@@ -8,10 +8,11 @@ from poil_drake.control.entry.entry_state import EntryMonitorConfig, EntryState
 from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdmConfig, confidence_in_workspace
+from poil_drake.systems.control_period import CONTROL_PERIOD
 
 
 class SafeEntry(LeafSystem):
-    """Plans a collision-free way onto the demonstration, and another after a push or a slip.
+    """Plans a collision-free path onto the demonstration, and replans after a push or a slip.
 
     .. pydrake_system::
 
@@ -24,42 +25,41 @@ class SafeEntry(LeafSystem):
         - status
 
     Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,).
-    Points outside of the controller's workspace count for nothing. The mathematics is in
-    `safe_entry_step`, which runs once every period, in an unrestricted update. So does the
-    controller's memory, and all updates of one instant read the state from before it: commands
-    computed from that instant on follow the new plan, while the controller remembers a closest
-    configuration on it from its next update on, and until then looks for it in the whole plan.
-    Planning happens within the update and the loop waits for it: tens of milliseconds where there
-    is a way, some seconds where there is none.
+    Points outside the controller's workspace are ignored. The mathematics is in `safe_entry_step`,
+    which runs once per period, in an unrestricted update. So does the update of the controller's
+    memory, and all updates at one instant read the state from before it: commands computed from
+    that instant on follow the new plan, while the controller remembers a closest configuration on
+    it from its next update on, and until then searches the whole plan. Planning happens within the
+    update and blocks the loop: for tens of milliseconds if there is a path, for some seconds if
+    there is none.
 
     Every output is a function of the state alone:
 
     - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, whose field
-      should be the planner's. The object changes with each plan. `ABSENT` where the object should
-      stand still: before the first three points, while it is off its way, while there is no way.
+      should be the planner's. Each plan is a new object. `ABSENT` while the object should rest:
+      before the first three points, while it is off its path, and while there is no path.
     - `status` (1,): an `EntryStatus`; WAITING before the first three points. While it is FAILED
       and the fallback is the paper's field, the reference is the demonstration, for a controller
-      whose field is the one that the planner was given.
+      with the field that was given to the planner.
 
-    Points that are lost, stale or NaN later on leave both outputs as they are.
+    Points that are later lost, stale or NaN leave both outputs unchanged.
     """
 
     def __init__(
         self,
         *,
         planner: SafeEntryPlanner,
-        period: float,
+        period: float = CONTROL_PERIOD,
         config: EntryMonitorConfig | None = None,
         controller: PointSetBcsdmConfig | None = None,
     ):
         """Constructs the system.
 
         Args:
-            planner: Of the reference, the scene and the object's shape.
+            planner: The planner for the reference, the scene and the object's shape.
             period: The control period [s].
-            config: When to plan again.
-            controller: Parameters of the controller that follows, for its workspace; None for the
-                defaults.
+            config: When to replan.
+            controller: Parameters of the controller, for its workspace.
         """
         super().__init__()
         self._planner = planner

@@ -4,84 +4,52 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import CacheEntry, Context, LeafSystem, ValueProducer
 
-from poil_drake.errors import StationError
+from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
 from poil_drake.robots.joint_limits import JointLimits
+from poil_drake.robots.panda import ARM_JOINTS, BASE_LINK, GRIPPER_FRAME
 
 
 class ArmKinematics:
-    """The arm's joints and its gripper frame G in a finalized plant whose world is ours.
+    """The arm's joints and its gripper frame G in a finalized plant.
 
-    It holds no state: the plant's context that the methods compute in is scratch, which a system
-    keeps in a cache entry of its own context (`declare_scratch`).
+    It has no state: its methods compute in a scratch context of the plant, which a system keeps in
+    a cache entry of its own context (`declare_scratch`). It uses Drake's kinematics rather than
+    `PandaModel`, so that the loop computes poses as the simulated plant does, to the last bit.
+
+    Attributes:
+        num_joints: The number of the arm's joints, n.
+        joint_limits: Their limits.
     """
 
-    def __init__(self, *, plant: MultibodyPlant, frame: Frame, joint_names: Sequence[str] = ()):
+    def __init__(self, *, plant: MultibodyPlant, frame: Frame, joint_names: Sequence[str]):
         """Finds the arm's joints in the plant.
 
         Args:
-            plant: A finalized plant with the arm at its place in the world. Any further joints
-                stay at their default positions.
+            plant: A finalized plant with the arm at its pose in the world. All other joints stay
+                at their default positions.
             frame: The gripper frame G.
-            joint_names: The arm's joints in the order of the joint vectors, each with one degree
-                of freedom. Empty: all of the plant's joints that move, in the plant's order.
-
-        Raises:
-            StationError: if a named joint does not have exactly one degree of freedom.
+            joint_names: The arm's joints in the order of the joint vectors. Each has one degree of
+                freedom, and they follow one another in the plant.
         """
         self._plant = plant
         self._frame = frame
-        if joint_names:
-            joints = [plant.GetJointByName(name) for name in joint_names]
-        else:
-            joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-            joints = [joint for joint in joints if joint.num_velocities() > 0]
-        for joint in joints:
-            if joint.num_positions() != 1 or joint.num_velocities() != 1:
-                raise StationError(
-                    f"Joint '{joint.name()}' has {joint.num_velocities()} degrees of freedom.",
-                    remedy="Name the arm's joints in `joint_names`; each must have exactly one.",
-                )
-        self._positions = _indices([joint.position_start() for joint in joints])
-        self._velocities = _indices([joint.velocity_start() for joint in joints])
-        self._num_joints = len(joints)
-        self._origin = np.zeros(3)
+        first = plant.GetJointByName(joint_names[0])
+        n = self.num_joints = len(joint_names)
+        self._positions = slice(first.position_start(), first.position_start() + n)
+        self._velocities = slice(first.velocity_start(), first.velocity_start() + n)
         self._default = plant.GetPositions(plant.CreateDefaultContext())
-
-    @property
-    def num_joints(self) -> int:
-        """How many joints the arm has."""
-        return self._num_joints
-
-    @property
-    def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """The arm's lower and upper joint limits [rad]."""
-        lower, upper = self._plant.GetPositionLowerLimits(), self._plant.GetPositionUpperLimits()
-        return lower[self._positions], upper[self._positions]
-
-    @property
-    def joint_limits(self) -> JointLimits:
-        """All of the arm's joint limits."""
-        lower, upper = self.position_limits
-        return JointLimits(
-            lower=lower,
-            upper=upper,
-            velocity=self.velocity_limits,
-            acceleration=self.acceleration_limits,
+        self.joint_limits = JointLimits(
+            lower=plant.GetPositionLowerLimits()[self._positions],
+            upper=plant.GetPositionUpperLimits()[self._positions],
+            velocity=plant.GetVelocityUpperLimits()[self._velocities],
+            acceleration=plant.GetAccelerationUpperLimits()[self._velocities],
         )
-
-    @property
-    def velocity_limits(self) -> np.ndarray:
-        """The arm's largest joint speeds [rad/s]."""
-        return self._plant.GetVelocityUpperLimits()[self._velocities]
-
-    @property
-    def acceleration_limits(self) -> np.ndarray:
-        """The arm's largest joint accelerations [rad/s^2]."""
-        return self._plant.GetAccelerationUpperLimits()[self._velocities]
 
     def declare_scratch(self, system: LeafSystem) -> CacheEntry:
         """Declares the cache entry of `system` that holds the plant's context."""
@@ -104,18 +72,35 @@ class ArmKinematics:
         self._set_positions(scratch, positions)
         world = self._plant.world_frame()
         J = self._plant.CalcJacobianSpatialVelocity(
-            scratch, JacobianWrtVariable.kV, self._frame, self._origin, world, world
+            scratch, JacobianWrtVariable.kV, self._frame, np.zeros(3), world, world
         )
         return J[:, self._velocities]
 
     def _set_positions(self, scratch: Context, positions: np.ndarray) -> None:
-        everything = self._default.copy()
-        everything[self._positions] = positions
-        self._plant.SetPositions(scratch, everything)
+        all_positions = self._default.copy()
+        all_positions[self._positions] = positions
+        self._plant.SetPositions(scratch, all_positions)
 
 
-def _indices(indices: list[int]) -> slice | list[int]:
-    """Returns the same places as a slice where they are next to each other: no copies are made."""
-    first, count = min(indices, default=0), len(indices)
-    together = indices == [*range(first, first + count)]
-    return slice(first, first + count) if together else indices
+def MakePandaKinematics(X_WB: RigidTransform | None = None) -> ArmKinematics:
+    """Returns the kinematics of the Panda.
+
+    The fingers, which do not move the gripper frame, rest at their default position.
+
+    Args:
+        X_WB: Pose of the robot's base; None places it at the world's origin.
+
+    Raises:
+        MissingDependencyError: when the Panda's description is not installed.
+    """
+    # Drake models the coupling of the fingers only in discrete plants.
+    plant = MultibodyPlant(time_step=1e-3)
+    parser = Parser(plant)
+    directory = panda_package_directory()
+    parser.package_map().Add(PANDA_PACKAGE, str(directory))
+    parser.AddModels(str(directory / "panda.urdf"))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(BASE_LINK), X_WB or RigidTransform())
+    plant.Finalize()
+    return ArmKinematics(
+        plant=plant, frame=plant.GetFrameByName(GRIPPER_FRAME), joint_names=ARM_JOINTS
+    )

@@ -1,109 +1,95 @@
-"""Turns the twist wanted of the gripper into joint velocities."""
-
-from dataclasses import dataclass, field
+"""Converts the gripper's wanted twist to joint velocities."""
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.twist_resolution import (
-    ResolvedTwist,
-    TwistResolutionConfig,
+    DifferentialInverseKinematicsConfig,
     approach_velocity,
     resolve_twist,
 )
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.ik.arm_kinematics import ArmKinematics
+from poil_drake.systems.control_period import CONTROL_PERIOD
+from poil_drake.systems.ik.arm_kinematics import ArmKinematics, MakePandaKinematics
 from poil_drake.systems.statuses import IkStatus
 
+_STUCK_SCALE = 0.02
+"""If the arm can reach less than this fraction of the twist, it is stuck."""
 
-@dataclass(frozen=True, kw_only=True)
-class DifferentialIkConfig:
-    """How the arm follows a twist.
-
-    Attributes:
-        resolution: Margins and gains.
-        stuck_scale: Below this fraction of the twist the arm counts as stuck.
-        full_scale: From this fraction of the twist on it counts as followed.
-    """
-
-    resolution: TwistResolutionConfig = field(default_factory=TwistResolutionConfig)
-    stuck_scale: float = 0.02
-    full_scale: float = 0.99
+_FULL_SCALE = 0.99
+"""From this achieved fraction on, the arm follows the twist."""
 
 
-class DifferentialIk(LeafSystem):
+class DifferentialInverseKinematics(LeafSystem):
     """Differential inverse kinematics that keeps the direction of the twist.
 
     .. pydrake_system::
 
-        name: DifferentialIk
+        name: DifferentialInverseKinematics
         input_ports:
         - spatial_velocity
-        - panda.position_measured
+        - position_measured
         output_ports:
         - velocity
         - scale
         - status
         - command_time
 
-    Port `spatial_velocity` (6,) is (ω [rad/s], v [m/s]) of the gripper frame in the world. The
-    mathematics is in `poil_drake.robots.twist_resolution`. Every output is discrete state, sampled
-    at the control period: nothing feeds through.
+    Port `spatial_velocity` (6,) is (ω [rad/s], v [m/s]) of the gripper frame in the world;
+    `position_measured` (n,) [rad] is the arm's. The mathematics is in
+    `poil_drake.robots.twist_resolution`. Every output is discrete state, updated at the control
+    period; there is no direct feedthrough.
 
     - `velocity` (n,) [rad/s]: zero before the first update.
-    - `scale` (1,): the fraction of the twist that is achieved; 1 before the first update and when
-      no motion is wanted, 0 while an input is not finite.
+    - `scale` (1,): the achieved fraction of the twist; 1 before the first update and for a zero
+      twist, 0 while an input is not finite.
     - `status` (1,): an `IkStatus`; OK before the first update.
-    - `command_time` (1,) [s]: when `velocity` was last computed, so that a driver can tell a stale
-      command; minus infinity before the first update.
+    - `command_time` (1,) [s]: the time at which `velocity` was last computed, so that a driver can
+      detect a stale command; minus infinity before the first update.
 
     While an input is not finite the status is INVALID_INPUT and the velocity goes to zero as fast
-    as the joints' acceleration limits allow; from rest it stays exactly zero. Inputs are taken as
-    they are at the update: whoever gives the twist sees to it that a stale one is zero.
+    as the joints' acceleration limits allow; from rest it stays exactly zero. The system does not
+    check the age of its inputs: the source of the twist sets it to zero when it is stale.
     """
 
     def __init__(
         self,
         *,
-        kinematics: ArmKinematics,
-        period: float,
-        config: DifferentialIkConfig | None = None,
-        limits: JointLimits | None = None,
+        kinematics: ArmKinematics | None = None,
+        period: float = CONTROL_PERIOD,
+        config: DifferentialInverseKinematicsConfig | None = None,
         stopwatch: Stopwatch | None = None,
     ):
         """Constructs the system.
 
         Args:
-            kinematics: The arm and its gripper frame.
+            kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
             config: Margins and gains.
-            limits: What the joints may do; None: what the plant says.
-            stopwatch: Where to note how long updates take, under "control".
+
+            stopwatch: Records the durations of the updates as "control".
 
         Raises:
-            InvalidValueError: if the nominal posture or the limits are of another number of
-                joints, or the limits leave no room to move.
+            InvalidValueError: if the nominal posture has another number of joints, or the arm has
+                more than 7.
         """
         super().__init__()
         self._stopwatch = stopwatch or Stopwatch()
-        n = kinematics.num_joints
-        self._kinematics = kinematics
+        self._kinematics = kinematics or MakePandaKinematics()
         self._period = period
-        self._config = config or DifferentialIkConfig()
-        self._limits = limits or kinematics.joint_limits
-        posture = self._config.resolution.nominal_posture
-        if n > 7 or len(posture) != n or self._limits.lower.size != n:
+        self._config = config or DifferentialInverseKinematicsConfig()
+        n = self._kinematics.num_joints
+        posture = self._config.nominal_posture
+        if n > 7 or len(posture) != n:
             raise InvalidValueError(
-                f"The arm has {n} joints, but DifferentialIk got a nominal posture of "
-                f"{len(posture)} and limits of {self._limits.lower.size}.",
-                remedy="Use an arm of up to 7 joints with a posture and limits of that size.",
+                f"The arm has {n} joints, and its nominal posture {len(posture)}.",
+                remedy="Use an arm of up to 7 joints, and a posture of its size.",
             )
-        self._scratch = kinematics.declare_scratch(self)
+        self._scratch = self._kinematics.declare_scratch(self)
         self._twist = self.DeclareVectorInputPort("spatial_velocity", 6)
-        self._joints = self.DeclareVectorInputPort("panda.position_measured", n)
+        self._joints = self.DeclareVectorInputPort("position_measured", n)
         outputs = {
             "velocity": np.zeros(n),
             "scale": np.ones(1),
@@ -117,35 +103,32 @@ class DifferentialIk(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         with self._stopwatch.measure("control"):
-            self._advance(context, discrete_state)
-
-    def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = {
-            name: discrete_state.get_mutable_value(index) for name, index in self._state.items()
-        }
-        velocity, scale, status = self._resolve(context, state["velocity"])
-        state["velocity"][:] = velocity
-        state["scale"][0] = scale
-        state["status"][0] = status
-        state["command_time"][0] = context.get_time()
+            previous = discrete_state.value(self._state["velocity"])
+            velocity, scale, status = self._resolve(context, previous)
+            for name, value in (
+                ("velocity", velocity),
+                ("scale", [scale]),
+                ("status", [float(status)]),
+                ("command_time", [context.get_time()]),
+            ):
+                discrete_state.set_value(self._state[name], value)
 
     def _resolve(
         self, context: Context, previous: np.ndarray
     ) -> tuple[np.ndarray, float, IkStatus]:
         twist, joints = self._twist.Eval(context), self._joints.Eval(context)
-        config, limits = self._config.resolution, self._limits
+        config, limits = self._config, self._kinematics.joint_limits
+        rest = np.zeros_like(previous)
         if not all_finite(twist) or not all_finite(joints):
             braking = config.acceleration_scale * limits.acceleration
-            rest = np.zeros_like(previous)
             velocity = approach_velocity(previous, rest, braking, self._period)
             return velocity, 0.0, IkStatus.INVALID_INPUT
         if not twist.any() and not previous.any():
-            return np.zeros_like(previous), 1.0, IkStatus.OK
+            return rest, 1.0, IkStatus.OK
         J = self._kinematics.jacobian(self._scratch.Eval(context), joints)
         answer = resolve_twist(twist, J, joints, previous, limits, config, self._period)
-        return answer.velocity, answer.scale, self._judge(answer)
-
-    def _judge(self, answer: ResolvedTwist) -> IkStatus:
-        if answer.reachable_scale < self._config.stuck_scale:
-            return IkStatus.STUCK
-        return IkStatus.LIMITED if answer.scale < self._config.full_scale else IkStatus.OK
+        if answer.reachable_scale < _STUCK_SCALE:
+            status = IkStatus.STUCK
+        else:
+            status = IkStatus.LIMITED if answer.scale < _FULL_SCALE else IkStatus.OK
+        return answer.velocity, answer.scale, status

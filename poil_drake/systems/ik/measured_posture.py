@@ -1,4 +1,4 @@
-"""The posture of a whole model, of which only the arm and the hand are measured."""
+"""The positions of a whole plant in which only the arm and the hand are measured."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -6,11 +6,11 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.robots.panda import NUM_JOINTS
 
 
 class MeasuredPosture(LeafSystem):
-    """Puts the robot of a model where it is measured; all else stays at its default.
+    """Sets the robot in a plant to its measured posture; all else stays at its default.
 
     .. pydrake_system::
 
@@ -22,16 +22,16 @@ class MeasuredPosture(LeafSystem):
         - positions
 
     `position_measured` (7,) [rad] is the arm's, `width_measured` (1,) [m] the hand's opening.
-    `positions` (nq,) are the plant's; where an input is NaN, as before the first message, its
-    default stands in.
+    `positions` (nq,) are the plant's. An input that is NaN, as before the first message, leaves
+    its joints at their default.
     """
 
     def __init__(self, *, plant: MultibodyPlant, robot: ModelInstanceIndex):
         """Constructs the system.
 
         Args:
-            plant: The model.
-            robot: The Panda in it.
+            plant: The plant.
+            robot: The model instance of the Panda.
         """
         super().__init__()
         self._plant, self._robot = plant, robot

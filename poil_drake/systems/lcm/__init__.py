@@ -1,1 +1,1 @@
-"""LCM networks and mailboxes."""
+"""LCM networks, and mailboxes for their messages."""

@@ -1,4 +1,4 @@
-"""An LCM network on which no message waits for the one before it to be looked at."""
+"""An LCM network that handles every message, not only the first since the last update."""
 
 import math
 import select
@@ -10,40 +10,64 @@ import lcm
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from poil_drake.errors import StationError
+from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.runtime.interpreter_turns import TURNS
 from poil_drake.runtime.real_time import RealTimeScheduling
+from poil_drake.systems.control_period import CONTROL_PERIOD
+
+Clock = Callable[[], float]
+"""Returns the current time [s since the epoch]."""
+
+_LONGEST_CHANNEL = 63
+"""LCM's own limit on channel names [bytes]."""
+
+
+def check_channel(name: str, key: str) -> None:
+    """Checks that LCM accepts the name of a channel.
+
+    Args:
+        name: The channel's name.
+        key: The setting that holds it, for the error.
+
+    Raises:
+        InvalidValueError: if LCM does not.
+    """
+    if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
+        raise InvalidValueError(
+            f"{key} is '{name}', which is no channel of LCM.",
+            remedy=f"Write 1 to {_LONGEST_CHANNEL} letters.",
+        )
 
 
 class MessageNetwork(Protocol):
-    """What is needed of a network: an `LcmNetwork`, or Drake's `DrakeLcmInterface`."""
+    """The interface of a network: of `LcmNetwork`, and of Drake's `DrakeLcmInterface`."""
 
     def Publish(self, channel: str, buffer: bytes) -> None:
         """Sends a message."""
 
     def Subscribe(self, channel: str, handler: Callable[[bytes], None]) -> None:
-        """Has messages handled that come from now on; the handler must not raise."""
+        """Calls the handler with each message from now on; it must not raise."""
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
-        """Has those handled that have come, and returns how many; waits for one at most."""
+        """Handles all received messages, after waiting for one at most; returns their number."""
 
 
 class LcmNetwork:
     """LCM's own Python interface, with the methods of Drake's.
 
-    Drake's `DrakeLcm` keeps one message of each channel between two looks, the first, and drops
-    those that follow; Python cannot tell it otherwise. After a pause it would tell of long ago, and
-    whoever else sends on the channel could keep the robot's messages out. Here a channel keeps as
-    many as come within a second or two.
+    Drake's `DrakeLcm` keeps only the first message of each channel between two calls of
+    `HandleSubscriptions` and drops the rest; Python cannot change that. After a pause that message
+    is old, and another sender on the channel can keep the robot's messages out. Here a channel
+    queues the messages of a second or two.
     """
 
     def __init__(self, url: str, *, queue_capacity: int = 2048, realtime_priority: int = 0):
         """Opens the network.
 
         Args:
-            url: As LCM spells it, e.g. udpm://239.255.76.67:7667?ttl=0.
-            queue_capacity: How many messages of a channel wait to be handled.
-            realtime_priority: Of LCM's thread that receives, see `RealTimeScheduling`.
+            url: The network's URL in LCM's syntax, e.g. udpm://239.255.76.67:7667?ttl=0.
+            queue_capacity: Number of messages of a channel that wait to be handled.
+            realtime_priority: Priority of LCM's receive thread, see `RealTimeScheduling`.
 
         Raises:
             StationError: if it cannot be opened.
@@ -53,12 +77,12 @@ class LcmNetwork:
         try:
             self._lcm = lcm.LCM(url)
             with RealTimeScheduling(realtime_priority, inherited=True):
-                self._lcm.fileno()  # LCM starts its thread when it is first needed.
+                self._lcm.fileno()  # The first use starts LCM's receive thread.
         except (RuntimeError, OSError) as error:
             raise StationError(
                 f"The LCM network '{url}' cannot be opened ({error}).",
-                remedy="Write e.g. udpm://239.255.76.67:7667?ttl=0, and see that multicast has a "
-                "route: poil doctor tries it.",
+                remedy="Write e.g. udpm://239.255.76.67:7667?ttl=0, and give multicast a route; "
+                "poil doctor tests it.",
             ) from error
 
     def Publish(self, channel: str, buffer: bytes) -> None:
@@ -72,45 +96,45 @@ class LcmNetwork:
         self._subscriptions.append(subscription)
 
     def Close(self) -> None:
-        """Has no more messages kept: from now on nobody looks at them."""
+        """Ends all subscriptions, and so drops their queues."""
         while self._subscriptions:
             self._lcm.unsubscribe(self._subscriptions.pop())
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
         """See `MessageNetwork`.
 
-        Who waits for messages has time, and takes them in its turn (see `InterpreterTurns`).
+        A call that waits for messages is not urgent: it takes its turn (see `InterpreterTurns`).
         """
         if timeout_millis > 0:
             select.select([self._lcm.fileno()], [], [], 1e-3 * timeout_millis)
             TURNS.wait()
         count = 0
-        # Not for ever, however much comes.
+        # The bound ends the loop under any load.
         while count < self._capacity and self._lcm.handle_timeout(0):
             count += 1
         return count
 
 
 class LcmPump(LeafSystem):
-    """Has a network's messages handled, right before a period's updates.
+    """Handles a network's messages right before the updates of each period.
 
     .. pydrake_system::
 
         name: LcmPump
 
-    It does so in an unrestricted update, and Drake lets those of one instant happen in the order in
-    which systems were added: to be added before all that look at what has arrived.
+    It does so in an unrestricted update. Drake runs those of one instant in the order in which the
+    systems were added to the diagram, so add the pump before all systems that read messages.
 
     Attributes:
-        handled_at: When it did so last [s], by `time.monotonic`.
+        handled_at: Time of the last call [s], by `time.monotonic`.
     """
 
-    def __init__(self, *, network: MessageNetwork, period: float):
+    def __init__(self, *, network: MessageNetwork, period: float = CONTROL_PERIOD):
         """Constructs the pump.
 
         Args:
-            network: Whose messages.
-            period: Between two looks [s].
+            network: The network.
+            period: Time between two calls [s].
         """
         super().__init__()
         self.handled_at = -math.inf

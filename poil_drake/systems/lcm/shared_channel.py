@@ -1,4 +1,4 @@
-"""A channel on which only one may send."""
+"""Detects other senders on a channel that belongs to this process."""
 
 from collections import deque
 
@@ -6,43 +6,43 @@ from poil_drake.errors import StationError
 from poil_drake.systems.lcm.network import MessageNetwork
 
 _REMEMBERED = 1024
-"""Own messages that are told from those of others when they come back: four seconds of them."""
+"""Number of own messages that are recognized when they return: those of four seconds."""
 
 
 class SharedChannel:
-    """Sends on a channel, and hears whether others do.
+    """Sends on a channel, and counts the messages of other senders.
 
     Attributes:
-        foreign: How many messages of others came.
+        foreign: Number of messages from other senders.
     """
 
     def __init__(self, lcm: MessageNetwork, channel: str, *, what: str):
-        """Listens from now on; whoever owns `lcm` handles its subscriptions.
+        """Subscribes; the owner of `lcm` handles its subscriptions.
 
         Args:
             lcm: The network.
             channel: The channel's name.
-            what: Who is told something there, for the error.
+            what: The receiver of the messages, for the error.
         """
         self.foreign = 0
         self._lcm, self._channel, self._what = lcm, channel, what
+        # The newest first, as its echo is expected next.
         self._own: deque[bytes] = deque(maxlen=_REMEMBERED)
-        lcm.Subscribe(channel, self._hear)
+        lcm.Subscribe(channel, self._receive)
 
     def Send(self, message: bytes) -> None:
         """Sends a message."""
-        # The newest first: its echo is what will be heard.
         self._own.appendleft(message)
         self._lcm.Publish(self._channel, message)
 
     def CheckAlone(self) -> None:
-        """Raises a StationError if somebody else has sent anything."""
+        """Raises a StationError if another sender has sent anything."""
         if self.foreign:
             raise StationError(
-                f"Somebody else commands {self._what} on {self._channel}.",
-                remedy="End the other run first; it may be halted in the background.",
+                f"Another process commands {self._what} on {self._channel}.",
+                remedy="End the other run first; it may be suspended in the background.",
             )
 
-    def _hear(self, message: bytes) -> None:
+    def _receive(self, message: bytes) -> None:
         if message not in self._own:
             self.foreign += 1

@@ -1,10 +1,9 @@
-"""What is said between us and the Panda's driver over LCM."""
+"""The LCM messages of the Panda's driver: commands and statuses of the arm and the hand."""
 
 import math
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from drake import (
@@ -16,38 +15,14 @@ from drake import (
 from pydrake.manipulation import PandaControlMode
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.robots.panda import NUM_JOINTS
+from poil_drake.systems.lcm.network import check_channel
 from poil_drake.systems.statuses import RobotMode
 
-Clock = Callable[[], float]
-"""Returns the time now [s since the epoch]."""
-
 HAND_PERIOD = 0.1
-"""Of the loop of the hand's driver [s]."""
+"""Period of the hand driver's loop [s]."""
 
-_ALONE = "Keep other senders off this channel."
-
-
-_LONGEST_CHANNEL = 63
-"""LCM's own limit."""
-
-
-def check_channel(name: str, key: str) -> None:
-    """Checks that LCM can have a channel of some name.
-
-    Args:
-        name: The channel's.
-        key: Where it is written, for the error.
-
-    Raises:
-        InvalidValueError: if it cannot.
-    """
-    if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
-        raise InvalidValueError(
-            f"{key} is '{name}', which is no channel of LCM.",
-            remedy=f"Write 1 to {_LONGEST_CHANNEL} letters.",
-        )
+_OTHER_SENDERS = "Keep other senders off this channel."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,39 +42,37 @@ class PandaChannels:
     hand_status: str = "PANDA_HAND_STATUS"
 
     def __post_init__(self) -> None:
-        names = vars(self)
-        for channel, name in names.items():
-            check_channel(name, f"poil.hardware.channels.{channel}")
-            twins = [other for other in names if other != channel and names[other] == name]
-            if twins:
+        fields: dict[str, str] = {}
+        for field, channel in vars(self).items():
+            check_channel(channel, f"poil.hardware.channels.{field}")
+            other = fields.setdefault(channel, field)
+            if other != field:
                 raise InvalidValueError(
-                    f"poil.hardware.channels.{channel} and .{twins[0]} are both '{name}'.",
-                    remedy="Give each a channel of its own.",
+                    f"poil.hardware.channels.{other} and .{field} are both '{channel}'.",
+                    remedy="Give each its own channel.",
                 )
 
 
 def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
-    """Returns an LCM message; `kind` says in an InvalidValueError what it should have been."""
     try:
         return lcm_type.decode(message)
     except (ValueError, struct.error) as error:
         raise InvalidValueError(
-            f"A message of {len(message)} bytes is no {kind}: {error}", remedy=_ALONE
+            f"A message of {len(message)} bytes is no {kind}: {error}", remedy=_OTHER_SENDERS
         ) from error
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PandaStatus(SharedOnCopy):
-    """What the driver reports.
+class PandaStatus(NamedTuple):
+    """A status of the arm's driver.
 
     Attributes:
-        stamp: When, by the driver's clock [s since the epoch].
+        stamp: Time of the driver's clock [s since the epoch].
         position: (7,) measured [rad].
         velocity: (7,) measured [rad/s].
-        torque_external: (7,) what others do to the joints [N m], positive along the joints.
-        mode: Of the robot.
-        success_rate: Part of the last commands that reached the robot in time, in [0, 1].
-        robot_stamp: When, by the robot's own clock [s]; NaN where that is not told.
+        torque_external: (7,) external torques on the joints [N m], positive along the joints.
+        mode: The robot's mode.
+        success_rate: Share of the last commands that reached the robot in time, in [0, 1].
+        robot_stamp: Time of the robot's own clock [s]; NaN if unknown.
     """
 
     stamp: float
@@ -110,131 +83,84 @@ class PandaStatus(SharedOnCopy):
     success_rate: float
     robot_stamp: float = math.nan
 
-    def __post_init__(self) -> None:
-        for name in ("position", "velocity", "torque_external"):
-            value = frozen_array(
-                getattr(self, name), name=f"PandaStatus.{name}", shape=(NUM_JOINTS,)
-            )
-            object.__setattr__(self, name, value)
-
 
 def decode_panda_status(message: bytes) -> PandaStatus:
-    """Returns what a message says.
+    """Decodes an `lcmt_panda_status`.
 
-    The driver reports external torques with the sign opposite to Drake's; it is turned here.
-
-    Args:
-        message: An encoded `lcmt_panda_status`.
+    The driver reports external torques with the opposite sign of Drake's; the result has Drake's.
 
     Raises:
-        InvalidValueError: if it is none, of another robot, or has numbers that are not finite.
+        InvalidValueError: if the message is of another type or robot, or has numbers that are not
+            finite.
     """
-    said = _decode(lcmt_panda_status, message, "status of a Panda")
-    try:
-        return PandaStatus(
-            stamp=1e-6 * said.utime,
-            position=np.array(said.joint_position),
-            velocity=np.array(said.joint_velocity),
-            torque_external=-np.array(said.joint_torque_external),
-            mode=RobotMode(said.robot_mode),
-            success_rate=float(said.control_command_success_rate),
-            robot_stamp=1e-6 * said.robot_utime,
-        )
-    except ValueError as error:
+    decoded = _decode(lcmt_panda_status, message, "status of a Panda")
+    joints = np.array(
+        [decoded.joint_position, decoded.joint_velocity, decoded.joint_torque_external]
+    )
+    known_mode = decoded.robot_mode in RobotMode.__members__.values()
+    if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
-            f"This is no status of a Panda that can be used: {error}", remedy=_ALONE
-        ) from error
+            "This is no status of a Panda that can be used: it has the robot mode "
+            f"{decoded.robot_mode} and the joint values {joints.tolist()}.",
+            remedy=_OTHER_SENDERS,
+        )
+    return PandaStatus(
+        stamp=1e-6 * decoded.utime,
+        position=joints[0],
+        velocity=joints[1],
+        torque_external=-joints[2],
+        mode=RobotMode(decoded.robot_mode),
+        success_rate=float(decoded.control_command_success_rate),
+        robot_stamp=1e-6 * decoded.robot_utime,
+    )
 
 
-_LARGEST_LEAP, _FASTEST = 0.1, 3.0
-"""A joint cannot have gone farther than so far [rad], and at such a speed [rad/s], between two
-statuses; repeated and late ones may be a while apart."""
+def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> bytes:
+    """Encodes an `lcmt_panda_status` with the fields that the Franka driver fills.
 
-_CLOCK_LEAP = 0.5
-"""By so much [s] the robot's clock differs from the driver's in one status and in the next only
-where these are of two robots."""
+    Args:
+        status: The status.
+        commanded_velocity: (7,) commanded velocities of the joints [rad/s].
+    """
+    message = lcmt_panda_status()
+    message.utime = message.robot_utime = round(1e6 * status.stamp)
+    message.num_joints = NUM_JOINTS
+    zeros = [0.0] * NUM_JOINTS
+    message.joint_position = message.joint_position_desired = status.position.tolist()
+    message.joint_velocity = status.velocity.tolist()
+    message.joint_velocity_desired = commanded_velocity.tolist()
+    message.joint_acceleration_desired = zeros
+    message.joint_torque = message.joint_torque_desired = zeros
+    message.joint_torque_external = (-status.torque_external).tolist()
+    message.control_command_success_rate = status.success_rate
+    message.robot_mode = int(status.mode)
+    return message.encode()
+
+
+_MAX_JUMP, _MAX_SPEED = 0.1, 3.0
+"""Between two statuses of one robot a joint moves at most so far [rad] plus so fast [rad/s];
+repeated and late statuses may be some time apart."""
+
+_MAX_CLOCK_JUMP = 0.5
+"""Between two statuses of one robot its clock and the driver's drift apart by at most this [s]."""
 
 
 def same_panda(before: PandaStatus, after: PandaStatus) -> bool:
-    """Returns whether two statuses that came one after the other can be of one robot."""
-    passed = after.stamp - before.stamp
-    leap = float(np.abs(after.position - before.position).max())
-    clock_leap = abs(after.robot_stamp - before.robot_stamp - passed)
-    # A NaN is no sign of anything.
-    return leap <= _LARGEST_LEAP + _FASTEST * abs(passed) and not clock_leap > _CLOCK_LEAP
+    """Returns whether two consecutive statuses can be of one robot."""
+    elapsed = after.stamp - before.stamp
+    jump = float(np.abs(after.position - before.position).max())
+    clock_jump = abs(after.robot_stamp - before.robot_stamp - elapsed)
+    # An unknown robot_stamp (NaN) tells nothing.
+    return jump <= _MAX_JUMP + _MAX_SPEED * abs(elapsed) and not clock_jump > _MAX_CLOCK_JUMP
 
 
-def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
-    """Returns an encoded `lcmt_panda_command` in velocity mode.
-
-    Args:
-        velocity: (7,) [rad/s], finite.
-        stamp: When, by the clock that the driver compares it with [s since the epoch].
-    """
-    command = lcmt_panda_command()
-    command.utime = round(1e6 * stamp)
-    command.num_joint_velocity = NUM_JOINTS
-    command.joint_velocity = velocity.tolist()
-    command.control_mode_expected = int(PandaControlMode.kVelocity)
-    return command.encode()
-
-
-@dataclass(frozen=True, kw_only=True)
-class HandStatus:
-    """What the hand's driver reports.
+class PandaCommand(NamedTuple):
+    """A command to the arm's driver.
 
     Attributes:
-        stamp: When, by the driver's clock [s since the epoch].
-        width: Opening between the fingers [m].
-    """
-
-    stamp: float
-    width: float
-
-
-def decode_hand_status(message: bytes) -> HandStatus:
-    """Returns what a message says.
-
-    The Franka driver speaks of its hand in the messages of the Schunk WSG. The force in them is
-    always zero, and the speed invented, so neither is looked at.
-
-    Args:
-        message: An encoded `lcmt_schunk_wsg_status`.
-
-    Raises:
-        InvalidValueError: if it is none, or its width is not finite.
-    """
-    said = _decode(lcmt_schunk_wsg_status, message, "status of a hand")
-    if not math.isfinite(said.actual_position_mm):
-        raise InvalidValueError(
-            f"The hand is said to be {said.actual_position_mm} mm open.", remedy=_ALONE
-        )
-    return HandStatus(stamp=1e-6 * said.utime, width=1e-3 * said.actual_position_mm)
-
-
-def encode_hand_command(width: float, force: float, stamp: float) -> bytes:
-    """Returns an encoded `lcmt_schunk_wsg_command`.
-
-    Args:
-        width: Wanted opening [m], finite.
-        force: Of the grip, where something is in the way [N].
-        stamp: When [s since the epoch].
-    """
-    command = lcmt_schunk_wsg_command()
-    command.utime = round(1e6 * stamp)
-    command.target_position_mm = 1e3 * width
-    command.force = force
-    return command.encode()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PandaCommand(SharedOnCopy):
-    """What the driver is told.
-
-    Attributes:
-        stamp: When, by the sender's clock [s since the epoch].
+        stamp: Time of the sender's clock [s since the epoch].
         mode: The control mode that the sender expects, see `PandaControlMode`.
-        sizes: How many positions, velocities and torques it holds.
+        sizes: Numbers of positions, velocities and torques.
         velocity: (n,) wanted [rad/s].
     """
 
@@ -245,89 +171,102 @@ class PandaCommand(SharedOnCopy):
 
 
 def decode_panda_command(message: bytes) -> PandaCommand:
-    """Returns what a message says.
-
-    Args:
-        message: An encoded `lcmt_panda_command`.
+    """Decodes an `lcmt_panda_command`.
 
     Raises:
-        InvalidValueError: if it is none.
+        InvalidValueError: if the message is of another type.
     """
-    said = _decode(lcmt_panda_command, message, "command to a Panda")
+    decoded = _decode(lcmt_panda_command, message, "command to a Panda")
     return PandaCommand(
-        stamp=1e-6 * said.utime,
-        mode=said.control_mode_expected,
-        sizes=(said.num_joint_position, said.num_joint_velocity, said.num_joint_torque),
-        velocity=np.array(said.joint_velocity, dtype=float),
+        stamp=1e-6 * decoded.utime,
+        mode=decoded.control_mode_expected,
+        sizes=(decoded.num_joint_position, decoded.num_joint_velocity, decoded.num_joint_torque),
+        velocity=np.array(decoded.joint_velocity, dtype=float),
     )
 
 
-def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> bytes:
-    """Returns an encoded `lcmt_panda_status`, filled as far as the Franka driver fills it.
+def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
+    """Encodes an `lcmt_panda_command` in velocity mode.
 
     Args:
-        status: What to say.
-        commanded_velocity: (7,) what the joints are told [rad/s].
+        velocity: (7,) [rad/s], finite.
+        stamp: Time of the clock that the driver compares it with [s since the epoch].
     """
-    said = lcmt_panda_status()
-    said.utime = said.robot_utime = round(1e6 * status.stamp)
-    said.num_joints = NUM_JOINTS
-    nothing = [0.0] * NUM_JOINTS
-    said.joint_position = said.joint_position_desired = status.position.tolist()
-    said.joint_velocity = status.velocity.tolist()
-    said.joint_velocity_desired = commanded_velocity.tolist()
-    said.joint_acceleration_desired = said.joint_torque = said.joint_torque_desired = nothing
-    said.joint_torque_external = (-status.torque_external).tolist()
-    said.control_command_success_rate = status.success_rate
-    said.robot_mode = int(status.mode)
-    return said.encode()
+    message = lcmt_panda_command()
+    message.utime = round(1e6 * stamp)
+    message.num_joint_velocity = NUM_JOINTS
+    message.joint_velocity = velocity.tolist()
+    message.control_mode_expected = int(PandaControlMode.kVelocity)
+    return message.encode()
 
 
-@dataclass(frozen=True, kw_only=True)
-class HandCommand:
-    """What the hand's driver is told.
+class HandOpening(NamedTuple):
+    """The measured opening in a status of the hand, or the wanted one in a command to it.
+
+    The Franka driver uses the messages of the Schunk WSG for its hand. The force in its statuses
+    is always zero and the speed made up.
 
     Attributes:
-        stamp: When, by the sender's clock [s since the epoch].
-        width: Wanted opening [m].
-        force: Of the grip [N].
+        stamp: Time of the sender's clock [s since the epoch].
+        width: Opening between the fingers [m].
     """
 
     stamp: float
     width: float
-    force: float
 
 
-def decode_hand_command(message: bytes) -> HandCommand:
-    """Returns what a message says.
-
-    Args:
-        message: An encoded `lcmt_schunk_wsg_command`.
+def decode_hand_status(message: bytes) -> HandOpening:
+    """Decodes an `lcmt_schunk_wsg_status`.
 
     Raises:
-        InvalidValueError: if it is none, or not finite.
+        InvalidValueError: if the message is of another type, or its width is not finite.
     """
-    said = _decode(lcmt_schunk_wsg_command, message, "command to a hand")
-    if not (math.isfinite(said.target_position_mm) and math.isfinite(said.force)):
+    decoded = _decode(lcmt_schunk_wsg_status, message, "status of a hand")
+    return _hand_opening(decoded.utime, decoded.actual_position_mm)
+
+
+def decode_hand_command(message: bytes) -> HandOpening:
+    """Decodes an `lcmt_schunk_wsg_command`.
+
+    Raises:
+        InvalidValueError: if the message is of another type, or its width is not finite.
+    """
+    decoded = _decode(lcmt_schunk_wsg_command, message, "command to a hand")
+    return _hand_opening(decoded.utime, decoded.target_position_mm)
+
+
+def _hand_opening(utime: int, millimetres: float) -> HandOpening:
+    if not math.isfinite(millimetres):
         raise InvalidValueError(
-            f"The hand is told to open {said.target_position_mm} mm, with {said.force} N.",
-            remedy=_ALONE,
+            f"A message gives the hand's opening as {millimetres} mm.", remedy=_OTHER_SENDERS
         )
-    return HandCommand(
-        stamp=1e-6 * said.utime, width=1e-3 * said.target_position_mm, force=said.force
-    )
+    return HandOpening(stamp=1e-6 * utime, width=1e-3 * millimetres)
 
 
-def encode_hand_status(status: HandStatus, moving: bool) -> bytes:
-    """Returns an encoded `lcmt_schunk_wsg_status` as the Franka driver fills it: it knows no force.
+def encode_hand_command(opening: HandOpening, force: float) -> bytes:
+    """Encodes an `lcmt_schunk_wsg_command`.
 
     Args:
-        status: What to say.
-        moving: Whether the hand is busy; the driver then claims 5 mm/s, whatever the speed.
+        opening: The wanted opening, finite.
+        force: Grip force on an object between the fingers [N].
     """
-    said = lcmt_schunk_wsg_status()
-    said.utime = round(1e6 * status.stamp)
-    said.actual_position_mm = 1e3 * status.width
-    said.actual_force = 0.0
-    said.actual_speed_mm_per_s = 5.0 if moving else 0.0
-    return said.encode()
+    message = lcmt_schunk_wsg_command()
+    message.utime = round(1e6 * opening.stamp)
+    message.target_position_mm = 1e3 * opening.width
+    message.force = force
+    return message.encode()
+
+
+def encode_hand_status(opening: HandOpening, moving: bool) -> bytes:
+    """Encodes an `lcmt_schunk_wsg_status` as the Franka driver fills it: without a force.
+
+    Args:
+        opening: The measured opening.
+        moving: Whether the hand is moving; the driver then reports 5 mm/s, whatever its speed.
+    """
+    message = lcmt_schunk_wsg_status()
+    message.utime = round(1e6 * opening.stamp)
+    message.actual_position_mm = 1e3 * opening.width
+    message.actual_force = 0.0
+    message.actual_speed_mm_per_s = 5.0 if moving else 0.0
+    return message.encode()

@@ -1,92 +1,90 @@
-"""What the drivers of the real Panda and its hand report, as systems."""
+"""Systems that show the statuses of the real Panda's and its hand's drivers."""
 
 import time
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
+from poil_drake.robots.panda import NUM_JOINTS
+from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
-    Clock,
-    HandStatus,
-    PandaStatus,
-)
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.systems.lcm.network import Clock
+from poil_drake.systems.panda.lcm_messages import HandOpening, PandaStatus
 from poil_drake.systems.statuses import RobotMode
 
-_UNKNOWN = np.full(NUM_JOINTS, np.nan)
+_MAX_HAND_AGE = 0.5
+"""Largest age of a valid status of the hand [s]; the driver sends ten a second."""
 
 _HAND_GRACE = 0.1
-"""A hand's opening is believed for so long after its status is not any more [s]."""
+"""The opening of a hand stays valid for this long after its status became too old [s], so that the
+supervisor detects a failure of the whole robot first."""
 
 
-class PandaStatusReceiver(LeafSystem):
+class FrankaStatusReceiver(LeafSystem):
     """Shows the newest status of the Panda's driver.
 
     .. pydrake_system::
 
-        name: PandaStatusReceiver
+        name: FrankaStatusReceiver
         output_ports:
         - position_measured
         - velocity_measured
         - torque_external
         - status
 
-    Every output is state, taken from the mailbox once every period, in an unrestricted update, so
-    that the discrete updates of the same instant see it. `position_measured` [rad],
-    `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), NaN before the first status.
-    `status` (3,) holds the `RobotMode`, the age [s] and the share of commands that reach the robot
-    in time. The age is by the driver's stamp, at the last update: it grows when statuses stop,
-    arrive late or are repeated, and is negative where the driver's clock is ahead of ours. Before
-    the first status these are OTHER, infinity and 0. An update raises a StationError where two
-    drivers report in turns.
+    Drake's `PandaStatusReceiver` outputs zeros before the first message, has no port for the robot
+    mode or the age of the status, and accepts messages that are late or not finite.
+
+    Every output is state. An unrestricted update takes it from the mailbox once per period, so that
+    the discrete updates of the same instant see it. `position_measured` [rad], `velocity_measured`
+    [rad/s] and `torque_external` [N m] are (7,), NaN before the first status. `status` (3,) holds
+    the `RobotMode`, the age [s] and the share of commands that reach the robot in time. The age is
+    the clock at the last update minus the driver's stamp: it grows when statuses stop, arrive late
+    or repeat, and is negative if the driver's clock is ahead of ours. Before the first status these
+    are OTHER, infinity and 0. An update raises a StationError if two drivers take turns.
     """
 
     def __init__(
-        self, *, mailbox: LcmMailbox[PandaStatus], period: float, clock: Clock = time.time
+        self,
+        *,
+        mailbox: LcmMailbox[PandaStatus],
+        period: float = CONTROL_PERIOD,
+        clock: Clock = time.time,
     ):
         """Constructs the receiver.
 
         Args:
-            mailbox: Where statuses arrive.
-            period: Of its looks at it [s].
-            clock: The time now [s since the epoch].
+            mailbox: Receives the statuses.
+            period: Period of the updates [s].
+            clock: The current time [s since the epoch].
         """
         super().__init__()
         self._mailbox, self._clock = mailbox, clock
-        self._seen = self.DeclareAbstractState(Value[object]((None, np.inf)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        known = {self.abstract_state_ticket(self._seen)}
-        for name in ("position", "velocity", "torque_external"):
-            port = f"{name}_measured" if name != "torque_external" else name
+        unknown = np.full(NUM_JOINTS, np.nan)
+        for port, value in (
+            ("position_measured", unknown),
+            ("velocity_measured", unknown),
+            ("torque_external", unknown),
+            ("status", [float(RobotMode.OTHER), np.inf, 0.0]),
+        ):
+            self.DeclareStateOutputPort(port, self.DeclareDiscreteState(value))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
-            def calc(context: Context, output: BasicVector, name: str = name) -> None:
-                status, _ = self._status(context)
-                output.SetFromVector(_UNKNOWN if status is None else getattr(status, name))
-
-            self.DeclareVectorOutputPort(port, NUM_JOINTS, calc, known)
-        self.DeclareVectorOutputPort("status", 3, self._calc_status, known)
-
-    def _status(self, context: Context) -> tuple[PandaStatus | None, float]:
-        return context.get_abstract_state(self._seen).get_value()
-
-    def _look(self, context: Context, state: State) -> None:
+    def _update(self, context: Context, state: State) -> None:
         self._mailbox.CheckOneSender()
         status = self._mailbox.newest
-        age = np.inf if status is None else self._clock() - status.stamp
-        state.get_mutable_abstract_state(self._seen).set_value((status, age))
-
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        status, age = self._status(context)
         if status is None:
-            output.SetFromVector([float(RobotMode.OTHER), np.inf, 0.0])
-        else:
-            output.SetFromVector([float(status.mode), age, status.success_rate])
+            return
+        age = self._clock() - status.stamp
+        discrete_state = state.get_mutable_discrete_state()
+        discrete_state.set_value(0, status.position)
+        discrete_state.set_value(1, status.velocity)
+        discrete_state.set_value(2, status.torque_external)
+        discrete_state.set_value(3, [float(status.mode), age, status.success_rate])
 
 
 class HandStatusReceiver(LeafSystem):
-    """Shows how far the Panda's hand is open.
+    """Shows the opening of the Panda's hand.
 
     .. pydrake_system::
 
@@ -94,45 +92,36 @@ class HandStatusReceiver(LeafSystem):
         output_ports:
         - width_measured
 
-    `width_measured` (1,) [m] is state, taken from the mailbox once every period, in an unrestricted
-    update. It is NaN before the first status, and once the newest has been more than `max_age` off
-    the clock by its stamp for a while: what stops the whole robot is for others to say first.
+    `width_measured` (1,) [m] is state; an unrestricted update takes it from the mailbox once per
+    period. It is NaN before the first status, and once the stamp of the newest has differed from
+    the clock by more than 0.5 s for 0.1 s.
     """
 
     def __init__(
         self,
         *,
-        mailbox: LcmMailbox[HandStatus],
-        period: float,
-        max_age: float = 0.5,
+        mailbox: LcmMailbox[HandOpening],
+        period: float = CONTROL_PERIOD,
         clock: Clock = time.time,
     ):
         """Constructs the receiver.
 
         Args:
-            mailbox: Where statuses arrive.
-            period: Of its looks at it [s].
-            max_age: Of a status that is still believed [s]. The driver sends ten a second.
-            clock: The time now [s since the epoch].
+            mailbox: Receives the statuses.
+            period: Period of the updates [s].
+            clock: The current time [s since the epoch].
         """
         super().__init__()
-        self._mailbox, self._max_age, self._clock = mailbox, max_age, clock
-        # The width, and when it was last known.
-        self._width = self.DeclareAbstractState(Value[object]((np.nan, -np.inf)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._look)
-        self.DeclareVectorOutputPort(
-            "width_measured", 1, self._calc_width, {self.abstract_state_ticket(self._width)}
-        )
+        self._mailbox, self._clock = mailbox, clock
+        self.DeclareStateOutputPort("width_measured", self.DeclareDiscreteState([np.nan]))
+        self._valid_at = self.DeclareDiscreteState([-np.inf])
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
-    def _look(self, context: Context, state: State) -> None:
-        status = self._mailbox.newest
-        known = status is not None and abs(self._clock() - status.stamp) <= self._max_age
-        width, known_at = context.get_abstract_state(self._width).get_value()
-        if status is not None and known:
-            width, known_at = status.width, context.get_time()
-        elif context.get_time() - known_at > _HAND_GRACE:
-            width = np.nan
-        state.get_mutable_abstract_state(self._width).set_value((width, known_at))
-
-    def _calc_width(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([context.get_abstract_state(self._width).get_value()[0]])
+    def _update(self, context: Context, state: State) -> None:
+        status, time_now = self._mailbox.newest, context.get_time()
+        discrete_state = state.get_mutable_discrete_state()
+        if status is not None and abs(self._clock() - status.stamp) <= _MAX_HAND_AGE:
+            discrete_state.set_value(0, [status.width])
+            discrete_state.set_value(self._valid_at, [time_now])
+        elif time_now - discrete_state.value(self._valid_at)[0] > _HAND_GRACE:
+            discrete_state.set_value(0, [np.nan])

@@ -1,76 +1,78 @@
-"""What the drivers of the real Panda and its hand are told, as systems."""
+"""Systems that send commands to the real Panda's and its hand's drivers."""
 
 import math
 import time
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from poil_drake.geometry.all_finite import all_finite
+from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.runtime.held_signals import HeldSignals
+from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.lcm.network import MessageNetwork
+from poil_drake.systems.lcm.network import Clock, MessageNetwork
 from poil_drake.systems.lcm.shared_channel import SharedChannel
 from poil_drake.systems.panda.lcm_messages import (
-    Clock,
-    HandStatus,
+    HAND_PERIOD,
+    HandOpening,
+    PandaChannels,
     PandaStatus,
     encode_hand_command,
     encode_panda_command,
 )
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.systems.panda.velocity_driver import eval_velocity
 
 _REST = np.zeros(NUM_JOINTS)
 
+_MAX_AGE = 0.1
+"""Largest age of a velocity that is sent, by the context's time [s]."""
 
-class _Instant(NamedTuple):
-    """A time by the driver's clock [s since the epoch], and by one that nobody sets [s]."""
-
-    stamp: float
-    steady: float
+_GRIP_FORCE = 40.0
+"""Force of the grip [N]; the hand can exert 70 N continuously."""
 
 
-class PandaCommandSender(LeafSystem):
-    """Sends joint velocities to the Panda's driver, which stops the arm when they stop coming.
+class FrankaCommandSender(LeafSystem):
+    """Sends joint velocities to the Panda's driver, which stops the arm without them.
 
     .. pydrake_system::
 
-        name: PandaCommandSender
+        name: FrankaCommandSender
         input_ports:
         - velocity
         - velocity_time
 
-    `velocity` (7,) [rad/s] goes out once every period, in a publish event, stamped with the clock's
-    time, as the driver drops what is stamped otherwise. Where it is not connected or not finite, or
-    the time [s] in `velocity_time`, where that is connected, is more than `max_age` old, the arm
-    brakes: rest is said, not merely left to the driver's expiry. Nothing goes out before the first
-    status arrived, nor where the period's update was too long ago by the clock: what it found then
-    is not so any more, and the next update comes at once. `SendRest` is for the way out.
+    Drake's `PandaCommandSender` stamps commands with the context's time, which the driver drops as
+    expired, and sends whatever its input holds.
 
-    It listens to its own channel, too: an event raises a StationError once somebody else has
-    commanded the arm.
+    A publish event sends `velocity` (7,) [rad/s] once per period with the clock's time as its
+    stamp. The arm brakes if `velocity` is not connected or not finite, or if the time [s] in
+    `velocity_time` is connected and more than 0.1 s old: the sender commands rest and does not rely
+    on the driver's expiry alone. It sends nothing before the first status has arrived, nor if the
+    period's update was too long ago by the clock: its results are then outdated, and the next
+    update follows at once. `SendRest` brings the arm to rest at the end of a run.
+
+    The sender also listens to its own channel: an event raises a StationError once another process
+    has commanded the arm.
 
     Attributes:
-        commanding: Whether anything was sent since `SendRest` ended with rest.
-        channel: Where it sends.
+        commanding: Whether it has sent anything since `SendRest` ended at rest.
+        channel: The channel of the commands.
     """
 
     def __init__(
         self,
         *,
         lcm: MessageNetwork,
-        channel: str,
+        channel: str = PandaChannels.command,
         mailbox: LcmMailbox[PandaStatus],
         limiter: VelocityLimiter,
-        period: float,
+        period: float = CONTROL_PERIOD,
         offset: float = 0.0,
-        max_age: float = 0.1,
         expiry: float = 0.1,
-        update_age: Clock = lambda: 0.0,
-        max_update_age: float = 0.08,
+        outdated: Callable[[], bool] = lambda: False,
         clock: Clock = time.time,
         time_scale: float = 1.0,
     ):
@@ -79,17 +81,16 @@ class PandaCommandSender(LeafSystem):
         Args:
             lcm: The network.
             channel: The driver's channel for commands.
-            mailbox: Where its statuses arrive.
-            limiter: How the arm brakes, for the same period.
-            period: Between two commands [s].
-            offset: Of the first [s]: where it is a part of the period, commands go out so long
-                after the update that made them, at an even pace if the loop waits for that.
-            max_age: Of a velocity that is still sent [s], by the context's time.
-            expiry: For how long the driver follows a command [s of the context's time].
-            update_age: Returns how long ago the period's update began [s of the context's time]: a
-                process that was halted meanwhile knows it from that.
-            max_update_age: What that may be, for anything to be sent [s].
-            clock: The time now [s since the epoch], on which the driver must agree.
+            mailbox: Receives the driver's statuses.
+            limiter: Computes the braking, at the same period.
+            period: Time between two commands [s].
+            offset: Time of the first command [s]. With a fraction of the period, commands go out
+                this long after the update that computes them, at an even pace if the loop waits for
+                that time.
+            expiry: How long the driver follows a command [s of the context's time].
+            outdated: Returns whether the period's update is too long ago by the clock, as after the
+                process was suspended.
+            clock: The current time [s since the epoch], on which the driver must agree.
             time_scale: Seconds of that clock per second.
         """
         super().__init__()
@@ -99,19 +100,19 @@ class PandaCommandSender(LeafSystem):
         self._sent: deque[np.ndarray] = deque([_REST] * 2, maxlen=2)
         self._mailbox, self._limiter = mailbox, limiter
         self._period, self._time_scale = period, time_scale
-        self._max_age, self._expiry, self._clock = max_age, expiry, clock
-        self._update_age, self._max_update_age = update_age, max_update_age
+        self._expiry, self._clock = expiry, clock
+        self._outdated = outdated
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
         self.DeclarePeriodicPublishEvent(period, offset, self._send)
         self.DeclareForcedPublishEvent(self._send)
 
     def SendRest(self, duration: float) -> None:
-        """Brakes from what was sent last, sends zero velocities for a while, and waits for both.
+        """Brakes from the last command, then sends zero velocities; waits until both are done.
 
-        The arm brakes as it does after a fault, by the limiter, and so stays where it may be. Where
-        the last command is so old that the driver has stopped the arm, there is nothing to brake
-        from. Signals wait until it is over.
+        The limiter plans the braking as after a fault, so that the arm stays in its allowed space.
+        If the last command is so old that the driver has stopped the arm, there is no braking.
+        Signals are held back until the end.
 
         Args:
             duration: How long to send zeros [s], longer than the driver's expiry.
@@ -123,40 +124,32 @@ class PandaCommandSender(LeafSystem):
             velocities = self._limiter.braking(self._motion())
             elapsed = 0.0
             while elapsed < period * len(velocities) + duration:
-                now = self._now()
-                step = int((now.steady - start) / period)
-                self._publish(velocities[step] if step < len(velocities) else _REST, now)
+                stamp, now = self._clock(), time.monotonic()
+                step = int((now - start) / period)
+                velocity = velocities[step] if step < len(velocities) else _REST
+                self._publish(velocity, stamp, now)
                 time.sleep(period)
                 elapsed = time.monotonic() - start
-            # A process that was halted meanwhile may have sent no rest yet.
+            # A process that was suspended meanwhile may not have sent rest yet.
             self.commanding = bool(self._sent[0].any())
 
     def _send(self, context: Context) -> None:
         self.channel.CheckAlone()
-        # Before all that is looked at: a process that is halted on the way sends a command that
-        # says itself how old it is, and the driver drops it.
-        now = self._now()
-        if self._mailbox.newest is None or not self._update_age() <= self._max_update_age:
+        # Read the clocks first: if the process is suspended from here on, the command carries its
+        # true age, and the driver drops it.
+        stamp, now = self._clock(), time.monotonic()
+        if self._mailbox.newest is None or self._outdated():
             return
-        wanted = self._wanted(context)
+        wanted = eval_velocity(context, self._velocity, self._velocity_time, max_age=_MAX_AGE)
         if wanted is None:
             wanted = self._limiter.step(self._motion(), _REST).velocity
-        self._publish(wanted, now)
-
-    def _wanted(self, context: Context) -> np.ndarray | None:
-        if not self._velocity.HasValue(context):
-            return None
-        if self._velocity_time.HasValue(context):
-            age = context.get_time() - self._velocity_time.Eval(context)[0]
-            if not age <= self._max_age:
-                return None
-        velocity = self._velocity.Eval(context)
-        return velocity if all_finite(velocity) else None
+        self._publish(wanted, stamp, now)
 
     def _motion(self) -> JointMotion:
-        """Returns what the arm was told last; rest where the driver has stopped it since.
+        """Returns the last commanded motion; rest if the driver has stopped the arm since.
 
-        Its acceleration is that of the last period: within one, jerks build up all that is allowed.
+        Its acceleration is the mean over the last period, in which jerks can build up all that the
+        limiter allows.
         """
         newest, before = self._sent
         followed = self._time_scale * (time.monotonic() - self._sent_at) <= self._expiry
@@ -166,13 +159,10 @@ class PandaCommandSender(LeafSystem):
         acceleration = (newest - before) / self._period
         return JointMotion(_REST, newest, np.clip(acceleration, -largest, largest))
 
-    def _now(self) -> _Instant:
-        return _Instant(self._clock(), time.monotonic())
-
-    def _publish(self, velocity: np.ndarray, now: _Instant) -> None:
-        self.commanding, self._sent_at = True, now.steady
+    def _publish(self, velocity: np.ndarray, stamp: float, now: float) -> None:
+        self.commanding, self._sent_at = True, now
         self._sent.appendleft(np.array(velocity))
-        self.channel.Send(encode_panda_command(velocity, now.stamp))
+        self.channel.Send(encode_panda_command(velocity, stamp))
 
 
 class HandCommandSender(LeafSystem):
@@ -184,29 +174,30 @@ class HandCommandSender(LeafSystem):
         input_ports:
         - width
 
-    `width` (1,) [m] goes out once every period, in a publish event; nothing where it is not
-    connected or not finite, before the first status of the hand, and where the control period's
-    update was too long ago by the clock: it keeps its opening then. The driver grips when the
-    opening gets smaller than it is, and ignores what it was told last.
+    Drake's `SchunkWsgCommandSender`, whose messages the driver accepts, sends openings that are
+    outdated or not finite.
 
-    It listens to its own channel, too: an event raises a StationError once somebody else has
-    commanded the hand.
+    A publish event sends `width` (1,) [m] once per period. It sends nothing if `width` is not
+    connected or not finite, before the hand's first status, and if the control period's update was
+    too long ago by the clock; the hand then keeps its opening. The driver grips when the opening
+    shrinks, and ignores a command that repeats the last one.
+
+    The sender also listens to its own channel: an event raises a StationError once another process
+    has commanded the hand.
 
     Attributes:
-        channel: Where it sends.
+        channel: The channel of the commands.
     """
 
     def __init__(
         self,
         *,
         lcm: MessageNetwork,
-        channel: str,
-        mailbox: LcmMailbox[HandStatus],
-        period: float,
+        channel: str = PandaChannels.hand_command,
+        mailbox: LcmMailbox[HandOpening],
+        period: float = HAND_PERIOD,
         offset: float = 0.0,
-        force: float = 40.0,
-        update_age: Clock = lambda: 0.0,
-        max_update_age: float = 0.08,
+        outdated: Callable[[], bool] = lambda: False,
         clock: Clock = time.time,
     ):
         """Constructs the sender.
@@ -214,18 +205,15 @@ class HandCommandSender(LeafSystem):
         Args:
             lcm: The network.
             channel: The driver's channel for commands.
-            mailbox: Where the hand's statuses arrive.
-            period: Between two commands [s]; the driver looks ten times a second.
-            offset: Of the first [s]; above 0, initializing a simulator sends nothing.
-            force: Of the grip [N]; the hand can do 70 all the time.
-            update_age: See `PandaCommandSender`.
-            max_update_age: See `PandaCommandSender`.
-            clock: The time now [s since the epoch].
+            mailbox: Receives the hand's statuses.
+            period: Time between two commands [s]; the driver reads ten a second.
+            offset: Time of the first command [s]; above 0, initializing a simulator sends nothing.
+            outdated: See `FrankaCommandSender`.
+            clock: The current time [s since the epoch].
         """
         super().__init__()
         self.channel = SharedChannel(lcm, channel, what="the hand")
-        self._mailbox, self._force, self._clock = mailbox, force, clock
-        self._update_age, self._max_update_age = update_age, max_update_age
+        self._mailbox, self._clock, self._outdated = mailbox, clock, outdated
         self._width = self.DeclareVectorInputPort("width", 1)
         self.DeclarePeriodicPublishEvent(period, offset, self._send)
         self.DeclareForcedPublishEvent(self._send)
@@ -235,5 +223,6 @@ class HandCommandSender(LeafSystem):
         if self._mailbox.newest is None or not self._width.HasValue(context):
             return
         (width,) = self._width.Eval(context).tolist()
-        if math.isfinite(width) and self._update_age() <= self._max_update_age:
-            self.channel.Send(encode_hand_command(width, self._force, self._clock()))
+        if math.isfinite(width) and not self._outdated():
+            opening = HandOpening(stamp=self._clock(), width=width)
+            self.channel.Send(encode_hand_command(opening, _GRIP_FORCE))

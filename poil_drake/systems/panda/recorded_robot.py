@@ -1,4 +1,4 @@
-"""A robot that does what a recording says, whatever it is told."""
+"""Plays back a recorded robot."""
 
 from collections.abc import Collection
 
@@ -6,23 +6,24 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from poil_drake.recording.run_log.series import Series
-from poil_drake.systems.panda.velocity_driver import NUM_JOINTS
+from poil_drake.robots.panda import NUM_JOINTS
+from poil_drake.systems.control_period import CONTROL_PERIOD
 
 JOINTS, HAND, STATUS = "joints", "hand", "status"
-"""The three kinds of signals, which need not be known at the same time."""
+"""The three kinds of signals, whose recordings may begin at different times."""
 
 
 class RecordedClock:
-    """The clock of a run that is replayed, as it stood in the present control period.
+    """The clock of a replayed run in the current control period.
 
     Attributes:
-        now: The time by the clock [s].
+        now: The clock's time [s].
     """
 
     now: float = np.nan
 
     def __call__(self) -> float:
-        """Returns the time by the clock [s]."""
+        """Returns the clock's time [s]."""
         return self.now
 
 
@@ -35,26 +36,26 @@ class RecordedRobot(LeafSystem):
         input_ports:
         - velocity
         - velocity_time
-        - hand.width
+        - width
         output_ports:
         - position_measured
         - velocity_measured
         - torque_external
         - status
-        - hand.width_measured
+        - width_measured
         - replayed_position
 
-    The inputs are there to be connected, and ignored. `position_measured` [rad],
-    `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `hand.width_measured` (1,) [m]
-    and `status` (3,) is mode, age [s] and share of commands in time: those of the newest sample at
-    or before now, NaN before the first. `replayed_position` (7,) [rad] is the posture that was
-    commanded: the robot does not go where it is told now, so that nobody can tell from the commands
-    of a replay where they lead.
+    The robot ignores its inputs, which are those of other robots. `position_measured` [rad],
+    `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `width_measured` (1,) [m] is
+    the hand's, and `status` (3,) is mode, age [s] and share of commands in time: those of the
+    newest sample at or before the context's time, NaN before the first. `replayed_position` (7,)
+    [rad] is the commanded posture of the run, which cannot be computed from the commands of the
+    replay, as the robot does not follow them.
 
-    A sample shows what was there before the updates of its time. The signals of a plant, and those
-    that were received from a real robot, change in unrestricted updates, so that the discrete
-    updates of the same time see what only the next sample shows. Such `leading` signals are state
-    here, too, which is set at the beginning of each period: to the newest sample by its end.
+    A sample shows the values before the updates at its time. The signals of a plant, and those
+    received from a real robot, change in unrestricted updates, so that the discrete updates at the
+    same time see what only the next sample shows. Here, too, such `leading` signals are state, set
+    at the beginning of each period to the newest sample at its end.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class RecordedRobot(LeafSystem):
         hand: Series,
         status: Series,
         postures: Series,
-        period: float,
+        period: float = CONTROL_PERIOD,
         clock: RecordedClock | None = None,
         leading: Collection[str] = (JOINTS, HAND, STATUS),
     ):
@@ -72,18 +73,18 @@ class RecordedRobot(LeafSystem):
 
         Args:
             joints: (T, 21) positions, velocities and external torques.
-            hand: (T, 1) its opening.
-            status: (T, 4) mode, age, share of commands in time, and the time by the clock [s].
-            postures: (T, 7) positions commanded.
+            hand: (T, 1) openings of the hand.
+            status: (T, 4) mode, age, share of commands in time, and the clock's time [s].
+            postures: (T, 7) commanded positions.
             period: The control period [s].
-            clock: Is set at the beginning of each period.
-            leading: Which of `JOINTS`, `HAND` and `STATUS` change in unrestricted updates.
+            clock: The run's clock, which the robot sets at the beginning of each period.
+            leading: Those of `JOINTS`, `HAND` and `STATUS` that change in unrestricted updates.
         """
         super().__init__()
         self._period, self._clock, self._status = period, clock, status
         self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self.DeclareVectorInputPort("velocity_time", 1)
-        self.DeclareVectorInputPort("hand.width", 1)
+        self.DeclareVectorInputPort("width", 1)
         self._shown = self.DeclareDiscreteState(1)
         if leading or clock is not None:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._step)
@@ -93,7 +94,7 @@ class RecordedRobot(LeafSystem):
             ("velocity_measured", JOINTS, joints, slice(n, 2 * n)),
             ("torque_external", JOINTS, joints, slice(2 * n, 3 * n)),
             ("status", STATUS, status, slice(0, 3)),
-            ("hand.width_measured", HAND, hand, slice(0, 1)),
+            ("width_measured", HAND, hand, slice(0, 1)),
             ("replayed_position", "", postures, slice(0, n)),
         ):
             self._declare_output(name, series, part, kind in leading)

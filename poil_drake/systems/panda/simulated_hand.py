@@ -1,19 +1,16 @@
-"""A simulated Franka hand driver's end of the network."""
+"""The network side of a simulated driver of the Franka hand."""
 
 import time
-from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.lcm.network import MessageNetwork
+from poil_drake.systems.lcm.network import Clock, MessageNetwork
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
-    Clock,
-    HandCommand,
-    HandStatus,
+    HandOpening,
+    PandaChannels,
     decode_hand_command,
     encode_hand_status,
 )
@@ -22,22 +19,8 @@ _STILL = 5e-4
 """A hand that moves less than this in a period has ended its motion [m]."""
 
 
-class _Hand(NamedTuple):
-    """What the driver remembers.
-
-    Attributes:
-        target: Opening that was commanded last [m]; NaN before the first command.
-        width: Opening at the last look [m]; NaN before the first.
-        busy: Whether the hand is on its way.
-    """
-
-    target: float = np.nan
-    width: float = np.nan
-    busy: bool = False
-
-
 class SimulatedHand(LeafSystem):
-    """Takes opening widths from the network and reports the hand's, ten times a second.
+    """Accepts opening widths from the network and reports the hand's, ten times a second.
 
     .. pydrake_system::
 
@@ -47,56 +30,50 @@ class SimulatedHand(LeafSystem):
         output_ports:
         - width
 
-    As the real driver does it: one loop of 10 Hz; a command that says the same as the last one is
-    ignored, and no other is looked at before the hand has ended its motion; no force is reported.
-    `width` (1,) [m] is the opening commanded last, NaN before the first: the hand holds what it
-    has then.
+    Like the real driver it runs one loop at 10 Hz, ignores a command that repeats the last one,
+    reads no command while the hand moves, and reports no force. `width` (1,) [m] is the last
+    commanded opening, NaN before the first, with which the hand holds its opening.
     """
 
     def __init__(
         self,
         *,
         lcm: MessageNetwork,
-        command_channel: str,
-        status_channel: str,
+        command_channel: str = PandaChannels.hand_command,
+        status_channel: str = PandaChannels.hand_status,
         clock: Clock = time.time,
     ):
         """Constructs the driver.
 
         Args:
-            lcm: The network; whoever owns it handles its subscriptions.
-            command_channel: Where commands come from.
-            status_channel: Where statuses go.
+            lcm: The network; its owner handles the subscriptions.
+            command_channel: The channel of the commands.
+            status_channel: The channel of the statuses.
             clock: The driver's time [s since the epoch].
         """
         super().__init__()
         self._lcm, self._channel, self._clock = lcm, status_channel, clock
-        self._mailbox: LcmMailbox[HandCommand] = LcmMailbox(
-            lcm, command_channel, decode_hand_command
-        )
+        self._mailbox = LcmMailbox(lcm, command_channel, decode_hand_command)
         self._measured = self.DeclareVectorInputPort("width_measured", 1)
-        self._state = self.DeclareAbstractState(Value[object](_Hand()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(HAND_PERIOD, 0.0, self._look)
+        self._target = self.DeclareDiscreteState([np.nan])
+        self.DeclareStateOutputPort("width", self._target)
+        # The measured opening at the last update [m], and 1 while the hand is moving.
+        self._last = self.DeclareDiscreteState([np.nan, 0.0])
+        self.DeclarePeriodicUnrestrictedUpdateEvent(HAND_PERIOD, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(HAND_PERIOD, 0.0, self._report)
-        self.DeclareVectorOutputPort(
-            "width", 1, self._calc_width, {self.abstract_state_ticket(self._state)}
-        )
 
-    def _hand(self, context: Context) -> _Hand:
-        return context.get_abstract_state(self._state).get_value()
-
-    def _look(self, context: Context, state: State) -> None:
-        before, width = self._hand(context), float(self._measured.Eval(context)[0])
-        busy = before.busy and abs(width - before.width) > _STILL
-        target, command = before.target, self._mailbox.newest
+    def _update(self, context: Context, state: State) -> None:
+        discrete_state, command = state.get_mutable_discrete_state(), self._mailbox.newest
+        width = self._measured.Eval(context)[0]
+        last_width, moving = discrete_state.value(self._last)
+        busy = bool(moving) and abs(width - last_width) > _STILL
+        target = discrete_state.value(self._target)[0]
         if not busy and command is not None and command.width != target:
-            target, busy = command.width, True
-        state.get_mutable_abstract_state(self._state).set_value(_Hand(target, width, busy))
+            discrete_state.set_value(self._target, [command.width])
+            busy = True
+        discrete_state.set_value(self._last, [width, float(busy)])
 
     def _report(self, context: Context) -> None:
-        width = float(self._measured.Eval(context)[0])
-        status = HandStatus(stamp=self._clock(), width=width)
-        self._lcm.Publish(self._channel, encode_hand_status(status, self._hand(context).busy))
-
-    def _calc_width(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._hand(context).target])
+        opening = HandOpening(stamp=self._clock(), width=float(self._measured.Eval(context)[0]))
+        busy = bool(context.get_discrete_state(self._last)[1])
+        self._lcm.Publish(self._channel, encode_hand_status(opening, busy))

@@ -1,20 +1,23 @@
-"""The simulated Panda's velocity interface: what the real robot's driver does to a command."""
+"""The simulated Panda's velocity interface, which treats commands as the real driver does."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+)
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.joint_limits import JointLimits
-
-NUM_JOINTS = 7
-ROBOT_MODE_MOVE = 2.0
-"""`lcmt_panda_status.kMove`: the robot follows commands."""
-
-_REST = (0.0,) * NUM_JOINTS
+from poil_drake.robots.panda import NUM_JOINTS
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.systems.statuses import RobotMode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,11 +29,12 @@ class PandaDriver:
         low_pass_hz: Cut-off of the first-order filter on commands [Hz], as in the real driver.
         leash: Largest difference between commanded and measured position [rad]: a blocked arm
             pushes no harder than stiffness * leash, and does not run away when it comes free.
-        limit_margin: Distance that is kept from the joints' position limits [rad].
+        limit_margin: Distance from the joints' position limits [rad].
         stiffness: Joint stiffness [N m / rad]; libfranka's default joint impedance.
         damping: Joint damping [N m s / rad]; about critical for the arm's own inertia.
-        hand_stiffness: Of the fingers' drive [N / m]: so stiff that the force limit decides.
-        hand_damping: Of the fingers' drive [N s / m].
+        hand_stiffness: Stiffness of the fingers' drive [N / m], so high that the force limit
+            determines the grip.
+        hand_damping: Damping of the fingers' drive [N s / m].
         hand_speed: Rate of change of the hand's opening [m / s].
     """
 
@@ -51,115 +55,87 @@ class PandaDriver:
                     f"PandaDriver.{name} has {len(getattr(self, name))} values.",
                     remedy=f"Give {NUM_JOINTS}, one for each joint of the arm.",
                 )
-        positive = ("expire_sec", "low_pass_hz", "leash", "hand_stiffness", "hand_speed")
-        values = {name: (getattr(self, name),) for name in positive} | {"stiffness": self.stiffness}
-        others = {name: (getattr(self, name),) for name in ("limit_margin", "hand_damping")}
-        for name, numbers in (values | others | {"damping": self.damping}).items():
-            lowest = min(numbers)
-            if (
-                not all(map(math.isfinite, numbers))
-                or lowest < 0
-                or (lowest == 0 and name in values)
-            ):
+        for name, value in vars(self).items():
+            may_be_zero = name in ("limit_margin", "damping", "hand_damping")
+            numbers = np.ravel(value)
+            positive = numbers >= 0.0 if may_be_zero else numbers > 0.0
+            if not (np.isfinite(numbers) & positive).all():
                 raise InvalidValueError(
-                    f"PandaDriver.{name} is {numbers[0] if len(numbers) == 1 else numbers}.",
+                    f"PandaDriver.{name} is {value}.",
                     remedy="It must be finite and "
-                    + ("positive." if name in values else "not negative."),
+                    + ("not negative." if may_be_zero else "positive."),
                 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointStep:
-    """The constants of one joint in `step_joint`.
+def step_joints(
+    *,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    wanted: np.ndarray,
+    measured: np.ndarray,
+    limits: JointLimits,
+    config: PandaDriver,
+    time_step: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Advances the joints' commanded positions by one step.
 
-    Attributes:
-        lower: Smallest position, margin included [rad].
-        upper: Largest position, margin included [rad].
-        speed: Largest speed [rad/s].
-        acceleration: Largest acceleration [rad/s^2].
-        smoothing: Share of the way to the wanted velocity that the low pass goes in a step.
-        leash: Largest distance from the measured position [rad].
-        time_step: Length of the step [s].
-    """
-
-    lower: float
-    upper: float
-    speed: float
-    acceleration: float
-    smoothing: float
-    leash: float
-    time_step: float
-
-
-def joint_steps(
-    *, limits: JointLimits, config: PandaDriver, time_step: float
-) -> tuple[JointStep, ...]:
-    """Returns the constants of every joint."""
-    rate = 2 * math.pi * config.low_pass_hz * time_step
-    return tuple(
-        JointStep(
-            lower=lower + config.limit_margin,
-            upper=upper - config.limit_margin,
-            speed=speed,
-            acceleration=acceleration,
-            smoothing=rate / (1 + rate),
-            leash=config.leash,
-            time_step=time_step,
-        )
-        for lower, upper, speed, acceleration in zip(
-            limits.lower.tolist(),
-            limits.upper.tolist(),
-            limits.velocity.tolist(),
-            limits.acceleration.tolist(),
-            strict=True,
-        )
-    )
-
-
-def step_joint(
-    joint: JointStep, *, position: float, velocity: float, wanted: float, measured: float
-) -> tuple[float, float]:
-    """Advances a joint's commanded position by one step.
-
-    The wanted velocity passes a low pass, then limits of speed, braking distance before the
-    position limits, and acceleration; each joint for itself, as libfranka's rate limiter does.
-    Plain numbers, as this runs at every step of the plant: seven are quicker than arrays of seven.
+    The wanted velocity passes a low pass, then limits of speed, of braking distance before the
+    position limits, and of acceleration, separately for each joint, as in libfranka's rate limiter.
 
     Args:
-        joint: The joint's constants.
-        position: Commanded position so far [rad].
-        velocity: Its velocity so far [rad/s].
-        wanted: The velocity asked for [rad/s], finite.
-        measured: Measured position [rad].
+        position: (7,) commanded positions [rad].
+        velocity: (7,) commanded velocities [rad/s].
+        wanted: (7,) velocities to follow [rad/s], finite.
+        measured: (7,) measured positions [rad]; a NaN lifts the leash.
+        limits: Limits of the joints.
+        config: Filter, leash and margin.
+        time_step: Duration of the step [s].
 
     Returns:
-        The commanded position and velocity after the step.
+        The commanded positions and velocities (7,) after the step.
     """
-    change = joint.acceleration * joint.time_step
-    limited = velocity + joint.smoothing * (wanted - velocity)
-    if limited > 0.0:
-        limited = min(limited, joint.speed, _braking_speed(joint.upper - position, joint, change))
-    elif limited < 0.0:
-        limited = max(limited, -joint.speed, -_braking_speed(position - joint.lower, joint, change))
-    limited = min(max(limited, velocity - change), velocity + change)
-    wished = position + joint.time_step * limited
-    floor = max(joint.lower, measured - joint.leash)
-    ceiling = min(joint.upper, measured + joint.leash)
-    reached = min(max(wished, floor), ceiling)
-    # What a limit took away is not left in the velocity, or it would be wound up.
-    return reached, limited if reached == wished else 0.0
+    lower, upper = limits.lower + config.limit_margin, limits.upper - config.limit_margin
+    change = limits.acceleration * time_step
+
+    def speed_limit(room: np.ndarray) -> np.ndarray:
+        # v dt + v^2 / (2 a) = room: the step at this speed, and the braking after it.
+        braking = change * change + 2 * limits.acceleration * np.maximum(room, 0.0)
+        return np.fmin(limits.velocity, np.sqrt(braking) - change)
+
+    rate = 2 * math.pi * config.low_pass_hz * time_step
+    filtered = velocity + rate / (1 + rate) * (wanted - velocity)
+    limited = np.clip(filtered, -speed_limit(position - lower), speed_limit(upper - position))
+    limited = np.clip(limited, velocity - change, velocity + change)
+    next_position = position + time_step * limited
+    reached = np.clip(
+        next_position,
+        np.fmax(lower, measured - config.leash),
+        np.fmin(upper, measured + config.leash),
+    )
+    # A joint that its limits or its leash hold has no velocity, which prevents windup.
+    return reached, np.where(reached == next_position, limited, 0.0)
 
 
-def _braking_speed(room: float, joint: JointStep, change: float) -> float:
-    """Returns the speed from which a joint can stop within the room left [rad].
+def eval_velocity(
+    context: Context, velocity: InputPort, velocity_time: InputPort, *, max_age: float
+) -> np.ndarray | None:
+    """Evaluates the ports of a velocity and its time [s]; returns None for a velocity to ignore.
 
-    v dt + v^2 / (2 a) = room: the step that is made at this speed, and braking after it.
+    That is one which is not connected, not finite, or whose time is connected and not within
+    `max_age` [s] of the context's.
     """
-    return math.sqrt(change * change + 2 * joint.acceleration * max(room, 0.0)) - change
+    if not velocity.HasValue(context):
+        return None
+    if velocity_time.HasValue(context):
+        age = context.get_time() - velocity_time.Eval(context)[0]
+        if not age <= max_age:
+            return None
+    value = velocity.Eval(context)
+    return value if all_finite(value) else None
 
 
 class PandaVelocityDriver(LeafSystem):
-    """Turns velocity commands into the desired state of the simulated arm's joint controllers.
+    """Converts velocity commands to the desired state of the simulated arm's joint controllers.
 
     .. pydrake_system::
 
@@ -173,25 +149,39 @@ class PandaVelocityDriver(LeafSystem):
         - velocity_commanded
         - status
 
-    Port `velocity` is (7,) [rad/s]. It means zero when it is not connected, holds a NaN, or when
+    Port `velocity` is (7,) [rad/s]. It means zero if it is not connected, holds a NaN, or if
     `velocity_time` is connected and the stamp [s] in it is NaN or more than `expire_sec` old: the
-    arm then brakes within its acceleration limits and holds still, as the real driver does.
+    arm then brakes within its acceleration limits and holds still, as with the real driver.
     `position_measured` is (7,) [rad].
 
     Before the first step `position_commanded` is the measured position and `velocity_commanded`
-    is zero: the arm holds still wherever it stands. `status` is (3,): the robot mode as in
-    `lcmt_panda_status` (always kMove), the age of this report [s] (always 0), and the share of
-    commands that reach the robot in time (always 1).
+    is zero: the arm holds still. `status` is (3,): the robot mode as in `lcmt_panda_status` (always
+    kMove), the age of this report [s] (always 0), and the share of commands that reach the robot
+    in time (always 1).
     """
 
-    def __init__(self, *, limits: JointLimits, config: PandaDriver, time_step: float):
+    def __init__(
+        self,
+        *,
+        limits: JointLimits | None = None,
+        config: PandaDriver | None = None,
+        time_step: float = 1 / 512,
+    ):
+        """Constructs the driver.
+
+        Args:
+            limits: Limits of the joints; None for the Panda's.
+            config: How the robot follows commands.
+            time_step: The plant's [s].
+        """
         super().__init__()
-        self._config = config
-        self._joints = joint_steps(limits=limits, config=config, time_step=time_step)
+        self._limits = limits or PandaModel().joint_limits
+        self._config = config or PandaDriver()
+        self._time_step = time_step
         self._velocity = self.DeclareVectorInputPort("velocity", NUM_JOINTS)
         self._velocity_time = self.DeclareVectorInputPort("velocity_time", 1)
         self._measured = self.DeclareVectorInputPort("position_measured", NUM_JOINTS)
-        # NaN stands for "not stepped yet".
+        # NaN before the first step.
         self._position_index = self.DeclareDiscreteState(np.full(NUM_JOINTS, np.nan))
         self._velocity_index = self.DeclareDiscreteState(np.zeros(NUM_JOINTS))
         self.DeclareVectorOutputPort(
@@ -205,44 +195,34 @@ class PandaVelocityDriver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._step)
 
     def Reset(self, context: Context) -> None:
-        """Forgets the commanded position, so that the arm holds where it is measured next.
+        """Forgets the commanded position, so that the arm holds its next measured position.
 
-        To be called with this system's context after the plant's positions were set by hand.
+        Call it with this system's context after setting the plant's positions.
         """
         context.SetDiscreteState(self._position_index, np.full(NUM_JOINTS, np.nan))
         context.SetDiscreteState(self._velocity_index, np.zeros(NUM_JOINTS))
 
-    def _wanted_velocity(self, context: Context) -> Sequence[float]:
-        if not self._velocity.HasValue(context):
-            return _REST
-        if self._velocity_time.HasValue(context):
-            age = context.get_time() - self._velocity_time.Eval(context)[0]
-            if not age <= self._config.expire_sec:
-                return _REST
-        wanted = self._velocity.Eval(context).tolist()
-        return wanted if all(map(math.isfinite, wanted)) else _REST
-
     def _step(self, context: Context, state: DiscreteValues) -> None:
         measured = self._measured.Eval(context)
-        commanded = state.get_mutable_value(self._position_index)
-        velocity = state.get_mutable_value(self._velocity_index)
-        position = measured if math.isnan(commanded[0]) else commanded
-        stepped = [
-            step_joint(joint, position=q, velocity=v, wanted=u, measured=m)
-            for joint, q, v, u, m in zip(
-                self._joints,
-                position.tolist(),
-                velocity.tolist(),
-                self._wanted_velocity(context),
-                measured.tolist(),
-                strict=True,
-            )
-        ]
-        commanded[:], velocity[:] = zip(*stepped, strict=True)
+        commanded = state.value(self._position_index)
+        wanted = eval_velocity(
+            context, self._velocity, self._velocity_time, max_age=self._config.expire_sec
+        )
+        position, velocity = step_joints(
+            position=measured if math.isnan(commanded[0]) else commanded,
+            velocity=state.value(self._velocity_index),
+            wanted=np.zeros(NUM_JOINTS) if wanted is None else wanted,
+            measured=measured,
+            limits=self._limits,
+            config=self._config,
+            time_step=self._time_step,
+        )
+        state.set_value(self._position_index, position)
+        state.set_value(self._velocity_index, velocity)
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:
         position = context.get_discrete_state(self._position_index).value()
         output.SetFromVector(self._measured.Eval(context) if math.isnan(position[0]) else position)
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([ROBOT_MODE_MOVE, 0.0, 1.0])
+        output.SetFromVector([float(RobotMode.MOVE), 0.0, 1.0])

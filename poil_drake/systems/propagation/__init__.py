@@ -1,1 +1,1 @@
-"""The FK propagator."""
+"""Propagation of tracked points with the arm's forward kinematics."""

@@ -1,4 +1,4 @@
-"""A short record of a rigid motion, sampled on a regular grid of time."""
+"""A short history of a rigid motion, sampled on a regular time grid."""
 
 import math
 
@@ -14,8 +14,8 @@ from poil_drake.geometry.rigid_transform import (
 ROW_SIZE = 17
 """A row of a history: the time of the sample [s], then X (4, 4) row-major."""
 
-# Times within this fraction of a sampling period of a sample are that sample's.
 _ON_GRID = 1e-6
+"""Times within this fraction of a period of a sample count as the sample's time."""
 
 
 def empty_history(duration: float, period: float) -> np.ndarray:
@@ -24,17 +24,16 @@ def empty_history(duration: float, period: float) -> np.ndarray:
 
 
 def record_motion(history: np.ndarray, time: float, X: np.ndarray, period: float) -> None:
-    """Writes the sample X (4, 4) of `time` [s], a multiple of `period`, over the oldest one."""
+    """Replaces the oldest sample by X (4, 4) at `time` [s], a multiple of `period`."""
     row = history[round(time / period) % len(history)]
     row[0] = time
     row[1:] = X.ravel()
 
 
 def motion_at(history: np.ndarray, time: float, period: float) -> np.ndarray | None:
-    """Returns X (4, 4) at `time` [s], or None where the history does not hold it.
+    """Returns X (4, 4) at `time` [s], or None if the history does not contain it.
 
-    A time between two samples gets the screw-free interpolation: translation linear, rotation
-    along the geodesic.
+    Between two samples the translation is interpolated linearly, the rotation along the geodesic.
     """
     before = math.floor(time / period + _ON_GRID)
     fraction = time / period - before
@@ -58,7 +57,7 @@ def _sample(history: np.ndarray, tick: int, period: float) -> np.ndarray | None:
 
 
 def carried_along(X_M: np.ndarray, X_WG_before: np.ndarray, X_WG_now: np.ndarray) -> np.ndarray:
-    """Returns the motion X_M (4, 4) of an object after the hand that holds it has moved.
+    """Returns the motion X_M (4, 4) of a held object after the hand has moved.
 
     X_M(t) = X_WG(t) X_WG(t - dt)^-1 X_M(t - dt).
     """

@@ -1,60 +1,37 @@
-"""What stops the arm, and when."""
+"""The faults that stop the arm, and the thresholds for them."""
 
-import math
 from dataclasses import dataclass, field
-from enum import IntEnum
+
+import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.robots.posture_guard import PostureGuardConfig, PostureRule
 from poil_drake.robots.velocity_limiter import VelocityLimiterConfig
+from poil_drake.systems.statuses import DescribedEnum
 
 
-class SafetyFault(IntEnum):
-    """Why `SafetySupervisor` stopped the arm."""
+class SafetyFault(DescribedEnum):
+    """Why `SafetySupervisor` stopped the arm, with a clause for reports."""
 
-    NONE = 0
-    STOP_REQUESTED = 1
-    NO_STATUS = 2
-    CLOCK_OFF = 3
-    ROBOT_MODE = 4
-    SUCCESS_RATE = 5
-    COMMAND_STALE = 6
-    COMMAND_NOT_FINITE = 7
-    WORKSPACE = 8
-    TABLE = 9
-    SELF_COLLISION = 10
-    EXTERNAL_TORQUE = 11
-    TRACKING_ERROR = 12
-    CAMERA_STALE = 13
-    CAMERA_CLOCK = 14
-    LOOP_STALLED = 15
+    NONE = 0, "no fault"
+    STOP_REQUESTED = 1, "a stop was asked for"
+    NO_STATUS = 2, "the robot's status stopped coming, came late, or held no position"
+    CLOCK_OFF = 3, "the clocks of this machine and of the robot's driver differ"
+    ROBOT_MODE = 4, "the robot left its moving mode"
+    SUCCESS_RATE = 5, "too few commands reached the robot in time"
+    COMMAND_STALE = 6, "the controller stopped computing velocities"
+    COMMAND_NOT_FINITE = 7, "the controller asked for a velocity that is no number"
+    WORKSPACE = 8, "the arm was about to leave its workspace"
+    TABLE = 9, "the arm was about to touch the table"
+    SELF_COLLISION = 10, "the arm was about to touch itself"
+    EXTERNAL_TORQUE = 11, "something pushed the arm harder than it may"
+    TRACKING_ERROR = 12, "the robot is not where it was commanded to be"
+    CAMERA_STALE = 13, "a camera stopped delivering images"
+    CAMERA_CLOCK = 14, "a camera's images are stamped in the future"
+    LOOP_STALLED = 15, "this process was held up, so that the arm was left without commands"
 
 
-SAFETY_FAULT_TEXT = {
-    SafetyFault.NONE: "no fault",
-    SafetyFault.STOP_REQUESTED: "a stop was asked for",
-    SafetyFault.NO_STATUS: "the robot's status stopped coming, came late, or held no position",
-    SafetyFault.CLOCK_OFF: "the clocks of this machine and of the robot's driver differ",
-    SafetyFault.ROBOT_MODE: "the robot left its moving mode",
-    SafetyFault.SUCCESS_RATE: "too few commands reached the robot in time",
-    SafetyFault.COMMAND_STALE: "the controller stopped computing velocities",
-    SafetyFault.COMMAND_NOT_FINITE: "the controller asked for a velocity that is no number",
-    SafetyFault.WORKSPACE: "the arm was about to leave its workspace",
-    SafetyFault.TABLE: "the arm was about to touch the table",
-    SafetyFault.SELF_COLLISION: "the arm was about to touch itself",
-    SafetyFault.EXTERNAL_TORQUE: "something pushed the arm harder than it may",
-    SafetyFault.TRACKING_ERROR: "the robot is not where it was commanded to be",
-    SafetyFault.CAMERA_STALE: "a camera stopped delivering images",
-    SafetyFault.CAMERA_CLOCK: "a camera's images are stamped in the future",
-    SafetyFault.LOOP_STALLED: "this process was held up, so that the arm was left without commands",
-}
-"""One readable clause for each fault."""
-
-POSTURE_FAULTS = {
-    PostureRule.WORKSPACE: SafetyFault.WORKSPACE,
-    PostureRule.TABLE: SafetyFault.TABLE,
-    PostureRule.SELF_COLLISION: SafetyFault.SELF_COLLISION,
-}
+POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
 """The fault of an arm that would break a rule."""
 
 
@@ -64,34 +41,34 @@ def _limiter() -> VelocityLimiterConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SafetyConfig:
-    """When the arm is stopped, and how fast it may be.
+    """Thresholds of the faults, and limits of the arm's motion.
 
     Attributes:
         limiter: Shares of the joints' limits. By default more of the accelerations than the inverse
-            kinematics uses (0.8), so that nothing is slowed down, and half of the jerks, which
-            delays a velocity by 4 ms at most. Its `velocity_scale` is the speed override.
-        posture: Where the arm may be.
-        status_age_limit: Farthest that the robot's status may be off our clock [s]: a dozen
-            control periods.
-        clock_off_age: Statuses that keep coming but are older than this tell of a clock that is
-            off, and not of a slow network [s].
+            kinematics uses (0.8), so that it slows nothing down, and half of the jerks, which
+            delays a velocity by at most 4 ms. Its `velocity_scale` is the speed override.
+        posture: The space in which the arm may be.
+        status_age_limit: Largest difference between the stamp of the robot's status and our clock
+            [s]: a dozen control periods.
+        clock_off_age: Statuses that keep arriving but are older than this [s] indicate a clock
+            that is off, not a slow network.
         min_success_rate: Smallest share of commands that must reach the robot in time; Franka's
             communication test calls a network with less insufficient.
-        success_rate_time: For so long the share may be smaller [s]: the robot counts over its last
+        success_rate_time: How long the share may be smaller [s]: the robot counts over its last
             0.1 s, and has nothing to count before the first commands.
-        command_age_limit: Oldest wanted velocity [s]: a dozen control periods.
-        external_torque: Largest torque from outside on each joint [N m]; those of the motion
-            examples of Franka's library. Grasping and hanging a mug takes up to 7 N m.
-        external_torque_time: For so long a torque may be larger [s]: longer than a single bad
+        command_age_limit: Largest age of the wanted velocity [s]: a dozen control periods.
+        external_torque: Largest external torque on each joint [N m]; those of the motion examples
+            of Franka's library. Grasping and hanging a mug takes up to 7 N m.
+        external_torque_time: How long a torque may be larger [s]: longer than a single bad
             measurement, shorter than a person's reaction.
         tracking_leash: Largest difference between a joint's commanded and its measured position
-            [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold an arm that
-            is in contact back by as much.
+            [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold an arm in
+            contact back by as much.
         rest_speed: An arm with all measured joint speeds below this stands [rad/s].
-        image_age_limit: Oldest image of each camera [s]: more than a tracker can bridge.
-        image_ahead_limit: How far an image may be stamped in the future [s].
-        stall_limit: Longest time between two updates by the clock [s], where there is one: less
-            than the robot's driver follows a command.
+        image_age_limit: Largest age of each camera's image [s]: more than a tracker can bridge.
+        image_ahead_limit: How far the stamp of an image may be in the future [s].
+        stall_limit: Largest time between two updates by the clock, if there is one [s]: less than
+            the robot's driver follows a command.
     """
 
     limiter: VelocityLimiterConfig = field(default_factory=_limiter)
@@ -110,16 +87,16 @@ class SafetyConfig:
     stall_limit: float = 0.08
 
     def __post_init__(self) -> None:
-        others = {"limiter", "posture", "external_torque", "min_success_rate"}
-        values = {name: (value,) for name, value in vars(self).items() if name not in others}
-        for name, numbers in (values | {"external_torque": self.external_torque}).items():
-            if not numbers or not all(0.0 < number < math.inf for number in numbers):
+        for name, value in vars(self).items():
+            if name in ("limiter", "posture", "min_success_rate"):
+                continue
+            numbers = np.ravel(value)
+            if not numbers.size or not ((numbers > 0.0) & (numbers < np.inf)).all():
                 raise InvalidValueError(
-                    f"SafetyConfig.{name} is {getattr(self, name)}.",
-                    remedy="It must be positive and finite.",
+                    f"SafetyConfig.{name} is {value}.", remedy="It must be positive and finite."
                 )
         if not 0.0 <= self.min_success_rate <= 1.0:
             raise InvalidValueError(
                 f"SafetyConfig.min_success_rate is {self.min_success_rate}.",
-                remedy="It must be a share, in [0, 1].",
+                remedy="Write a share in [0, 1].",
             )

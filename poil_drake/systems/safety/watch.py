@@ -1,4 +1,4 @@
-"""The pure function that watches for what stops the arm."""
+"""The supervisor's fault detection, a pure function."""
 
 import math
 from typing import NamedTuple
@@ -8,25 +8,25 @@ from poil_drake.systems.statuses import RobotMode
 
 
 class SafetyObservation(NamedTuple):
-    """What the supervisor sees at one control tick.
+    """The supervisor's observations in one control period.
 
     Attributes:
         mode: The `RobotMode`.
         status_age: Our clock minus the stamp of the newest status [s].
         success_rate: Share of commands that reach the robot in time.
         position_known: Whether the measured position is finite.
-        torque_ratio: Largest external torque as a multiple of what is allowed; NaN if unknown.
+        torque_ratio: Largest external torque as a multiple of its limit; NaN if unknown.
         tracking_error: Largest difference of commanded and measured positions [rad]; zero while
-            the arm stands, wherever that is, and NaN before something is commanded.
-        standing: Whether the arm stands, as commanded and as measured.
+            the arm stands, and NaN before the first command.
+        standing: Whether the arm stands, both as commanded and as measured.
         command_finite: Whether the wanted velocity is finite.
-        command_age: How long ago it was computed [s]: infinity before the first one; zero where
-            that is not told.
-        image_age: Age of the oldest camera's image [s]; zero without any.
-        image_ahead: How far the newest camera's image is in the future [s]; zero without any.
-        stalled: How long the last update is ago by the clock [s]; zero where that is not told.
-        stops: Stop requests so far.
-        resets: Reset requests so far.
+        command_age: Age of the wanted velocity [s]: infinity before the first one; zero without
+            stamps.
+        image_age: Age of the oldest camera's image [s]; zero without images.
+        image_ahead: How far the newest camera's image is in the future [s]; zero without images.
+        stalled: The clock's time since the last update [s]; zero without a clock.
+        stops: Number of stop requests.
+        resets: Number of reset requests.
     """
 
     mode: float
@@ -46,25 +46,25 @@ class SafetyObservation(NamedTuple):
 
 
 class SafetyMemory(NamedTuple):
-    """The watch's memory; all floats, so that it fits a discrete state vector.
+    """The memory of `watch`; all floats, so that it fits a discrete state vector.
 
     Attributes:
         fault: The latched `SafetyFault`.
-        seen: 1 once a status has arrived.
-        believed: 1 while the robot's status is fresh.
-        last_age: Age of the status at the last tick [s]; NaN before the first.
-        silent_for: How long no newer status came [s].
-        off_for: How long the statuses have been off our clock [s].
-        rate_low_for: How long the success rate has been too low [s].
-        torque_high_for: How long an external torque has been too large [s].
+        received: 1 once a status has arrived.
+        fresh: 1 while the robot's status is fresh.
+        last_age: Age of the status in the last period [s]; NaN before the first.
+        silent_for: Time without a newer status [s].
+        off_for: Time with statuses whose stamps are off our clock [s].
+        rate_low_for: Time with a success rate below its limit [s].
+        torque_high_for: Time with an external torque above its limit [s].
         commanded: 1 once a velocity was computed.
-        stops: Stop requests at the last tick.
-        resets: Reset requests at the last tick.
+        stops: Number of stop requests in the last period.
+        resets: Number of reset requests in the last period.
     """
 
     fault: float = float(SafetyFault.NONE)
-    seen: float = 0.0
-    believed: float = 0.0
+    received: float = 0.0
+    fresh: float = 0.0
     last_age: float = math.nan
     silent_for: float = 0.0
     off_for: float = 0.0
@@ -75,107 +75,99 @@ class SafetyMemory(NamedTuple):
     resets: float = 0.0
 
 
-# Looking a member up in its class takes longer than the comparison.
-_NO_FAULT = SafetyFault.NONE
-_MOVE = float(RobotMode.MOVE)
-
-
 def watch(
-    memory: SafetyMemory, seen: SafetyObservation, config: SafetyConfig, period: float
+    memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig, period: float
 ) -> SafetyMemory:
-    """Returns the memory after one control tick, with a fault if there is a reason for one.
+    """Returns the memory after one control period, with a fault if there is a cause.
 
-    A fault stays until `resets` grows while the arm stands and nothing is wrong any more. A reset
-    that comes too early does nothing. Before the first status only a stop is a fault.
+    A fault stays until `resets` grows while the arm stands and no cause persists; an earlier reset
+    has no effect. Before the first status only a stop is a fault.
 
     Args:
         memory: The memory before.
-        seen: What is observed now.
+        observation: The current observation.
         config: Thresholds and times.
         period: The control period [s].
     """
-    stopped = not seen.stops <= memory.stops  # A NaN stops, too.
-    reset = seen.resets > memory.resets
-    after = _remember(memory, seen, config, period)
-    cause = SafetyFault.STOP_REQUESTED if stopped else _cause(after, seen, config)
+    stopped = not observation.stops <= memory.stops  # A NaN stops, too.
+    reset = observation.resets > memory.resets
+    after = _remember(memory, observation, config, period)
+    cause = SafetyFault.STOP_REQUESTED if stopped else _cause(after, observation, config)
     if not memory.fault:
         return after._replace(fault=float(cause))
-    gone = cause is _NO_FAULT and (after.believed or not after.seen)
-    if reset and gone and seen.standing:
-        return after._replace(fault=float(_NO_FAULT))
+    gone = cause is SafetyFault.NONE and (after.fresh or not after.received)
+    if reset and gone and observation.standing:
+        return after._replace(fault=float(SafetyFault.NONE))
     return after
 
 
 def _remember(
-    memory: SafetyMemory, seen: SafetyObservation, config: SafetyConfig, period: float
+    memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig, period: float
 ) -> SafetyMemory:
-    age = seen.status_age
+    age = observation.status_age
     known = math.isfinite(age)
-    arrived = bool(memory.seen) or known
+    received = bool(memory.received) or known
     on_time = abs(age) <= config.status_age_limit
-    believed = arrived and on_time and seen.position_known
-    # The age grows as time goes by, and drops when a newer status comes.
+    fresh = received and on_time and observation.position_known
+    # The age grows with time, and drops with each newer status.
     silent = age - memory.last_age > 0.5 * period
-    rate_low = believed and not seen.success_rate >= config.min_success_rate
-    torque_high = believed and not seen.torque_ratio <= 1.0
-    # Made whole: `_replace` takes twice as long.
+    rate_low = fresh and not observation.success_rate >= config.min_success_rate
+    torque_high = fresh and not observation.torque_ratio <= 1.0
     return SafetyMemory(
         fault=memory.fault,
-        seen=float(arrived),
-        believed=float(believed),
+        received=float(received),
+        fresh=float(fresh),
         last_age=age if known else memory.last_age,
         silent_for=memory.silent_for + period if silent else 0.0,
-        off_for=memory.off_for + period if arrived and not on_time else 0.0,
+        off_for=memory.off_for + period if received and not on_time else 0.0,
         rate_low_for=memory.rate_low_for + period if rate_low else 0.0,
         torque_high_for=memory.torque_high_for + period if torque_high else 0.0,
-        commanded=float(memory.commanded or seen.command_age < math.inf),
-        stops=memory.stops if math.isnan(seen.stops) else seen.stops,
-        resets=memory.resets if math.isnan(seen.resets) else seen.resets,
+        commanded=float(memory.commanded or observation.command_age < math.inf),
+        stops=memory.stops if math.isnan(observation.stops) else observation.stops,
+        resets=memory.resets if math.isnan(observation.resets) else observation.resets,
     )
 
 
-def _cause(memory: SafetyMemory, seen: SafetyObservation, config: SafetyConfig) -> SafetyFault:
-    """Returns what is wrong now, the gravest first."""
-    if not memory.seen:
-        return _NO_FAULT
-    if seen.stalled > config.stall_limit:
+def _cause(
+    memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig
+) -> SafetyFault:
+    """Returns the most severe present cause."""
+    if not memory.received:
+        return SafetyFault.NONE
+    if observation.stalled > config.stall_limit:
         return SafetyFault.LOOP_STALLED
-    if not memory.believed:
-        return _status_fault(memory, seen, config)
-    if seen.mode != _MOVE:
-        return SafetyFault.ROBOT_MODE
-    if memory.torque_high_for > config.external_torque_time:
-        return SafetyFault.EXTERNAL_TORQUE
-    if seen.tracking_error > config.tracking_leash:
-        return SafetyFault.TRACKING_ERROR
-    if memory.rate_low_for > config.success_rate_time:
-        return SafetyFault.SUCCESS_RATE
-    if not seen.command_finite:
-        return SafetyFault.COMMAND_NOT_FINITE
-    if memory.commanded and not seen.command_age <= config.command_age_limit:
-        return SafetyFault.COMMAND_STALE
-    if seen.image_age > config.image_age_limit:
-        return SafetyFault.CAMERA_STALE
-    if seen.image_ahead > config.image_ahead_limit:
-        return SafetyFault.CAMERA_CLOCK
-    return _NO_FAULT
+    if not memory.fresh:
+        return _status_fault(memory, observation, config)
+    command_old = not observation.command_age <= config.command_age_limit
+    causes = {
+        SafetyFault.ROBOT_MODE: observation.mode != RobotMode.MOVE,
+        SafetyFault.EXTERNAL_TORQUE: memory.torque_high_for > config.external_torque_time,
+        SafetyFault.TRACKING_ERROR: observation.tracking_error > config.tracking_leash,
+        SafetyFault.SUCCESS_RATE: memory.rate_low_for > config.success_rate_time,
+        SafetyFault.COMMAND_NOT_FINITE: not observation.command_finite,
+        SafetyFault.COMMAND_STALE: bool(memory.commanded) and command_old,
+        SafetyFault.CAMERA_STALE: observation.image_age > config.image_age_limit,
+        SafetyFault.CAMERA_CLOCK: observation.image_ahead > config.image_ahead_limit,
+    }
+    return next((fault for fault, present in causes.items() if present), SafetyFault.NONE)
 
 
 def _status_fault(
-    memory: SafetyMemory, seen: SafetyObservation, config: SafetyConfig
+    memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig
 ) -> SafetyFault:
-    """Tells a driver that fell silent from one whose clock is off.
+    """Distinguishes a driver that fell silent from one whose clock is off.
 
-    The age of the status of a silent driver grows as time goes by, that by a wrong clock stays.
-    Where the age leaps, what it does afterwards decides, and there is no fault yet: the leap may
-    have been a delay of our own.
+    The age of a silent driver's status grows with time, that of a wrong clock stays constant. After
+    a jump of the age there is no fault yet, as it may come from a delay of this process; what
+    follows decides.
     """
-    if not math.isfinite(seen.status_age) or not seen.position_known:
+    if not math.isfinite(observation.status_age) or not observation.position_known:
         return SafetyFault.NO_STATUS
     patience = 0.5 * config.status_age_limit
     if memory.silent_for >= patience:
         return SafetyFault.NO_STATUS
     if memory.off_for >= patience:
-        off = seen.status_age < 0.0 or seen.status_age >= config.clock_off_age
+        age = observation.status_age
+        off = age < 0.0 or age >= config.clock_off_age
         return SafetyFault.CLOCK_OFF if off else SafetyFault.NO_STATUS
-    return _NO_FAULT
+    return SafetyFault.NONE

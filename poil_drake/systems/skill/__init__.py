@@ -1,1 +1,1 @@
-"""The phases of the skill, and requests to stop."""
+"""The skill's state machine, and requests to stop."""

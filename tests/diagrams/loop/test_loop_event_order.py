@@ -19,12 +19,13 @@ from short_skill import short_plan, short_scenario
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.systems.capture_and_release import CaptureAndRelease
-from poil_drake.systems.ik.differential_ik import DifferentialIk
+from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.panda.velocity_driver import PandaVelocityDriver
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
-from poil_drake.systems.skill.phases import Phase, SkillState
+from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.sequencer import SkillSequencer
+from poil_drake.systems.skill.state_machine import SkillState
 
 CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 3 / 16
 MOVED = 0.5
@@ -49,7 +50,7 @@ WATCHED: dict[str, tuple[type, str, tuple[str, ...]]] = {
     "capture": (CaptureAndRelease, "_capture", ()),
     "release": (CaptureAndRelease, "_release", ()),
     "propagate": (FkPropagator, "_update", ("tracked_points",)),
-    "ik": (DifferentialIk, "_update", ("spatial_velocity",)),
+    "ik": (DifferentialInverseKinematics, "_update", ("spatial_velocity",)),
     "sequence": (SkillSequencer, "_update", ("mean_error",)),
     "driver": (PandaVelocityDriver, "_step", ("velocity",)),
     "log": (
@@ -98,7 +99,7 @@ def _simulate(loop: ClosedLoop) -> None:
     root = simulator.get_mutable_context()
     # The field leads at once, though nothing is held; so every stage of the loop has its say.
     sequencer = loop.sequencer.GetMyMutableContextFromRoot(root)
-    sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW)))
+    sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW, width=0.0)))
     simulator.AdvanceTo(MOVED)
     station = loop.station.GetMyMutableContextFromRoot(root)
     X_WO = GetObjectPose(loop.station, station)

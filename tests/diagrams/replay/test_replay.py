@@ -19,7 +19,6 @@ from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import RunLogError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.recording.comparison.tolerances import (
     JOINT_VELOCITY,
     LINEAR_VELOCITY,
@@ -30,6 +29,7 @@ from poil_drake.recording.run_log.layout import JOINT_COMMANDS_TOPIC, JOINT_STAT
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.replay_summary import ReplaySummary
+from poil_drake.robots.panda import ARM_JOINTS
 
 PERIOD = 1 / 256
 

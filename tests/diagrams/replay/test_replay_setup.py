@@ -17,7 +17,6 @@ from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.comparison.tolerances import (
     CONTROL_TOLERANCES,
@@ -26,6 +25,7 @@ from poil_drake.recording.comparison.tolerances import (
 )
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.systems.skill.phases import Fault, Phase, SkillState
+from poil_drake.systems.skill.phases import Fault, Phase
+from poil_drake.systems.skill.state_machine import SkillState
 
 PERIOD = 1 / 32
 
@@ -164,6 +165,6 @@ def _move_object(dut: RunRecorder, root: Context) -> None:
 def _put_in_phase(
     dut: RunRecorder, root: Context, *, phase: Phase, fault: Fault = Fault.NONE, start: float = 0.0
 ) -> None:
-    state = SkillState(phase=phase, phase_start=start, fault=fault, fault_width=0.04)
+    state = SkillState(phase=phase, phase_start=start, fault=fault, width=0.04)
     sequencer = dut.loop.sequencer.GetMyMutableContextFromRoot(root)
     sequencer.SetDiscreteState(np.array(state))

@@ -11,7 +11,7 @@ from poil_drake.diagrams.run.report import Report, WriteReport, summarize
 from poil_drake.diagrams.run.task_success import HangingJudge
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.safety.faults import SafetyFault
-from poil_drake.systems.skill.phases import FAULT_TEXT, Fault, Phase
+from poil_drake.systems.skill.phases import Fault, Phase
 
 ROD = "rack::rod::bar"
 PICTURED = (Phase.WAIT, Phase.FOLLOW, Phase.FOLLOW)
@@ -110,7 +110,7 @@ def test_a_skill_that_is_not_done_ran_out_of_time() -> None:
 def test_a_fault_is_reported_with_its_phase(fault: Fault) -> None:
     report = make_report(Phase.RELEASE, Phase.FAULT, Phase.FAULT, fault=fault)
 
-    assert verdict(report) == (False, f"{FAULT_TEXT[fault]} (in phase 'release')")
+    assert verdict(report) == (False, f"{fault.text} (in phase 'release')")
 
 
 def test_the_supervisors_fault_is_reported_with_all_problems() -> None:

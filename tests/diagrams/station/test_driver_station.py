@@ -9,6 +9,7 @@ from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda.lcm_messages import (
+    HandOpening,
     decode_hand_status,
     decode_panda_status,
     encode_hand_command,
@@ -75,7 +76,9 @@ def test_hand_closes_and_opens(bench: ClientBench) -> None:
     bench.advance(0.1)
 
     for width in (0.02, 0.07):
-        bench.publish("PANDA_HAND_COMMAND", encode_hand_command(width, 40.0, bench.now()))
+        bench.publish(
+            "PANDA_HAND_COMMAND", encode_hand_command(HandOpening(bench.now(), width), 40.0)
+        )
         bench.advance(1.2)
         assert bench.hand.newest is not None
         assert bench.hand.newest.width == pytest.approx(width, abs=2e-3)

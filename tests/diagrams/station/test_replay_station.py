@@ -13,12 +13,12 @@ from short_skill import short_plan, short_scenario
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.station.replay_station import ReplayStation
-from poil_drake.models.panda_model import ARM_JOINTS
 from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 PERIOD = 1 / 256

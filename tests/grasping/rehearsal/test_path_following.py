@@ -10,7 +10,8 @@ from poil_drake.grasping.rehearsal.path_following import (
     follow_path,
     manipulability,
 )
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE, PandaModel
+from poil_drake.robots.panda import NOMINAL_POSTURE
+from poil_drake.robots.panda_kinematics import PandaModel
 
 TIMES = np.linspace(0.0, 2.0, 21)
 

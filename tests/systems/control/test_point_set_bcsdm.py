@@ -145,19 +145,18 @@ def assert_lost(bench: SystemBench) -> None:
         assert np.all(np.isnan(bench.read(name)))
 
 
-def test_before_the_first_points_it_stands_still(reference: PointTrajectory) -> None:
-    assert_lost(make_bench(reference, np.full((N, 3), np.nan), confidence=np.zeros(N)))
-
-
-def test_points_that_went_stale_stop_it(reference: PointTrajectory) -> None:
-    assert_lost(make_bench(reference, reference.positions[7], confidence=np.zeros(N)))
-
-
-def test_two_points_are_not_enough(reference: PointTrajectory) -> None:
+@pytest.mark.parametrize(
+    ("known", "confidence"),
+    [(0, 0.0), (N, 0.0), (2, 1.0)],
+    ids=["before the first points", "stale points", "two points"],
+)
+def test_it_rests_without_enough_points(
+    reference: PointTrajectory, known: int, confidence: float
+) -> None:
     points = reference.positions[7].copy()
-    points[2:] = np.nan
+    points[known:] = np.nan
 
-    assert_lost(make_bench(reference, points))
+    assert_lost(make_bench(reference, points, confidence=np.full(N, confidence)))
 
 
 def test_points_outside_the_workspace_are_left_out(reference: PointTrajectory) -> None:
@@ -186,7 +185,7 @@ def test_without_a_gripper_pose_it_stands_still(reference: PointTrajectory) -> N
 
 
 def test_every_output_follows_every_input(reference: PointTrajectory) -> None:
-    dut = PointSetBcsdm(reference=reference, period=PERIOD)
+    dut = PointSetBcsdm(reference=reference)
 
     for output in OUTPUTS:
         for name in INPUTS:
@@ -196,25 +195,19 @@ def test_every_output_follows_every_input(reference: PointTrajectory) -> None:
             assert through, f"{name} -> {output}"
 
 
-def test_with_a_progress_window_it_remembers_where_it_was(reference: PointTrajectory) -> None:
-    bench = make_bench(reference, reference.positions[4], WINDOWED)
-    bench.advance_to(PERIOD)
-
-    bench.fix(points=reference.positions[16])
-
-    # 4 samples of 50 ms, and no farther than 0.1 s from there.
-    assert bench.read("tau") == pytest.approx(4 * DT + 0.1)
-
-
-def test_the_memory_survives_a_loss(reference: PointTrajectory) -> None:
+@pytest.mark.parametrize("lost_periods", [0, 2])
+def test_with_a_progress_window_it_remembers_tau_through_a_loss(
+    reference: PointTrajectory, lost_periods: int
+) -> None:
     bench = make_bench(reference, reference.positions[4], WINDOWED)
     bench.advance_to(PERIOD)
     bench.fix(confidence=np.zeros(N))
-    bench.advance_to(3 * PERIOD)
+    bench.advance(lost_periods * PERIOD)
     bench.fix(confidence=np.ones(N))
 
     bench.fix(points=reference.positions[16])
 
+    # 4 samples of 50 ms, and no farther than 0.1 s from there.
     assert bench.read("tau") == pytest.approx(4 * DT + 0.1)
 
 

@@ -87,8 +87,11 @@ def make_bench(
     )
 
 
-def test_before_the_first_points_there_is_nothing_to_follow(planner):
-    bench = make_bench(planner, np.full(BODY.shape, np.nan))
+@pytest.mark.parametrize("outside", [np.nan, 5.0], ids=["unknown", "outside the workspace"])
+def test_before_the_first_three_points_there_is_nothing_to_follow(planner, outside):
+    few = BEHIND.copy()
+    few[2:] += outside
+    bench = make_bench(planner, few)
 
     bench.advance_to(PERIOD)
 
@@ -122,23 +125,14 @@ def test_the_same_reference_is_given_until_there_is_another_plan(planner):
     # One look at the points at least every 1/16 s, and 0.1 s of patience.
     bench.advance_to(0.1)
     held = bench.read("reference")
+    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
+    assert bench.read("controller.status")[0] == ControllerStatus.HOLDING
     bench.advance_to(0.4)
 
     assert second is first
     assert held is ABSENT
     assert bench.read("reference") is not first
     np.testing.assert_allclose(bench.read("reference").positions[0], ASIDE, atol=1e-6)
-
-
-def test_while_it_holds_the_controller_stands_still(planner):
-    bench = make_bench(planner, BEHIND)
-    bench.advance_to(0.5 * PERIOD)
-
-    bench.fix(points=ASIDE)
-    bench.advance_to(0.1)
-
-    np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
-    assert bench.read("controller.status")[0] == ControllerStatus.HOLDING
 
 
 @pytest.mark.parametrize(
@@ -191,17 +185,4 @@ def test_another_plan_is_another_object_though_both_are_the_demonstration(planne
 
 
 def test_no_input_reaches_an_output_at_once(planner):
-    dut = SafeEntry(planner=planner, period=PERIOD)
-
-    assert not dut.HasAnyDirectFeedthrough()
-
-
-def test_points_outside_of_the_workspace_count_for_nothing(planner):
-    few = BEHIND.copy()
-    few[2:] += [0.0, 0.0, 5.0]
-    bench = make_bench(planner, few)
-
-    bench.advance_to(PERIOD)
-
-    assert bench.read("reference") is ABSENT
-    assert bench.read("status")[0] == EntryStatus.WAITING
+    assert not SafeEntry(planner=planner).HasAnyDirectFeedthrough()

@@ -27,9 +27,7 @@ def posture(dut: MeasuredPosture, arm: np.ndarray, width: float) -> np.ndarray:
     return dut.get_output_port().Eval(context)
 
 
-def test_the_robot_is_where_it_is_measured_and_all_else_at_its_default(
-    dut: MeasuredPosture, plant: MultibodyPlant
-) -> None:
+def test_only_the_robot_leaves_its_default(dut: MeasuredPosture, plant: MultibodyPlant) -> None:
     robot, mug = (plant.GetModelInstanceByName(name) for name in ("panda", "mug"))
 
     positions = posture(dut, ARM, 0.05)
@@ -43,7 +41,7 @@ def test_the_robot_is_where_it_is_measured_and_all_else_at_its_default(
     )
 
 
-def test_what_is_not_measured_yet_is_at_its_default(
+def test_without_measurements_the_robot_is_at_its_default(
     dut: MeasuredPosture, plant: MultibodyPlant
 ) -> None:
     default = plant.GetPositions(plant.CreateDefaultContext())

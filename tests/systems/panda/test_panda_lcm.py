@@ -1,4 +1,4 @@
-"""What the drivers of the Panda and its hand report."""
+"""Statuses of the drivers of the Panda and its hand."""
 
 import contextlib
 
@@ -14,38 +14,30 @@ from panda_bench import JOINTS, PERIOD, RobotBench, arm_status, hand_status
 from system_bench import START
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.systems.panda.lcm_messages import (
-    decode_hand_status,
-    decode_panda_status,
-)
+from poil_drake.systems.panda.lcm_messages import decode_hand_status, decode_panda_status
 from poil_drake.systems.statuses import RobotMode
 
 
-def test_status_is_shown_in_the_signs_of_drake(arm: RobotBench) -> None:
-    arm.say(arm_status(START - 0.02))
+@pytest.mark.parametrize("age", [0.02, -1.0])
+def test_status_is_shown_in_the_signs_of_drake(arm: RobotBench, age: float) -> None:
+    arm.report(arm_status(START - age))
 
     np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
     np.testing.assert_allclose(arm.show("velocity_measured"), 0.01 * np.arange(7))
     np.testing.assert_array_equal(arm.show("torque_external"), -np.arange(7.0))
-    assert arm.show("status") == pytest.approx([RobotMode.MOVE, 0.02, 0.98], abs=1e-6)
+    assert arm.show("status") == pytest.approx([RobotMode.MOVE, age, 0.98], abs=1e-6)
 
 
 def test_age_grows_when_statuses_stop_repeat_or_come_late(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.elapsed += 0.3
 
-    arm.say(arm_status(START))
-    arm.say(arm_status(START - 0.1, joint_position=[0.0] * 7))
+    arm.report(arm_status(START))
+    arm.report(arm_status(START - 0.1, joint_position=[0.0] * 7))
 
     assert arm.show("status")[1] == pytest.approx(0.3, abs=1e-6)
     np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
     assert arm.mailbox.late == 2
-
-
-def test_clock_of_the_driver_shows_in_the_age(arm: RobotBench) -> None:
-    arm.say(arm_status(START + 1.0))
-
-    assert arm.show("status")[1] == pytest.approx(-1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -61,10 +53,10 @@ def test_clock_of_the_driver_shows_in_the_age(arm: RobotBench) -> None:
     ],
     ids=["empty", "noise", "cut off", "foreign", "not finite", "no mode", "no joints"],
 )
-def test_messages_that_are_no_status_change_nothing(arm: RobotBench, message: bytes) -> None:
-    arm.say(arm_status(START))
+def test_malformed_statuses_change_nothing(arm: RobotBench, message: bytes) -> None:
+    arm.report(arm_status(START))
 
-    arm.say(message)
+    arm.report(message)
 
     assert arm.mailbox.malformed == 1
     np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
@@ -84,7 +76,7 @@ def test_no_message_at_all_is_an_error_of_its_own(noise: bytes, own: bool) -> No
 def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
     assert np.isnan(hand.show("width_measured"))
 
-    hand.say(hand_status(0.035))
+    hand.report(hand_status(0.035))
 
     assert hand.show("width_measured") == pytest.approx(0.035)
     hand.elapsed += 0.6
@@ -94,19 +86,19 @@ def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
     assert np.isnan(believed[-1])
 
 
-def test_status_of_a_hand_that_is_none_changes_nothing(hand: RobotBench) -> None:
-    hand.say(hand_status(0.035))
+def test_malformed_statuses_of_the_hand_change_nothing(hand: RobotBench) -> None:
+    hand.report(hand_status(0.035))
 
-    hand.say(hand_status(float("nan"), START + 0.1))
-    hand.say(arm_status(START + 0.2))
+    hand.report(hand_status(float("nan"), START + 0.1))
+    hand.report(arm_status(START + 0.2))
 
     assert hand.mailbox.malformed == 2
     assert hand.show("width_measured") == pytest.approx(0.035)
 
 
-def test_a_driver_that_is_started_anew_is_one_driver(arm: RobotBench) -> None:
+def test_a_restarted_driver_is_one_driver(arm: RobotBench) -> None:
     for k in range(40):
         clock = 0.001 * k + (1e3 if k > 20 else 0.0)
-        arm.say(arm_status(START + 0.001 * k, robot_utime=round(1e6 * clock)))
+        arm.report(arm_status(START + 0.001 * k, robot_utime=round(1e6 * clock)))
 
     assert arm.show("status")[0] == RobotMode.MOVE

@@ -1,4 +1,4 @@
-"""What the drivers of the Panda and its hand are told."""
+"""Commands to the drivers of the Panda and its hand."""
 
 import math
 import signal
@@ -23,6 +23,7 @@ from poil_drake.robots.velocity_limiter import JointMotion
 from poil_drake.systems.lcm import mailbox as lcm_mailbox
 from poil_drake.systems.panda import lcm_senders as panda_senders
 from poil_drake.systems.panda.lcm_messages import (
+    HandOpening,
     encode_hand_command,
     encode_panda_command,
 )
@@ -45,7 +46,7 @@ def test_before_the_first_status_nothing_is_known_and_nothing_is_sent(arm: Robot
 
 
 def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.elapsed += 0.25
     wanted = 0.1 * np.arange(7)
 
@@ -59,27 +60,27 @@ def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
 
 
 def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
-    arm = make_arm_bench(max_age=0.1)
-    arm.say(arm_status(START))
+    arm = make_arm_bench()
+    arm.report(arm_status(START))
     wanted = np.full(7, 0.1)
 
     def is_rest(sent: list) -> bool:
         (command,) = sent
         return not any(command.joint_velocity)
 
-    def comes_to_rest(*, time: float) -> bool:
+    def rests_soon(*, time: float) -> bool:
         return any(is_rest(arm.send(velocity=wanted, velocity_time=time)) for _ in range(32))
 
     assert is_rest(arm.send())
     assert is_rest(arm.send(velocity=np.where(np.arange(7) == 3, np.nan, wanted)))
-    assert not comes_to_rest(time=0.0)
+    assert not rests_soon(time=0.0)
     arm.context.SetTime(0.09)
-    assert not comes_to_rest(time=0.0)
+    assert not rests_soon(time=0.0)
     arm.context.SetTime(0.11)
-    assert comes_to_rest(time=0.0)
+    assert rests_soon(time=0.0)
     arm.context.SetTime(0.0)
-    assert not comes_to_rest(time=0.0)
-    assert comes_to_rest(time=np.nan)
+    assert not rests_soon(time=0.0)
+    assert rests_soon(time=np.nan)
 
 
 class HaltedBench(RobotBench):
@@ -88,14 +89,14 @@ class HaltedBench(RobotBench):
     halt = 0.0
 
     @property
-    def update_age(self) -> float:
+    def outdated(self) -> bool:
         self.elapsed += self.halt
-        return 0.0
+        return False
 
 
-def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
+def test_a_delayed_command_carries_its_true_age() -> None:
     arm = make_arm_bench(HaltedBench)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.halt = 1.0
 
     (command,) = arm.send(velocity=np.full(7, 0.1))
@@ -105,37 +106,14 @@ def test_a_command_that_was_held_up_says_how_old_it_is() -> None:
     assert command.utime == round(1e6 * START)
 
 
-def test_braking_does_not_begin_from_what_was_commanded_long_ago(
-    fake_time: FakeTime, arm: RobotBench
-) -> None:
-    arm.say(arm_status(START))
-    speed_up(arm, speed=0.6)
-
-    fake_time.now += 0.2
-    (command,) = arm.send(velocity=np.full(7, np.nan))
-
-    assert not any(command.joint_velocity)
-
-
 def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.fix(velocity=np.full(7, 0.1))
 
     arm.advance_to(0.5)
 
     # One at the start, too.
     assert len(arm.sent) in (128, 129)
-
-
-def test_on_the_way_out_rest_is_sent_for_longer_than_the_driver_waits(
-    fake_time: FakeTime, arm: RobotBench
-) -> None:
-    arm.say(arm_status(START))
-
-    sent = arm.rest(0.15)
-
-    assert len(sent) > 10
-    assert all(not any(command.joint_velocity) for command in sent)
 
 
 def speed_up(arm: RobotBench, *, speed: float) -> None:
@@ -147,10 +125,8 @@ def speed_up(arm: RobotBench, *, speed: float) -> None:
     arm.send(velocity=motion.velocity)
 
 
-def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
-    fake_time: FakeTime, arm: RobotBench
-) -> None:
-    arm.say(arm_status(START))
+def test_send_rest_brakes_as_the_supervisor(fake_time: FakeTime, arm: RobotBench) -> None:
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
 
     sent = arm.rest(0.05)
@@ -164,14 +140,14 @@ def test_on_the_way_out_the_arm_brakes_as_the_supervisor_would(
     assert not arm.dut.commanding
 
 
-def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
+def test_after_a_suspended_send_rest_the_arm_is_still_commanded(
     fake_time: FakeTime, arm: RobotBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def halted_sleep(duration: float) -> None:
         fake_time.now += 10.0
 
     monkeypatch.setattr(fake_time, "sleep", halted_sleep)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
 
     sent = arm.rest(0.05)
@@ -183,7 +159,7 @@ def test_an_arm_whose_process_was_halted_on_the_way_out_is_still_commanded(
 def test_an_arm_that_speeds_up_brakes_within_its_limits(
     fake_time: FakeTime, arm: RobotBench
 ) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.1)  # It would go on to 2 rad/s.
     motion = JointMotion.at_rest(np.array(JOINTS))
     sent = []
@@ -202,11 +178,11 @@ def test_an_arm_that_speeds_up_brakes_within_its_limits(
     assert np.all(np.abs(jerks) <= 1.5 * config.jerk_scale * np.array(config.jerk))
 
 
-@pytest.mark.parametrize(("pause", "moves"), [(0.04, True), (0.08, True), (0.12, False)])
+@pytest.mark.parametrize(("pause", "moves"), [(0.08, True), (0.12, False)])
 def test_after_a_pause_there_is_nothing_to_brake_from(
     fake_time: FakeTime, arm: RobotBench, pause: float, moves: bool
 ) -> None:
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.send(velocity=np.full(7, 0.2))
 
     fake_time.sleep(pause)  # The driver's expiry is 0.1 s.
@@ -232,7 +208,7 @@ def test_a_signal_waits_until_the_arm_rests(
         fake_time.now += duration
 
     monkeypatch.setattr(fake_time, "sleep", interrupted_sleep)
-    arm.say(arm_status(START))
+    arm.report(arm_status(START))
     arm.send(velocity=np.full(7, 0.2))
     arm.sent.clear()
     before = signal.signal(signal.SIGTERM, stop)
@@ -247,18 +223,8 @@ def test_a_signal_waits_until_the_arm_rests(
     assert not any(arm.sent[-1].joint_velocity)
 
 
-def test_what_an_update_of_long_ago_found_is_not_sent(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
-    arm.update_age = 0.079
-    assert len(arm.send(velocity=np.full(7, 0.2))) == 1
-
-    arm.update_age = 0.081
-
-    assert arm.send(velocity=np.full(7, 0.2)) == []
-
-
-def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+def test_the_arm_brakes_when_the_velocity_becomes_nan(arm: RobotBench) -> None:
+    arm.report(arm_status(START))
     speed_up(arm, speed=0.6)
     expected = LIMITER.braking(JointMotion(np.zeros(7), np.full(7, 0.6), np.zeros(7)))
 
@@ -269,9 +235,9 @@ def test_a_velocity_that_is_no_number_any_more_makes_the_arm_brake(arm: RobotBen
     assert np.abs(found[-1]).max() < 0.03
 
 
-def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
+def test_hand_gets_commands_after_its_first_status(hand: RobotBench) -> None:
     assert hand.send(width=0.05) == []
-    hand.say(hand_status(0.08))
+    hand.report(hand_status(0.08))
 
     (command,) = hand.send(width=0.05)
 
@@ -281,16 +247,29 @@ def test_hand_is_told_what_is_known_once_it_answers(hand: RobotBench) -> None:
     assert hand.send(width=float("nan")) == []
 
 
-def test_hand_is_not_told_what_an_update_of_long_ago_found(hand: RobotBench) -> None:
-    hand.say(hand_status(0.08))
-    hand.update_age = 0.081
+def test_hand_without_a_command_keeps_its_opening(hand: RobotBench) -> None:
+    hand.report(hand_status(0.08))
 
-    assert hand.send(width=0.05) == []
+    assert hand.send() == []
 
 
-def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
+@pytest.mark.parametrize("robot", ["arm", "hand"])
+def test_the_result_of_an_outdated_update_is_not_sent(
+    robot: str, request: pytest.FixtureRequest
+) -> None:
+    bench: RobotBench = request.getfixturevalue(robot)
+    bench.report(arm_status(START) if robot == "arm" else hand_status(0.08))
+    inputs = {"velocity": np.full(7, 0.2)} if robot == "arm" else {"width": 0.05}
+    assert len(bench.send(**inputs)) == 1
+
+    bench.outdated = True
+
+    assert bench.send(**inputs) == []
+
+
+def test_initializing_a_simulator_sends_nothing_to_the_hand() -> None:
     hand = make_hand_bench(offset=0.003)
-    hand.say(hand_status(0.08))
+    hand.report(hand_status(0.08))
     hand.fix(width=0.05)
 
     hand.simulator.Initialize()
@@ -302,38 +281,31 @@ def test_hand_is_not_told_anything_while_a_simulator_is_initialized() -> None:
     assert len(hand.sent) == 1
 
 
-def test_somebody_else_who_commands_the_hand_ends_the_run(hand: RobotBench) -> None:
-    hand.say(hand_status(0.08))
-    hand.send(width=0.05)
-    hand.publish("COMMAND", encode_hand_command(0.0, 40.0, START))
+@pytest.mark.parametrize(
+    ("robot", "command", "said"),
+    [
+        ("arm", encode_panda_command(np.full(7, 0.2), START), "the robot on COMMAND"),
+        ("hand", encode_hand_command(HandOpening(START, 0.0), 40.0), "the hand on COMMAND"),
+    ],
+)
+def test_another_process_that_commands_the_robot_ends_the_run(
+    robot: str, command: bytes, said: str, request: pytest.FixtureRequest
+) -> None:
+    bench: RobotBench = request.getfixturevalue(robot)
+    bench.publish("COMMAND", command)
 
-    with pytest.raises(StationError, match="Somebody else commands the hand on COMMAND"):
-        hand.send(width=0.05)
+    with pytest.raises(StationError, match=f"Another process commands {said}"):
+        bench.send()
 
 
-def test_hand_that_nobody_commands_is_left_alone(hand: RobotBench) -> None:
-    hand.say(hand_status(0.08))
-
-    assert hand.send() == []
-
-
-def test_own_commands_are_no_surprise_when_they_come_back(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
+def test_echoes_of_own_commands_are_recognized(arm: RobotBench) -> None:
+    arm.report(arm_status(START))
 
     for k in range(3):
         arm.elapsed = 0.004 * k
         assert len(arm.send(velocity=np.full(7, 0.1))) == 1
 
     assert arm.dut.channel.foreign == 0
-
-
-def test_somebody_else_who_commands_the_arm_ends_the_run(arm: RobotBench) -> None:
-    arm.say(arm_status(START))
-    arm.send(velocity=np.full(7, 0.1))
-    arm.publish("COMMAND", encode_panda_command(np.full(7, 0.2), START))
-
-    with pytest.raises(StationError, match="Somebody else commands the robot on COMMAND"):
-        arm.send()
 
 
 @pytest.fixture
@@ -343,22 +315,15 @@ def patient_mailbox(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("patient_mailbox")
-def test_two_drivers_that_take_turns_are_told(arm: RobotBench) -> None:
+@pytest.mark.parametrize(
+    "difference", [{"robot_utime": round(4e9)}, {"joint_position": [0.2] * 7}], ids=["clock", "arm"]
+)
+def test_two_drivers_that_take_turns_are_reported(arm: RobotBench, difference: dict) -> None:
     for k in range(20):
-        own = 1e3 if k % 2 else 5e3  # Since which each robot's clock runs.
-        stamp = START + 0.001 * k
-        said = arm_status(stamp, robot_utime=round(1e6 * (own + 0.001 * k)))
-        arm.say(said)
-
-    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
-        arm.show("status")
-
-
-@pytest.mark.usefixtures("patient_mailbox")
-def test_two_arms_in_different_postures_are_told(arm: RobotBench) -> None:
-    for k in range(20):
-        position = [0.2 * (k % 2)] * 7
-        arm.say(arm_status(START + 0.001 * k, joint_position=position))
+        now = {"robot_utime": 1000 * k, "joint_position": [0.0] * 7}
+        other = {"robot_utime": 1000 * k + difference.get("robot_utime", 0)}
+        changes = now | difference | other if k % 2 else now
+        arm.report(arm_status(START + 0.001 * k, **changes))
 
     with pytest.raises(StationError, match="Two senders take turns on STATUS"):
         arm.show("status")

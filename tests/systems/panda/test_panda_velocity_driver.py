@@ -2,23 +2,17 @@ import math
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
+from system_bench import SystemBench
 
 from poil_drake.robots.joint_limits import JointLimits
-from poil_drake.systems.panda.velocity_driver import (
-    ROBOT_MODE_MOVE,
-    PandaDriver,
-    PandaVelocityDriver,
-    joint_steps,
-    step_joint,
-)
+from poil_drake.systems.panda.velocity_driver import PandaDriver, PandaVelocityDriver, step_joints
+from poil_drake.systems.statuses import RobotMode
 
 TIME_STEP = 1 / 512
 LIMITS = JointLimits(
     lower=np.full(7, -2.0), upper=np.full(7, 2.0), velocity=np.ones(7), acceleration=np.full(7, 10)
 )
-# No filter and no leash, where a test is about something else.
+# No filter and no leash, for tests of other properties.
 PLAIN = PandaDriver(low_pass_hz=1e9, leash=10.0)
 
 
@@ -30,23 +24,22 @@ def step(
     measured: float | None = None,
     config: PandaDriver = PLAIN,
 ) -> tuple[float, float]:
-    joint = joint_steps(limits=LIMITS, config=config, time_step=TIME_STEP)[0]
+    """Advances one joint of seven alike."""
     measured = position if measured is None else measured
-    return step_joint(joint, position=position, velocity=velocity, wanted=wanted, measured=measured)
+    state = {"position": position, "velocity": velocity, "wanted": wanted, "measured": measured}
+    positions, velocities = step_joints(
+        **{name: np.full(7, value) for name, value in state.items()},
+        limits=LIMITS,
+        config=config,
+        time_step=TIME_STEP,
+    )
+    return positions[0], velocities[0]
 
 
-def test_speed_builds_up_at_the_acceleration_limit() -> None:
+def test_speed_builds_up_at_the_acceleration_limit_to_its_own() -> None:
     # From rest 10 rad/s^2 give 10/512 rad/s in a step, which moves the joint 10/512^2 rad.
-    q, v = step(wanted=1.0)
-
-    assert v == pytest.approx(10 / 512)
-    assert q == pytest.approx(10 / 512**2)
-
-
-def test_speed_stays_below_its_limit() -> None:
-    _, v = step(velocity=1.0, wanted=5.0)
-
-    assert v == pytest.approx(1.0)
+    assert step(wanted=1.0) == pytest.approx((10 / 512**2, 10 / 512))
+    assert step(velocity=1.0, wanted=5.0)[1] == pytest.approx(1.0)
 
 
 def test_the_low_pass_takes_a_time_constant_to_two_thirds() -> None:
@@ -71,7 +64,7 @@ def test_a_joint_brakes_before_its_limit() -> None:
     assert fastest_change < 10.001
 
 
-def test_a_blocked_arm_is_not_wound_up() -> None:
+def test_a_blocked_arm_does_not_wind_up() -> None:
     config = PandaDriver(low_pass_hz=1e9, leash=0.05)
     q, v = 0.0, 0.0
     for _ in range(1024):
@@ -84,113 +77,87 @@ def test_a_blocked_arm_is_not_wound_up() -> None:
 
 
 @pytest.fixture
-def dut() -> PandaVelocityDriver:
-    return PandaVelocityDriver(limits=LIMITS, config=PLAIN, time_step=TIME_STEP)
+def bench() -> SystemBench:
+    """The arm is measured at 0.5 rad."""
+    dut = PandaVelocityDriver(limits=LIMITS, config=PLAIN, time_step=TIME_STEP)
+    return SystemBench(dut, position_measured=np.full(7, 0.5))
 
 
-def start(dut: PandaVelocityDriver) -> Context:
-    context = dut.CreateDefaultContext()
-    dut.GetInputPort("position_measured").FixValue(context, np.full(7, 0.5))
-    return context
+def velocity_after(bench: SystemBench, duration: float) -> float:
+    bench.advance(duration)
+    return bench.read("velocity_commanded")[0]
 
 
-def velocity_after(dut: PandaVelocityDriver, context: Context, duration: float) -> float:
-    simulator = Simulator(dut, context)
-    simulator.Initialize()
-    simulator.AdvanceTo(context.get_time() + duration)
-    return dut.GetOutputPort("velocity_commanded").Eval(context)[0]
+def test_without_a_command_the_arm_holds_still(bench: SystemBench) -> None:
+    np.testing.assert_array_equal(bench.read("position_commanded"), np.full(7, 0.5))
+    np.testing.assert_array_equal(bench.read("velocity_commanded"), 0)
+    np.testing.assert_array_equal(bench.read("status"), [RobotMode.MOVE, 0.0, 1.0])
+
+    assert velocity_after(bench, 0.5) == 0
+    assert bench.read("position_commanded")[0] == 0.5
 
 
-def test_before_the_first_step_the_arm_holds_still(dut: PandaVelocityDriver) -> None:
-    context = start(dut)
+def test_a_command_without_stamps_is_followed_and_a_stamped_one_expires(
+    bench: SystemBench,
+) -> None:
+    bench.fix(velocity=np.full(7, 0.3))
+    assert velocity_after(bench, 0.5) == pytest.approx(0.3)
 
-    np.testing.assert_array_equal(
-        dut.GetOutputPort("position_commanded").Eval(context), np.full(7, 0.5)
-    )
-    np.testing.assert_array_equal(dut.GetOutputPort("velocity_commanded").Eval(context), 0)
-    np.testing.assert_array_equal(
-        dut.GetOutputPort("status").Eval(context), [ROBOT_MODE_MOVE, 0.0, 1.0]
-    )
-
-
-def test_without_a_command_it_stays(dut: PandaVelocityDriver) -> None:
-    context = start(dut)
-
-    assert velocity_after(dut, context, 0.5) == 0
-    assert dut.GetOutputPort("position_commanded").Eval(context)[0] == 0.5
-
-
-def test_a_command_without_stamps_is_followed(dut: PandaVelocityDriver) -> None:
-    context = start(dut)
-    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))
-
-    assert velocity_after(dut, context, 0.5) == pytest.approx(0.3)
-
-
-def test_a_stamped_command_expires(dut: PandaVelocityDriver) -> None:
-    context = start(dut)
-    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))
-    dut.GetInputPort("velocity_time").FixValue(context, [0.0])
-
-    assert velocity_after(dut, context, 0.09) == pytest.approx(0.3)
+    bench.fix(velocity_time=0.5)
+    assert velocity_after(bench, 0.09) == pytest.approx(0.3)
     # It expires after 0.1 s, and braking from 0.3 rad/s at 10 rad/s^2 takes 0.03 s.
-    assert velocity_after(dut, context, 0.05) == pytest.approx(0.0, abs=1e-9)
+    assert velocity_after(bench, 0.05) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("velocity", "time"), [(math.nan, 0.0), (0.3, math.nan), (math.inf, 0.0)])
-def test_a_command_that_is_no_number_means_zero(
-    dut: PandaVelocityDriver, velocity: float, time: float
+def test_a_command_that_is_not_finite_means_zero(
+    bench: SystemBench, velocity: float, time: float
 ) -> None:
-    context = start(dut)
     command = np.full(7, 0.3)
     command[3] = velocity
-    dut.GetInputPort("velocity").FixValue(context, command)
-    dut.GetInputPort("velocity_time").FixValue(context, [time])
+    bench.fix(velocity=command, velocity_time=time)
 
-    assert velocity_after(dut, context, 0.05) == 0
+    assert velocity_after(bench, 0.05) == 0
 
 
 def test_a_step_is_that_of_the_pure_function_for_every_joint() -> None:
     config = PandaDriver(low_pass_hz=30.0, leash=0.05)
-    dut = PandaVelocityDriver(limits=LIMITS, config=config, time_step=TIME_STEP)
-    context = start(dut)
     wanted = np.array([0.3, -0.3, 2.0, -2.0, 0.0, 0.01, 1.0])
-    dut.GetInputPort("velocity").FixValue(context, wanted)
+    bench = SystemBench(
+        PandaVelocityDriver(limits=LIMITS, config=config, time_step=TIME_STEP),
+        position_measured=np.full(7, 0.5),
+        velocity=wanted,
+    )
 
-    velocity_after(dut, context, TIME_STEP / 2)
+    bench.advance(TIME_STEP / 2)
 
     expected = [step(position=0.5, wanted=w, measured=0.5, config=config) for w in wanted]
-    found = [
-        dut.GetOutputPort(f"{name}_commanded").Eval(context) for name in ("position", "velocity")
-    ]
+    found = [bench.read(f"{name}_commanded") for name in ("position", "velocity")]
     np.testing.assert_array_equal(np.transpose(found), expected)
 
 
-def test_a_measurement_that_is_no_number_leaves_the_commands_finite(
-    dut: PandaVelocityDriver,
-) -> None:
-    context = start(dut)
-    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))
-    velocity_after(dut, context, 0.1)
-    dut.GetInputPort("position_measured").FixValue(context, np.full(7, math.nan))
+def test_a_nan_measurement_leaves_the_commands_finite(bench: SystemBench) -> None:
+    bench.fix(velocity=np.full(7, 0.3))
+    bench.advance(0.1)
+    bench.fix(position_measured=np.full(7, math.nan))
 
-    assert velocity_after(dut, context, 0.1) == pytest.approx(0.3)
-    assert np.isfinite(dut.GetOutputPort("position_commanded").Eval(context)).all()
+    assert velocity_after(bench, 0.1) == pytest.approx(0.3)
+    assert np.isfinite(bench.read("position_commanded")).all()
 
 
-def test_after_a_reset_it_holds_where_the_arm_is(dut: PandaVelocityDriver) -> None:
-    context = start(dut)
-    dut.GetInputPort("velocity").FixValue(context, np.full(7, 0.3))
-    velocity_after(dut, context, 0.2)
-    dut.GetInputPort("position_measured").FixValue(context, np.full(7, -1.0))
+def test_after_a_reset_it_holds_the_measured_position(bench: SystemBench) -> None:
+    bench.fix(velocity=np.full(7, 0.3))
+    bench.advance(0.2)
+    bench.fix(position_measured=np.full(7, -1.0))
 
-    dut.Reset(context)
+    bench.dut.Reset(bench.context)
 
-    assert dut.GetOutputPort("position_commanded").Eval(context)[0] == -1.0
-    assert dut.GetOutputPort("velocity_commanded").Eval(context)[0] == 0.0
+    assert bench.read("position_commanded")[0] == -1.0
+    assert bench.read("velocity_commanded")[0] == 0.0
 
 
-def test_commands_do_not_reach_the_outputs_directly(dut: PandaVelocityDriver) -> None:
+def test_commands_do_not_reach_the_outputs_directly(bench: SystemBench) -> None:
+    dut = bench.dut
     command = dut.GetInputPort("velocity").get_index()
 
     assert not any(dut.HasDirectFeedthrough(command, i) for i in range(dut.num_output_ports()))

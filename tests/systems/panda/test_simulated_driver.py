@@ -7,10 +7,7 @@ from network_bench import NetworkBench
 
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
-    decode_panda_status,
-    encode_panda_command,
-)
+from poil_drake.systems.panda.lcm_messages import decode_panda_status, encode_panda_command
 from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.statuses import RobotMode
 
@@ -42,15 +39,10 @@ def bench() -> NetworkBench:
     return make_bench()
 
 
-def test_before_the_first_command_the_arm_is_told_to_rest(bench: NetworkBench) -> None:
-    bench.advance(0.1)
-
-    np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
-    assert bench.read("velocity_time")[0] == -np.inf
-
-
 def test_velocity_is_passed_on_with_its_age(bench: NetworkBench) -> None:
     bench.advance(0.25)
+    np.testing.assert_array_equal(bench.read("velocity"), np.zeros(7))
+    assert bench.read("velocity_time")[0] == -np.inf
 
     bench.publish("COMMAND", encode_panda_command(WANTED, bench.now() - 0.03))
     bench.advance(PERIOD)
@@ -61,7 +53,7 @@ def test_velocity_is_passed_on_with_its_age(bench: NetworkBench) -> None:
     assert bench.time - bench.read("velocity_time")[0] == pytest.approx(0.23 + PERIOD, abs=1e-5)
 
 
-@pytest.mark.parametrize("offset", [-0.2, 0.2, 1.0, -1.0])
+@pytest.mark.parametrize("offset", [-0.2, 0.2])
 def test_commands_by_another_clock_are_dropped(bench: NetworkBench, offset: float) -> None:
     bench.advance(0.25)
 
@@ -131,7 +123,7 @@ def test_between_steps_of_the_plant_the_position_is_carried_on() -> None:
 
 
 def test_reflex_stops_the_arm_is_reported_and_ends_the_driver() -> None:
-    bench = make_bench(torque_limit=20.0, reflex_sec=0.1)
+    bench = make_bench(torque_limit=20.0)
     mailbox = LcmMailbox(bench.lcm, "STATUS", decode_panda_status)
     bench.publish("COMMAND", encode_panda_command(WANTED, bench.now()))
     bench.advance(0.05)

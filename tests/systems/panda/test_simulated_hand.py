@@ -5,7 +5,7 @@ import pytest
 from drake import lcmt_schunk_wsg_status
 from network_bench import NetworkBench
 
-from poil_drake.systems.panda.lcm_messages import HAND_PERIOD, encode_hand_command
+from poil_drake.systems.panda.lcm_messages import HAND_PERIOD, HandOpening, encode_hand_command
 from poil_drake.systems.panda.simulated_hand import SimulatedHand
 
 
@@ -16,7 +16,7 @@ def bench() -> NetworkBench:
 
 
 def tell(bench: NetworkBench, width: float) -> None:
-    bench.publish("COMMAND", encode_hand_command(width, 40.0, bench.now()))
+    bench.publish("COMMAND", encode_hand_command(HandOpening(bench.now(), width), 40.0))
 
 
 def test_before_the_first_command_the_hand_holds_what_it_has(bench: NetworkBench) -> None:

@@ -1,4 +1,4 @@
-"""A narrow cell for a supervised arm, and what somebody may ask of it."""
+"""A narrow cell for a supervised arm, and random velocities for it."""
 
 import numpy as np
 from supervisor_bench import LIMITS, MODEL
@@ -15,7 +15,7 @@ CELL = PostureGuardConfig(
     body_upper=(0.8, 0.6, 1.1),
     table_height=0.02,
 )
-SPHERES = make_robot_spheres(MODEL, finger_opening=None)
+SPHERES = make_robot_spheres(finger_opening=None)
 ITSELF = RobotCollisionChecker(model=MODEL, spheres=SPHERES, scene=SceneCloud(np.zeros((0, 3))))
 
 

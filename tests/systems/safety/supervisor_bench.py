@@ -1,4 +1,4 @@
-"""A supervised arm that does exactly as it is told, in continuous time."""
+"""A supervised arm that follows its commands exactly, in continuous time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from system_bench import SystemBench
 
-from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.safety.supervisor import SafetySupervisor
@@ -14,26 +13,21 @@ from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 256
 MODEL = PandaModel()
-LIMITS = JointLimits(
-    lower=MODEL.lower,
-    upper=MODEL.upper,
-    velocity=MODEL.velocity,
-    acceleration=np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0]),
-)
+LIMITS = MODEL.joint_limits
 
 
 class SupervisorBench(SystemBench):
     """Runs a supervisor tick by tick, with an arm that follows at once.
 
     The velocities between two ticks are taken to be on a straight line, so that the arm's position
-    is the integral of what it is told.
+    is the integral of its commands.
 
     Attributes:
         dut: The supervisor.
         q: (7,) where the arm is [rad].
-        inputs: What the inputs that are connected show, or functions of the time [s] that say it;
-            the arm's posture and speed only where they are not measured as they are.
-        velocities: (K, 7) what the supervisor said at each tick [rad/s].
+        inputs: Values of the connected inputs, or functions of the time [s] that return them;
+            the arm's posture and speed only where the measurement is to differ from the truth.
+        velocities: (K, 7) the commands at each tick [rad/s].
         held_up: By how much the clock of a `timed` supervisor is ahead of the simulation [s].
     """
 
@@ -49,7 +43,6 @@ class SupervisorBench(SystemBench):
     ):
         dut = SafetySupervisor(
             model=MODEL,
-            limits=LIMITS,
             period=PERIOD,
             cameras=cameras,
             config=config,
@@ -60,8 +53,8 @@ class SupervisorBench(SystemBench):
         self.velocities: list[np.ndarray] = []
         self.inputs: dict[str, Any] = {
             "velocity": np.zeros(7),
-            "panda.torque_external": np.zeros(7),
-            "panda.status": [float(RobotMode.MOVE), 0.0, 1.0],
+            "torque_external": np.zeros(7),
+            "status": [float(RobotMode.MOVE), 0.0, 1.0],
         }
         self.inputs |= {f"{camera}.image_time": [np.nan] for camera in cameras}
 
@@ -73,13 +66,13 @@ class SupervisorBench(SystemBench):
         self.inputs |= changes
         for _ in range(count):
             speed = self.velocities[-1] if self.velocities else np.zeros(7)
-            measured = {"panda.position_measured": self.q, "panda.velocity_measured": speed}
+            measured = {"position_measured": self.q, "velocity_measured": speed}
             for name, value in (measured | self.inputs).items():
                 self.fix(name, value(self.time) if callable(value) else value)
             self.simulator.AdvancePendingEvents()
-            told = self.read("velocity")
-            self.q = self.q + 0.5 * PERIOD * (speed + told)
-            self.velocities.append(told)
+            command = self.read("velocity")
+            self.q = self.q + 0.5 * PERIOD * (speed + command)
+            self.velocities.append(command)
             self.advance_to(len(self.velocities) * PERIOD)
 
     def hold_up(self, duration: float) -> None:

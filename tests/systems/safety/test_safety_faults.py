@@ -3,15 +3,7 @@ import math
 import pytest
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.robots.posture_guard import PostureRule
 from poil_drake.systems.safety import faults as dut
-from poil_drake.systems.safety.faults import SafetyFault
-
-
-def test_every_fault_has_its_text_and_every_rule_its_fault() -> None:
-    assert set(dut.SAFETY_FAULT_TEXT) == set(SafetyFault)
-    assert set(dut.POSTURE_FAULTS) == set(PostureRule)
-    assert all(fault.name == rule.name for rule, fault in dut.POSTURE_FAULTS.items())
 
 
 @pytest.mark.parametrize(

@@ -6,22 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from panda_bench import FakeTime
+from panda_bench import FakeTime, arm_status
 from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
-from poil_drake.robots.panda_kinematics import NOMINAL_POSTURE
+from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.posture_guard import PostureGuard
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda import lcm_senders as panda_senders
-from poil_drake.systems.panda.lcm_messages import (
-    PandaStatus,
-    decode_panda_command,
-    decode_panda_status,
-    encode_panda_status,
-)
-from poil_drake.systems.panda.lcm_senders import PandaCommandSender
+from poil_drake.systems.panda.lcm_messages import decode_panda_command, decode_panda_status
+from poil_drake.systems.panda.lcm_senders import FrankaCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.statuses import RobotMode
 
@@ -30,6 +25,16 @@ LOW = np.array([0.0, 0.3, 0.0, -2.2, 0.0, 2.5, np.pi / 4])
 """The hand hangs straight down, well above the table."""
 DOWN = np.eye(7)[1]
 LIMITER = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
+
+
+LARGEST_CHANGE = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
+
+
+def moving(dut: SupervisorBench) -> np.ndarray:
+    """Moves the arm for a fifth of a second, and returns its velocity."""
+    velocity = 0.2 * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    dut.tick(50, velocity=velocity)
+    return velocity
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0])
@@ -58,9 +63,9 @@ def test_an_arm_that_is_ahead_keeps_within_its_joints_limits(ahead: float) -> No
     assert dut.q[6] == pytest.approx(LIMITS.upper[6] - 0.05, abs=0.01)
 
 
-def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
+def test_late_updates_account_for_the_motion_meanwhile() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    dut.tick(50, velocity=np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1])
+    moving(dut)
 
     for _ in range(10):
         dut.hold_up(0.05)
@@ -72,22 +77,20 @@ def test_an_arm_that_was_left_to_itself_is_known_to_be_farther() -> None:
 
 
 @pytest.mark.parametrize(("held_up", "moves"), [(0.09, True), (0.3, False)])
-def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
+def test_after_a_suspension_the_arm_brakes_from_its_measured_motion(
     held_up: float, moves: bool
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
-    dut.tick(50, velocity=velocity)
+    velocity = moving(dut)
     measured = 0.9 * velocity if moves else np.zeros(7)
 
     dut.hold_up(held_up)
-    dut.tick(1, **{"panda.velocity_measured": measured})
+    dut.tick(velocity_measured=measured)
 
     assert dut.fault is SafetyFault.LOOP_STALLED
-    told = dut.velocities[-1]
-    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
-    assert np.all(np.abs(told - measured) <= largest + 1e-9)
-    assert np.any(told) == moves
+    commanded = dut.velocities[-1]
+    assert np.all(np.abs(commanded - measured) <= LARGEST_CHANGE + 1e-9)
+    assert np.any(commanded) == moves
 
 
 @pytest.mark.parametrize(
@@ -99,22 +102,19 @@ def test_an_arm_that_was_left_alone_for_long_brakes_from_what_it_does(
         (0.09, 0.089, 0.2),  # The driver follows the last command still.
     ],
 )
-def test_an_arm_is_not_moved_again_by_what_it_did_before_a_halt(
+def test_measurements_from_before_a_suspension_do_not_move_the_arm(
     held_up: float, age: float, expected: float
 ) -> None:
     dut = SupervisorBench(NOMINAL_POSTURE, timed=True)
-    velocity = np.full(7, 0.2) * [1, -1, 1, 1, 1, 1, 1]
-    dut.tick(50, velocity=velocity)
+    velocity = moving(dut)
 
     dut.hold_up(held_up)
-    before = {"panda.velocity_measured": 0.9 * velocity}
-    dut.tick(1, **before, **{"panda.status": [float(RobotMode.MOVE), age, 1.0]})
+    dut.tick(velocity_measured=0.9 * velocity, status=[float(RobotMode.MOVE), age, 1.0])
 
     assert dut.fault is SafetyFault.LOOP_STALLED
-    largest = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
-    told, braked = np.abs(dut.velocities[-1]), expected - largest
-    assert np.all(told <= expected)
-    assert np.all(told >= braked)
+    commanded, braked = np.abs(dut.velocities[-1]), expected - LARGEST_CHANGE
+    assert np.all(commanded <= expected)
+    assert np.all(commanded >= braked)
     dut.tick(20)
     assert np.all(np.abs(dut.velocities[-20:]) <= expected)
 
@@ -137,13 +137,13 @@ class Network:
         return 0
 
 
-class WayOut:
-    """Sends what a supervisor says, and brings the arm to rest."""
+class RestSender:
+    """Sends a supervisor's velocities, and brings the arm to rest."""
 
     def __init__(self) -> None:
         self._lcm = Network()
         mailbox = LcmMailbox(self._lcm, "STATUS", decode_panda_status)
-        self._sender = PandaCommandSender(
+        self._sender = FrankaCommandSender(
             lcm=self._lcm, channel="COMMAND", mailbox=mailbox, limiter=LIMITER, period=PERIOD
         )
         self._context = self._sender.CreateDefaultContext()
@@ -151,19 +151,11 @@ class WayOut:
         self._lcm.Subscribe(
             "COMMAND", lambda raw: self._sent.append(decode_panda_command(raw).velocity)
         )
-        status = PandaStatus(
-            stamp=100.0,
-            position=np.zeros(7),
-            velocity=np.zeros(7),
-            torque_external=np.zeros(7),
-            mode=RobotMode.MOVE,
-            success_rate=1.0,
-        )
-        self._lcm.Publish("STATUS", encode_panda_status(status, np.zeros(7)))
+        self._lcm.Publish("STATUS", arm_status(100.0))
 
-    def velocities(self, said: list[np.ndarray]) -> np.ndarray:
-        """Returns what is sent (K, 7) after the supervisor said the last two velocities."""
-        for velocity in said[-2:]:
+    def velocities(self, commanded: list[np.ndarray]) -> np.ndarray:
+        """Returns what is sent (K, 7) after the last two velocities of the supervisor."""
+        for velocity in commanded[-2:]:
             self._sender.GetInputPort("velocity").FixValue(self._context, velocity)
             self._sender.ForcedPublish(self._context)
         self._sent.clear()
@@ -173,7 +165,7 @@ class WayOut:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=15)
-def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
+def test_no_limit_is_exceeded_while_coming_to_rest(seed: int) -> None:
     """At full speed, out of any motion."""
     rng = np.random.default_rng(seed)
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
@@ -183,7 +175,7 @@ def test_on_the_way_out_no_limit_is_exceeded_either(seed: int) -> None:
             dut.tick(reset=[float(len(dut.velocities))])
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(panda_senders, "time", FakeTime())
-            rest = WayOut().velocities(dut.velocities)
+            rest = RestSender().velocities(dut.velocities)
 
         v = np.concatenate([dut.velocities[-1:], rest])
         q = dut.q + np.cumsum(0.5 * PERIOD * (v[:-1] + v[1:]), axis=0)

@@ -27,19 +27,12 @@ def page() -> Meshcat:
     return Meshcat()
 
 
-def test_before_the_first_update_nothing_was_asked_for() -> None:
+def test_requests_at_the_switch_are_counted_from_the_first_update_on() -> None:
     switch = StopSwitch()
     switch.request()
-    dut = StopRequests(period=PERIOD, switch=switch)
-
-    assert dut.GetOutputPort("stop").Eval(dut.CreateDefaultContext())[0] == 0.0
-
-
-def test_requests_at_the_switch_are_counted() -> None:
-    switch = StopSwitch()
     dut = StopRequests(period=PERIOD, switch=switch)
     simulator = Simulator(dut)
-    switch.request()
+    assert dut.GetOutputPort("stop").Eval(dut.CreateDefaultContext())[0] == 0.0
 
     first = shown(dut, simulator, 0.0)
     for _ in range(2):
@@ -74,12 +67,6 @@ def test_the_button_goes_when_closed_and_its_clicks_stay(page: Meshcat) -> None:
 
     assert BUTTON not in page.GetButtonNames()
     assert shown(dut, simulator, PERIOD) == 1.0
-
-
-def test_without_a_page_or_a_switch_nobody_stops() -> None:
-    dut = StopRequests(period=PERIOD)
-
-    assert shown(dut, Simulator(dut), 0.1) == 0.0
 
 
 def test_a_switch_may_be_pressed_from_many_threads() -> None:

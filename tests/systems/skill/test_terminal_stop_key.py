@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import pytest
 
 from poil_drake.systems.skill.stop_requests import StopSwitch
-from poil_drake.systems.skill.terminal_stop_key import TerminalStopKey
+from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 
-PATIENCE = 3600.0  # [s]; only a test that fails waits for so long.
+PATIENCE = 3600.0  # [s]; only a failing test waits that long.
 
 
 class Noticing(StopSwitch):
@@ -35,15 +35,15 @@ def keyboard() -> Iterator[tuple[int, io.TextIOWrapper]]:
 
 
 @pytest.mark.parametrize("key", [b" ", b"\r", b"\n", b"q", b"Q", b"\x1b"])
-def test_a_stop_key_presses_the_switch(keyboard, key: bytes) -> None:
+def test_a_stop_key_requests_a_stop(keyboard, key: bytes) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
-    with TerminalStopKey(switch, stream=terminal) as dut:
+    with terminal_stop_key(switch, stream=terminal) as active:
         os.write(typing, key)
         noticed = switch.pressed.acquire(timeout=PATIENCE)
 
-        assert dut.active
+        assert active
     assert noticed
     assert switch.requests == 1
 
@@ -52,7 +52,7 @@ def test_other_keys_do_nothing(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
-    with TerminalStopKey(switch, stream=terminal):
+    with terminal_stop_key(switch, stream=terminal):
         # Keys are looked at in order: once the space is seen, so was what came before it.
         os.write(typing, b"abc1/-")
         os.write(typing, b" ")
@@ -65,7 +65,7 @@ def test_every_key_press_counts(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
-    with TerminalStopKey(switch, stream=terminal):
+    with terminal_stop_key(switch, stream=terminal):
         os.write(typing, b"q q")
         for _ in range(3):
             assert switch.pressed.acquire(timeout=PATIENCE)
@@ -77,7 +77,7 @@ def test_keys_arrive_without_enter_and_the_terminal_is_given_back(keyboard) -> N
     _, terminal = keyboard
     before = termios.tcgetattr(terminal)
 
-    with TerminalStopKey(StopSwitch(), stream=terminal):
+    with terminal_stop_key(StopSwitch(), stream=terminal):
         local_modes = termios.tcgetattr(terminal)[3]
 
     assert not local_modes & (termios.ICANON | termios.ECHO)
@@ -92,22 +92,21 @@ def test_the_terminal_is_given_back_after_an_error(keyboard) -> None:
 
     with (
         pytest.raises(KeyboardInterrupt),
-        TerminalStopKey(StopSwitch(), stream=terminal),
+        terminal_stop_key(StopSwitch(), stream=terminal),
     ):
         raise KeyboardInterrupt
 
     assert termios.tcgetattr(terminal) == before
 
 
-def test_nobody_listens_any_more_after_it(keyboard) -> None:
+def test_afterwards_keys_have_no_effect(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
-    with TerminalStopKey(switch, stream=terminal) as dut:
+    with terminal_stop_key(switch, stream=terminal):
         pass
     os.write(typing, b" \n")
 
-    assert not dut.active
     assert os.read(terminal.fileno(), 2) == b" \n"  # It is still there for others.
     assert switch.requests == 0
 
@@ -116,33 +115,30 @@ def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
     typing, terminal = keyboard
     switch = Noticing()
 
-    with TerminalStopKey(switch, stream=terminal), open(os.devnull) as elsewhere:
+    with terminal_stop_key(switch, stream=terminal), open(os.devnull) as elsewhere:
         os.dup2(elsewhere.fileno(), typing)
         assert switch.pressed.acquire(timeout=PATIENCE)
 
     assert switch.requests == 1
 
 
-def test_what_is_no_terminal_is_left_alone(tmp_path) -> None:
+def test_a_file_is_left_alone(tmp_path) -> None:
     file = tmp_path / "keys"
     file.write_text(" q\n")
     switch = StopSwitch()
 
-    with file.open() as stream, TerminalStopKey(switch, stream=stream) as dut:
-        assert not dut.active
+    with file.open() as stream, terminal_stop_key(switch, stream=stream) as active:
+        assert not active
         assert stream.read() == " q\n"
 
     assert switch.requests == 0
 
 
-def test_a_stream_without_a_file_is_left_alone() -> None:
-    with TerminalStopKey(StopSwitch(), stream=io.StringIO(" ")) as dut:
-        assert not dut.active
-
-
-def test_a_closed_stream_is_left_alone() -> None:
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_stream_without_a_file_is_left_alone(closed: bool) -> None:
     stream = io.StringIO(" ")
-    stream.close()
+    if closed:
+        stream.close()
 
-    with TerminalStopKey(StopSwitch(), stream=stream) as dut:
-        assert not dut.active
+    with terminal_stop_key(StopSwitch(), stream=stream) as active:
+        assert not active

@@ -35,14 +35,13 @@ from poil_drake.diagrams.station.station_models import AddStationModels, Prefina
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.lcm.mailbox import Stamped
-from poil_drake.systems.lcm.network import LcmNetwork
+from poil_drake.systems.lcm.network import Clock, LcmNetwork
 from poil_drake.systems.lcm.shared_channel import SharedChannel
-from poil_drake.systems.panda.lcm_messages import Clock
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
@@ -137,7 +136,7 @@ class HardwareStation(Station):
             channels=self._config.channels,
             dry_run=dry_run,
             limiter=VelocityLimiter(
-                limits=MakePandaKinematics().joint_limits,
+                limits=PandaModel().joint_limits,
                 period=period,
                 config=scenario.poil.safety.limiter,
             ),

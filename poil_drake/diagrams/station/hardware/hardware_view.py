@@ -66,7 +66,7 @@ class HardwareView:
             preview = builder.GetSubsystemByName("kinematic_robot")
             shown = (
                 preview.GetOutputPort("position_measured"),
-                preview.GetOutputPort("hand.width_measured"),
+                preview.GetOutputPort("width_measured"),
             )
         else:
             shown = arm, hand

@@ -8,20 +8,19 @@ from pydrake.systems.framework import DiagramBuilder
 from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.lcm.network import LcmPump, MessageNetwork
+from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
 from poil_drake.systems.panda.kinematic_robot import KinematicRobot
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
-    Clock,
-    HandStatus,
+    HandOpening,
     PandaChannels,
     PandaStatus,
     decode_hand_status,
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda.lcm_receivers import HandStatusReceiver, PandaStatusReceiver
-from poil_drake.systems.panda.lcm_senders import HandCommandSender, PandaCommandSender
+from poil_drake.systems.panda.lcm_receivers import FrankaStatusReceiver, HandStatusReceiver
+from poil_drake.systems.panda.lcm_senders import FrankaCommandSender, HandCommandSender
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +35,8 @@ class PandaHardware:
     """
 
     arm: LcmMailbox[PandaStatus]
-    hand: LcmMailbox[HandStatus]
-    sender: PandaCommandSender | None
+    hand: LcmMailbox[HandOpening]
+    sender: FrankaCommandSender | None
     hand_sender: HandCommandSender | None
 
 
@@ -81,7 +80,7 @@ def AddPandaHardware(
     hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status, clock=clock)
     pump = builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=period))
     receiver = builder.AddNamedSystem(
-        "panda_status", PandaStatusReceiver(mailbox=arm, period=period, clock=clock)
+        "panda_status", FrankaStatusReceiver(mailbox=arm, period=period, clock=clock)
     )
     hand_receiver = builder.AddNamedSystem(
         "hand_status", HandStatusReceiver(mailbox=hand, period=period, clock=clock)
@@ -90,14 +89,14 @@ def AddPandaHardware(
         _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
         return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
 
-    def update_age() -> float:
-        return time_scale * (time.monotonic() - pump.handled_at)
+    def outdated() -> bool:
+        return time_scale * (time.monotonic() - pump.handled_at) > stall_limit
 
     # After the update, as nothing must be sent while a simulator is initialized.
     offset = COMMAND_SHARE * period
     sender = builder.AddNamedSystem(
         "panda_command",
-        PandaCommandSender(
+        FrankaCommandSender(
             lcm=lcm,
             channel=channels.command,
             mailbox=arm,
@@ -105,8 +104,7 @@ def AddPandaHardware(
             period=period,
             offset=offset,
             expiry=expiry,
-            update_age=update_age,
-            max_update_age=stall_limit,
+            outdated=outdated,
             clock=clock,
             time_scale=time_scale,
         ),
@@ -119,8 +117,7 @@ def AddPandaHardware(
             mailbox=hand,
             period=HAND_PERIOD,
             offset=offset,
-            update_age=update_age,
-            max_update_age=stall_limit,
+            outdated=outdated,
             clock=clock,
         ),
     )
@@ -137,7 +134,7 @@ def _add_kinematic_robot(
     builder: DiagramBuilder,
     name: str,
     period: float,
-    receiver: PandaStatusReceiver,
+    receiver: FrankaStatusReceiver,
     hand_receiver: HandStatusReceiver,
 ) -> None:
     robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
@@ -147,8 +144,8 @@ def _add_kinematic_robot(
     builder.Connect(width, robot.GetInputPort("real_width"))
     builder.ExportInput(robot.GetInputPort("velocity"), f"{name}.velocity")
     builder.ExportInput(robot.GetInputPort("velocity_time"), f"{name}.velocity_time")
-    builder.ExportInput(robot.GetInputPort("hand.width"), "hand.width")
+    builder.ExportInput(robot.GetInputPort("width"), "hand.width")
     for port in ("position_measured", "velocity_measured", "torque_external"):
         builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
     builder.ExportOutput(receiver.GetOutputPort("status"), f"{name}.status")
-    builder.ExportOutput(robot.GetOutputPort("hand.width_measured"), "hand.width_measured")
+    builder.ExportOutput(robot.GetOutputPort("width_measured"), "hand.width_measured")

@@ -1,5 +1,7 @@
 """The hardware's end of the network against the simulated robot's, in one process and one time."""
 
+import math
+
 import numpy as np
 import pytest
 from network_bench import NetworkBench
@@ -10,8 +12,8 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.ik.arm_plant import MakePandaKinematics
 from poil_drake.systems.safety.faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 
@@ -31,7 +33,7 @@ class HardwareBench(SystemBench):
             name="panda",
             period=PERIOD,
             limiter=VelocityLimiter(
-                limits=MakePandaKinematics().joint_limits,
+                limits=PandaModel().joint_limits,
                 period=PERIOD,
                 config=SafetyConfig().limiter,
             ),
@@ -103,6 +105,21 @@ def test_before_the_first_status_nothing_moves(bench: HardwareBench) -> None:
     assert np.isnan(bench.read("panda.position_measured")).all()
     assert bench.read("panda.status")[1] == np.inf
     assert bench.robot.time == 0.0
+
+
+def test_nothing_is_sent_long_after_an_update(bench: HardwareBench) -> None:
+    bench.advance(0.1)
+    sender, pump = bench.hardware.sender, bench.dut.GetSubsystemByName("lcm")
+    assert sender is not None
+    sent = bench.robot.hear("PANDA_COMMAND")
+    bench.robot.lcm.HandleSubscriptions(0)
+    sent.clear()
+
+    for handled_at in (-math.inf, math.inf):
+        pump.handled_at = handled_at
+        sender.ForcedPublish(sender.GetMyContextFromRoot(bench.context))
+        bench.robot.lcm.HandleSubscriptions(0)
+        assert len(sent) == (handled_at > 0.0)
 
 
 def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario) -> None:
