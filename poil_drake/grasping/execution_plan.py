@@ -11,7 +11,7 @@ import numpy as np
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, PoilError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.plan_file import MAKE_ANOTHER, PlanFileError, pack, unpack
 from poil_drake.robots.joint_trajectory import JointTrajectory
@@ -64,15 +64,13 @@ class ExecutionPlan(SharedOnCopy):
 
     def __post_init__(self) -> None:
         count = self.reference.positions.shape[1]
-        shapes: dict[str, tuple[int | str, ...]] = {
-            "target_points": (count, 3),
-            "object_points": ("P", 3),
-            "part_points": ("M", 3),
-            "nominal_posture": (7,),
-        }
-        for name, shape in shapes.items():
-            array = frozen_array(getattr(self, name), name=f"ExecutionPlan.{name}", shape=shape)
-            object.__setattr__(self, name, array)
+        freeze_fields(
+            self,
+            target_points=(count, 3),
+            object_points=("P", 3),
+            part_points=("M", 3),
+            nominal_posture=(7,),
+        )
         for name in ("approach", "descent"):
             joints = getattr(self, name).positions.shape[1]
             if joints != self.nominal_posture.size:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +35,13 @@ class CameraModel(SharedOnCopy):
                 f"CameraModel '{self.name}' is {self.width} x {self.height} pixels.",
                 remedy="Width and height must be at least 1.",
             )
-        object.__setattr__(self, "K", frozen_array(self.K, name="CameraModel.K", shape=(3, 3)))
-        X_WC = frozen_array(self.X_WC, name="CameraModel.X_WC", shape=(4, 4))
-        R = X_WC[:3, :3]
+        freeze_fields(self, K=(3, 3), X_WC=(4, 4))
+        R = self.X_WC[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
             raise InvalidValueError(
                 f"CameraModel.X_WC of '{self.name}' does not hold a rotation matrix.",
                 remedy="Pass a rigid transform with an orthonormal, right-handed rotation.",
             )
-        object.__setattr__(self, "X_WC", X_WC)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,19 +23,13 @@ class JointTrajectory(SharedOnCopy):
     velocities: np.ndarray
 
     def __post_init__(self) -> None:
-        times = frozen_array(self.times, name="JointTrajectory.times", shape=("T",))
+        freeze_fields(self, times=("T",), positions=("T", "J"), velocities=("T", "J"))
+        times = self.times
         if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
             raise InvalidValueError(
                 f"JointTrajectory.times has {times.size} samples that do not increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
-        shape = (times.size, "J")
-        positions = frozen_array(self.positions, name="JointTrajectory.positions", shape=shape)
-        velocities = frozen_array(
-            self.velocities, name="JointTrajectory.velocities", shape=positions.shape
-        )
-        for name, value in (("times", times), ("positions", positions), ("velocities", velocities)):
-            object.__setattr__(self, name, value)
 
     @property
     def duration(self) -> float:

@@ -126,8 +126,8 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             wires.append((f"station.{camera}.image_time", f"supervisor.{camera}.image_time"))
         if "logger" in parts:
             wires.append((f"station.{camera}.image_time", f"logger.cameras.{camera}.image_time"))
-    if station.HasOutputPort("replayed_position"):
-        wires.append(("station.replayed_position", "supervisor.replayed_position"))
+    if station.HasOutputPort(f"{station.scenario.poil.robot}.position_commanded"):
+        wires.append(("robot.position_commanded", "supervisor.position_commanded"))
     tracker = parts["tracker"]
     wires += [
         (source, f"tracker.{port}") for source, port in TRACKER_WIRES if tracker.HasInputPort(port)

@@ -43,6 +43,8 @@ from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 _ROUNDING = 1e-6
 
+_MEASURED = ("position_measured", "velocity_measured", "torque_external")
+
 _DRY_RUN_LEADS = (STATUS,)
 """In a dry run, arm and hand are a `KinematicRobot`, which moves with the other updates."""
 
@@ -62,15 +64,15 @@ class ReplayStation(Station):
         - panda.velocity_measured
         - panda.torque_external
         - panda.status
+        - panda.position_commanded
         - hand.width_measured
         - <camera>.rgb_image
         - <camera>.depth_image
         - <camera>.label_image
         - <camera>.image_time
-        - replayed_position
 
-    The ports are those of `HardwareStation`, and `replayed_position` (7,) [rad], the posture that
-    was commanded in the run. The inputs are ignored; the
+    The ports are those of `HardwareStation`, and `panda.position_commanded` (7,) [rad], the posture
+    that was commanded in the run, as commands move nothing here. The inputs are ignored; the
     outputs are those of the log at the time of the context (see `RecordedRobot` and
     `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` exists for cameras of
     which the log has label images.
@@ -137,10 +139,9 @@ class ReplayStation(Station):
         for port in ("velocity", "velocity_time"):
             builder.ExportInput(robot.GetInputPort(port), f"{name}.{port}")
         builder.ExportInput(robot.GetInputPort("width"), "hand.width")
-        for port in ("position_measured", "velocity_measured", "torque_external", "status"):
+        for port in (*_MEASURED, "status", "position_commanded"):
             builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
         builder.ExportOutput(robot.GetOutputPort("width_measured"), "hand.width_measured")
-        builder.ExportOutput(robot.GetOutputPort("replayed_position"), "replayed_position")
 
     def _add_cameras(self, builder: DiagramBuilder) -> None:
         delay = CameraDelay(self._scenario.cameras)

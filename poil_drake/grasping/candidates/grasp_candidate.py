@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.robots.panda_hand import GripperGeometry
 
 GRIPPER = GripperGeometry()
@@ -32,8 +32,8 @@ class GraspCandidate(SharedOnCopy):
     contact_points: np.ndarray
 
     def __post_init__(self) -> None:
-        X_WG = frozen_array(self.X_WG, name="GraspCandidate.X_WG", shape=(4, 4))
-        R = X_WG[:3, :3]
+        freeze_fields(self, X_WG=(4, 4), contact_points=(2, 3))
+        R = self.X_WG[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
             raise InvalidValueError(
                 "GraspCandidate.X_WG does not hold a rotation matrix.",
@@ -44,11 +44,6 @@ class GraspCandidate(SharedOnCopy):
                 f"GraspCandidate has width {self.width} and pregrasp_width {self.pregrasp_width}.",
                 remedy="The fingers must open at least to the width of the grasped surface.",
             )
-        contacts = frozen_array(
-            self.contact_points, name="GraspCandidate.contact_points", shape=(2, 3)
-        )
-        object.__setattr__(self, "X_WG", X_WG)
-        object.__setattr__(self, "contact_points", contacts)
 
     @property
     def approach(self) -> np.ndarray:

@@ -43,12 +43,12 @@ class RecordedRobot(LeafSystem):
         - torque_external
         - status
         - width_measured
-        - replayed_position
+        - position_commanded
 
     The robot ignores its inputs, which are those of other robots. `position_measured` [rad],
     `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `width_measured` (1,) [m] is
     the hand's, and `status` (3,) is mode, age [s] and share of commands in time: those of the
-    newest sample at or before the context's time, NaN before the first. `replayed_position` (7,)
+    newest sample at or before the context's time, NaN before the first. `position_commanded` (7,)
     [rad] is the commanded posture of the run, which cannot be computed from the commands of the
     replay, as the robot does not follow them.
 
@@ -95,7 +95,7 @@ class RecordedRobot(LeafSystem):
             ("torque_external", JOINTS, joints, slice(2 * n, 3 * n)),
             ("status", STATUS, status, slice(0, 3)),
             ("width_measured", HAND, hand, slice(0, 1)),
-            ("replayed_position", "", postures, slice(0, n)),
+            ("position_commanded", "", postures, slice(0, n)),
         ):
             self._declare_output(name, series, part, kind in leading)
 

@@ -26,7 +26,7 @@ _INPUTS = {
     "status": 3,
     "stop": 1,
     "reset": 1,
-    "replayed_position": NUM_JOINTS,
+    "position_commanded": NUM_JOINTS,
 }
 _COMING_TO_REST = 0.1
 """An arm comes to rest within this time after its last command has expired [s]."""
@@ -49,7 +49,7 @@ class SafetySupervisor(LeafSystem):
         - status
         - stop
         - reset
-        - replayed_position
+        - position_commanded
         - <camera>.image_time
         output_ports:
         - velocity
@@ -59,7 +59,7 @@ class SafetySupervisor(LeafSystem):
         - updated_at
         - position
 
-    Inputs, of which `velocity_time`, `stop`, `reset`, `replayed_position` and the cameras' are
+    Inputs, of which `velocity_time`, `stop`, `reset`, `position_commanded` and the cameras' are
     optional: `velocity` (7,) [rad/s] is the wanted velocity, computed at `velocity_time` (1,) [s];
     `position_measured` (7,) [rad], `velocity_measured` (7,) [rad/s], `torque_external` (7,) [N m]
     and `status` (3,) are the station's; `stop` and `reset` (1,) count requests, of which every
@@ -87,9 +87,8 @@ class SafetySupervisor(LeafSystem):
 
     The commanded posture is state as well. Whenever the arm stands it becomes the measured one;
     while the arm moves, each velocity counts for the time by the clock for which it was commanded,
-    even if updates are late. A velocity that a rule refuses at every speed is a fault. In a replay,
-    in which commands move nothing, the posture is the run's `replayed_position` (7,) [rad] at each
-    update.
+    even if updates are late. If the station reports `position_commanded` (7,) [rad], the posture is
+    that at each update instead. A velocity that a rule refuses at every speed is a fault.
     """
 
     def __init__(
@@ -187,9 +186,9 @@ class SafetySupervisor(LeafSystem):
         stalled = self._time_since_update(state["updated_at"])
         if stalled > 0.0:
             motion = self._motion_after(stalled, motion, context)
-        replayed = self._inputs["replayed_position"]
-        if replayed.HasValue(context):
-            motion = motion._replace(position=np.array(replayed.Eval(context)))
+        reported = self._inputs["position_commanded"]
+        if reported.HasValue(context):
+            motion = motion._replace(position=np.array(reported.Eval(context)))
         observation = self._observe(context, motion, stalled, state["image_times"])
         memory = watch(
             SafetyMemory(*state["memory"].tolist()), observation, self._config, self._period

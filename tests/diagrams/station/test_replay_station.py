@@ -80,7 +80,7 @@ def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
     # The truth came from the simulator; nobody else's wires differ.
     only_there, only_here = wires(simulated) - wires(replayed), wires(replayed) - wires(simulated)
     assert only_there == {("station.body_poses", "tracker.body_poses")}
-    assert only_here == {("station.replayed_position", "supervisor.replayed_position")}
+    assert only_here == {("station.panda.position_commanded", "supervisor.position_commanded")}
 
 
 def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
         for camera in ("left", "right")
         for kind in ("rgb_image", "depth_image", "image_time")
     }
-    assert ports(dut) == ROBOT_PORTS | images | {"replayed_position"}
+    assert ports(dut) == ROBOT_PORTS | images | {"panda.position_commanded"}
     assert dut.camera_names == ("left", "right")
 
 

@@ -86,7 +86,7 @@ def test_a_sample_is_shown_when_it_was_taken():
         ("torque_external", 7, 0.0),
         ("width_measured", 1, 10.0),
         ("status", 3, 20.0),
-        ("replayed_position", 7, 30.0),
+        ("position_commanded", 7, 30.0),
     ],
 )
 def test_every_signal_has_its_port(port, size, value):
@@ -107,7 +107,7 @@ def test_before_the_first_sample_nothing_is_known():
     )
     context = dut.CreateDefaultContext()
 
-    for port in ("position_measured", "status", "width_measured", "replayed_position"):
+    for port in ("position_measured", "status", "width_measured", "position_commanded"):
         assert np.isnan(dut.GetOutputPort(port).Eval(context)).all()
 
 

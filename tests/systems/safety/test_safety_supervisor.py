@@ -347,7 +347,7 @@ def test_in_a_replay_the_arm_need_not_follow_its_commands() -> None:
 
     # Two seconds at 0.1 rad/s are more than the leash of 0.1 rad.
     live.tick(512, velocity=WANTED)
-    replay.tick(512, velocity=WANTED, replayed_position=still)
+    replay.tick(512, velocity=WANTED, position_commanded=still)
 
     assert live.fault is SafetyFault.TRACKING_ERROR
     assert replay.fault is SafetyFault.NONE
