@@ -1,7 +1,7 @@
 """Runs the independent trials of a study in parallel, on this machine or on a Ray cluster."""
 
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import closing
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ def run_trials(
     ray_address: str | None = None,
     attempts: int = 3,
     trials_per_worker: int | None = None,
-) -> Iterator[tuple[int, Result | LostTrial]]:
+) -> Generator[tuple[int, Result | LostTrial], None, None]:
     """Runs `function(*shared, *arguments[i])` for every i, and yields results as they arrive.
 
     The result of a trial depends on its arguments only, as long as `function` draws its random
@@ -74,7 +74,7 @@ def run_trials(
 
     An exception of `function` ends the run: it is raised here as soon as it is known, as a
     RuntimeError unless it is a `PoilError`. A trial that may fail returns its failure instead.
-    However the run ends (by an exception, by a signal, or because the iterator is closed), no
+    However the run ends (by an exception, by a signal, or because the generator is closed), no
     worker is left behind.
 
     Args:
@@ -124,7 +124,7 @@ def run_trials(
 
 def _run(
     make_workers: Callable[[], TrialWorkers], arguments: Sequence[tuple[Any, ...]], attempts: int
-) -> Iterator[tuple[int, Any]]:
+) -> Generator[tuple[int, Any], None, None]:
     with closing(make_workers()) as workers:
         waiting = list(range(len(arguments)))
         for attempt in range(1, attempts + 1):
