@@ -30,21 +30,20 @@ _JOINTS = "panda.position_measured"
 
 
 class ControlPath:
-    """The systems of the closed loop's control path, in a diagram that is fed by hand.
+    """The systems of the closed loop's control path, in a diagram with fixed inputs.
 
-    The arm does at once what it is told; a tracker reports the points in its hand, with noise and
-    an eighth of its period late. Now and then the arm begins anew near the start.
+    The arm follows commands at once. A tracker reports the points in its hand, with noise and an
+    eighth of its period late. From time to time the arm restarts near its initial position.
     """
 
-    def __init__(self, *, num_points: int, num_samples: int, rates: Rates | None = None):
+    def __init__(self, *, num_points: int, num_samples: int):
         """Builds the diagram.
 
         Args:
-            num_points: N.
-            num_samples: T of the reference.
-            rates: Periods of control and tracker.
+            num_points: N, number of points.
+            num_samples: T, number of samples of the reference.
         """
-        self._rates = rates or Rates()
+        self._rates = Rates()
         self._random = np.random.default_rng(0)
         self._kinematics = MakePandaKinematics()
         self._probe = LeafSystem()
@@ -114,7 +113,7 @@ class ControlPath:
         return self._kinematics.pose(self._scratch, joints)
 
     def _reference(self, num_samples: int) -> PointTrajectory:
-        """Returns 4 s of carrying the points 0.3 m aside, with a turn of 60 degrees."""
+        """Returns 4 s of carrying the points 0.3 m to the side, with a rotation by 60 degrees."""
         times = np.linspace(0.0, 4.0, num_samples)
         s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
         X_WG = self._pose(self._start)
@@ -128,7 +127,7 @@ class ControlPath:
         return PointTrajectory(times, positions, velocities)
 
     def _look(self) -> TrackedPoints:
-        """Returns what a tracker sees now: noise of 1 mm."""
+        """Returns the tracked points now, with noise of 1 mm."""
         points = transform_points(self._pose(self._joints), self._in_hand)
         return TrackedPoints(
             points + self._random.normal(scale=1e-3, size=points.shape),
@@ -140,7 +139,7 @@ class ControlPath:
         self._diagram.GetInputPort(name).FixValue(self._context, value)
 
     def prepare(self) -> None:
-        """Moves the arm as it was last told, and lets the tracker report when it is time."""
+        """Moves the arm by the last command, and updates the tracked points when they are due."""
         tracker = round(self._rates.tracker / self._rates.control)
         self._joints = self._joints + self._rates.control * self._command
         if self._tick % (64 * tracker) == 0:

@@ -18,7 +18,7 @@ def test_periods_and_jitter_are_in_milliseconds() -> None:
     assert commands.ratio == pytest.approx(commands.jitter_p99_9 / 0.001)
 
 
-def test_the_first_is_what_others_are_compared_with() -> None:
+def test_the_first_row_is_the_baseline() -> None:
     (row,) = summarize({"bare loop": np.array([0.0, 0.004, 0.009])}, 0.004)
 
     assert row.ratio == 1.0

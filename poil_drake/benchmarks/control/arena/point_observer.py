@@ -1,15 +1,15 @@
-"""Reads out of the simulator where the functional part's points truly are."""
+"""Reads the true points of the functional part from the simulator."""
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class PointObserver(LeafSystem):
-    """The ground truth that the study gives to every policy.
+    """The ground truth that every policy of the study observes.
 
     .. pydrake_system::
 
@@ -38,14 +38,13 @@ class PointObserver(LeafSystem):
         Args:
             plant: The finalized plant.
             body: The driven body.
-            carriers: N bodies, that to which each point belongs.
+            carriers: N bodies, one per point: the body that carries it.
             p_BP: (N, 3) the points in these bodies' frames [m].
         """
         super().__init__()
         self._body = body.index()
-        indices = [carrier.index() for carrier in carriers]
-        self._bodies = list(dict.fromkeys(indices))
-        self._groups = [np.flatnonzero([index == one for index in indices]) for one in self._bodies]
+        indices = np.array([int(carrier.index()) for carrier in carriers])
+        self._groups = [(BodyIndex(k), np.flatnonzero(indices == k)) for k in np.unique(indices)]
         self._p_BP = p_BP
         poses = [RigidTransform()] * plant.num_bodies()
         self._poses = self.DeclareAbstractInputPort("body_poses", Value(poses))
@@ -63,7 +62,7 @@ class PointObserver(LeafSystem):
     def _calc_points(self, context: Context, output: BasicVector) -> None:
         poses = self._poses.Eval(context)
         points = np.empty_like(self._p_BP)
-        for body, members in zip(self._bodies, self._groups, strict=True):
+        for body, members in self._groups:
             points[members] = (poses[body] @ self._p_BP[members].T).T
         output.SetFromVector(points.ravel())
 

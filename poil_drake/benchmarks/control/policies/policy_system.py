@@ -9,7 +9,7 @@ from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 
 
 class PolicySystem(LeafSystem):
-    """A policy with the speed limits that hold for all of them.
+    """Runs a policy, and limits its speed as that of all policies.
 
     .. pydrake_system::
 
@@ -24,13 +24,13 @@ class PolicySystem(LeafSystem):
         - point
 
     Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO and
-    `hand_pose` (16,) X_WH, both row-major. At each of the policy's periods it takes a step; outputs
-    are what it then commanded, and zero before the first one:
+    `hand_pose` (16,) X_WH, both row-major. The policy takes a step in each of its periods. Outputs
+    are the command of the last step, and zero before the first step:
 
     - `twist` (6,): (omega [rad/s], v [m/s]) of `point`, world, scaled by one factor to the limits.
-      What is not finite counts as zero.
-    - `point` (3,): where the hand was then, whatever place the policy spoke of [m, world]: the
-      limit is of the same place for all policies.
+      A command that is not finite counts as zero.
+    - `point` (3,): where the hand was in the last step [m, world]. The limits hold at the hand for
+      all policies, whichever point a policy commands.
 
     The policy's state is this system's abstract state.
     """
@@ -47,9 +47,9 @@ class PolicySystem(LeafSystem):
 
         Args:
             policy: The policy.
-            num_points: N.
-            max_angular_speed: Of the commanded twist [rad/s].
-            max_linear_speed: Of the hand [m/s].
+            num_points: N, number of points.
+            max_angular_speed: Limit of the commanded twist [rad/s].
+            max_linear_speed: Limit of the hand's speed [m/s].
         """
         super().__init__()
         self._policy = policy

@@ -1,7 +1,9 @@
-"""BCSDM on poses in PyTorch, written straight from its formulas: the baseline of the latencies.
+"""BCSDM on poses in PyTorch, written directly from its formulas: the baseline of the latencies.
 
 It takes a batch of poses, as the published implementation does, and computes the logarithm of the
 rotation from every sample of the reference by the textbook formula.
+
+Imports torch: import this module inside functions only.
 """
 
 import torch
@@ -16,7 +18,7 @@ class TorchSe3Bcsdm:
         """Copies the reference into tensors.
 
         Args:
-            reference: Where the object should go.
+            reference: The demonstrated motion.
             config: Parameters of the field.
         """
         X = torch.tensor(reference.X_WO)
