@@ -23,16 +23,15 @@ _STYLE = {
 
 
 def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how long the flow takes to leave each saddle against where it began."""
+    """Draws the time in which the flow leaves each saddle against its start."""
     with _figure(path, width=7.4, height=4.6) as (figure, _):
         axes = figure.subplots()
-        distances = np.asarray(figures["distances"])
         markers = ("o", "s", "^")
         for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
             color = _COLORS[way["saddle"] - 1]
-            axes.plot(distances, way["predicted"], color=color, linewidth=1.2)
+            axes.plot(figures["distances"], way["predicted"], color=color, linewidth=1.2)
             axes.plot(
-                distances,
+                figures["distances"],
                 way["times"],
                 markers[way["axis"] - 1],
                 color=color,
@@ -53,7 +52,7 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
 
 
 def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how far a twist may be held: runs, rotations and point sets."""
+    """Draws the effect of holding a twist: on runs, rotations and point sets."""
     with _figure(path, width=13.5, height=4.3) as (figure, colormaps):
         left, middle, right = figure.subplots(1, 3)
         _draw_runs(left, figures["runs"], colormaps["viridis"])
@@ -126,18 +125,18 @@ def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
 def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
     from matplotlib.colors import ListedColormap
 
-    delays, periods = np.asarray(figures["delays"]), np.asarray(figures["periods"])
+    delays, periods = figures["delays"], figures["periods"]
     axes.grid(False)
     axes.pcolormesh(
         delays,
         periods,
-        np.asarray(figures["verdicts"]),
+        figures["verdicts"],
         cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
         vmin=0,
         vmax=2,
         shading="nearest",
     )
-    ratios = np.asarray(figures["ratios"])
+    ratios = figures["ratios"]
     names = ("no overshoot: closed form", "stable: closed form")
     for key, at_zero, name, color in zip(
         ("limits_without_overshoot", "limits_stable"),
@@ -146,7 +145,7 @@ def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
         ("#2f8f5b", "#b03a1a"),
         strict=True,
     ):
-        limits = np.asarray(figures[key])
+        limits = figures[key]
         x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
         axes.plot(x, y, color=color, linewidth=1.6, label=name)
     tracker = figures["tracker"]
@@ -168,7 +167,7 @@ def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
 
 
 def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
-    offsets = np.asarray(tracker["offsets"])
+    offsets = tracker["offsets"]
     shown = 30
     axes.plot(offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start")
     size = tracker["decay_per_period"] ** np.arange(shown)
@@ -182,10 +181,10 @@ def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
 
 
 def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how noise in the points turns the field as the points come to lie on a line."""
+    """Draws the angular noise of the field as the points approach a line."""
     with _figure(path, width=7.4, height=4.6) as (figure, _):
         axes = figure.subplots()
-        condition = np.asarray(figures["condition"])
+        condition = figures["condition"]
         noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
         rows = (
             ("predicted", "measured", _COLORS[1], "o", "about the line: least squares"),
@@ -220,10 +219,7 @@ def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
 
 @contextmanager
 def _figure(path: Path, *, width: float, height: float) -> Iterator[tuple[Any, Any]]:
-    """Yields an empty figure in the style of these pictures, and colour maps; writes it at the end.
-
-    Without pyplot, so that it needs no display and leaves nothing open.
-    """
+    """Yields an empty figure in the style of these pictures, and colour maps; writes it at exit."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

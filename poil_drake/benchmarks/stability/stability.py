@@ -1,4 +1,4 @@
-"""The theory of the field, drawn beside simulation: saddles, sampling, delay and noise."""
+"""Draws the theory of the field beside simulation: saddles, sampling, delay and noise."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,13 +23,13 @@ from poil_drake.recording.mcap.plain_json import write_json
 def run_stability_study(
     *, pictures: Path, json_path: Path, config: StabilityStudyConfig | None = None
 ) -> dict[str, Any]:
-    """Measures what the theory predicts, draws both, and writes every figure as JSON.
+    """Simulates what the theory predicts, draws both, and writes all figures as JSON.
 
     Args:
         pictures: Folder for `control_escape.png`, `control_sampling.png`, `control_delay.png` and
             `control_noise.png`.
-        json_path: Where the figures go.
-        config: None for the defaults.
+        json_path: File for the figures.
+        config: Resolution; None for the defaults.
 
     Returns:
         The figures by study: "escape", "sampling", "delay" and "noise".
