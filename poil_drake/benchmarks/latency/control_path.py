@@ -2,13 +2,15 @@
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.diagrams.loop.wires import LOOP_WIRES
 from poil_drake.diagrams.scenario.rates import Rates
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.robots.joint_trajectory import JointTrajectory
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control.motion_source import MotionSource, MotionSourceConfig
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
@@ -17,16 +19,7 @@ from poil_drake.systems.ik.differential_ik import DifferentialIk, DifferentialIk
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.skill.phases import Phase
 
-_WIRES = [
-    ("propagator.points", "controller.points"),
-    ("propagator.confidence", "controller.confidence"),
-    ("propagator.gripper_pose", "controller.gripper_pose"),
-    ("propagator.gripper_pose", "motion.gripper_pose"),
-    ("controller.spatial_velocity", "motion.field_velocity"),
-    ("motion.spatial_velocity", "inverse_kinematics.spatial_velocity"),
-    ("inverse_kinematics.velocity", "motion.ik_velocity"),
-]
-_JOINTS = "panda.position_measured"
+_START = np.array(DifferentialIkConfig().resolution.nominal_posture)
 
 
 class ControlPath:
@@ -43,45 +36,34 @@ class ControlPath:
             num_points: N, number of points.
             num_samples: T, number of samples of the reference.
         """
-        self._rates = Rates()
+        self._rates, self._model = Rates(), PandaModel()
         self._random = np.random.default_rng(0)
-        self._kinematics = MakePandaKinematics()
-        self._probe = LeafSystem()
-        scratch = self._kinematics.declare_scratch(self._probe)
-        self._probe_context = self._probe.CreateDefaultContext()
-        self._scratch = scratch.Eval(self._probe_context)
-        ik = DifferentialIkConfig()
-        self._start = np.array(ik.resolution.nominal_posture)
         self._in_hand = self._random.uniform([-0.04] * 3, [0.04, 0.04, 0.14], (num_points, 3))
-        builder = DiagramBuilder()
-        systems = self._add_systems(builder, ik, num_samples)
-        self._diagram = builder.Build()
+        systems = self._make_systems(num_samples)
+        self._diagram = _connect(systems)
         self._velocity = systems["motion"].GetOutputPort("velocity")
         self._simulator = Simulator(self._diagram)
         self._context = self._simulator.get_mutable_context()
         self._motion_context = systems["motion"].GetMyContextFromRoot(self._context)
         self._tick = 0
-        self._joints = self._start
-        self._command = np.zeros(self._start.size)
-        self._fix("holding", [1.0])
-        self._fix("phase", [float(Phase.FOLLOW)])
-        self._fix("phase_start", [0.0])
-        self._capture = self._look()
-        self._fix("tracked_points", self._capture)
-        self._fix(_JOINTS, self._joints)
+        self._joints, self._command = _START, np.zeros(_START.size)
+        self._capture = self._track()
+        self._fix("sequencer.holding", [1.0])
+        self._fix("sequencer.phase", [float(Phase.FOLLOW)])
+        self._fix("sequencer.phase_start", [0.0])
+        self._fix("tracker.tracked_points", self._capture)
+        self._fix("station.panda.position_measured", self._joints)
         self._simulator.Initialize()
 
-    def _add_systems(
-        self, builder: DiagramBuilder, ik: DifferentialIkConfig, num_samples: int
-    ) -> dict[str, LeafSystem]:
-        period, stopwatch = self._rates.control, Stopwatch()
+    def _make_systems(self, num_samples: int) -> dict[str, LeafSystem]:
+        period, stopwatch, kinematics = self._rates.control, Stopwatch(), MakePandaKinematics()
         rest = JointTrajectory(
-            np.array([0.0, 1.0]), np.tile(self._start, (2, 1)), np.zeros((2, self._start.size))
+            np.array([0.0, 1.0]), np.tile(_START, (2, 1)), np.zeros((2, _START.size))
         )
-        systems: dict[str, LeafSystem] = {
+        return {
             "propagator": FkPropagator(
                 num_points=len(self._in_hand),
-                kinematics=self._kinematics,
+                kinematics=kinematics,
                 period=period,
                 stopwatch=stopwatch,
             ),
@@ -90,33 +72,18 @@ class ControlPath:
                 approach=rest, descent=rest, config=MotionSourceConfig(), period=period
             ),
             "inverse_kinematics": DifferentialIk(
-                kinematics=self._kinematics, period=period, config=ik, stopwatch=stopwatch
+                kinematics=kinematics,
+                period=period,
+                config=DifferentialIkConfig(),
+                stopwatch=stopwatch,
             ),
         }
-        for name, system in systems.items():
-            builder.AddNamedSystem(name, system)
-        for source, target in _WIRES:
-            (giver, output), (taker, input_) = source.split("."), target.split(".")
-            builder.Connect(
-                systems[giver].GetOutputPort(output), systems[taker].GetInputPort(input_)
-            )
-        for name in ("tracked_points", "holding"):
-            builder.ExportInput(systems["propagator"].GetInputPort(name), name)
-        for name in ("phase", "phase_start"):
-            builder.ExportInput(systems["motion"].GetInputPort(name), name)
-        builder.ExportInput(systems["propagator"].GetInputPort(_JOINTS), _JOINTS)
-        for name in ("motion", "inverse_kinematics"):
-            builder.ConnectInput(_JOINTS, systems[name].GetInputPort(_JOINTS))
-        return systems
-
-    def _pose(self, joints: np.ndarray) -> np.ndarray:
-        return self._kinematics.pose(self._scratch, joints)
 
     def _reference(self, num_samples: int) -> PointTrajectory:
         """Returns 4 s of carrying the points 0.3 m to the side, with a rotation by 60 degrees."""
         times = np.linspace(0.0, 4.0, num_samples)
         s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
-        X_WG = self._pose(self._start)
+        X_WG = self._model.gripper_pose(_START)
         X = make_transform(
             rotation_exp(s * [0.0, 0.0, np.pi / 3.0]) @ X_WG[:3, :3],
             X_WG[:3, 3] + s * [0.05, 0.25, 0.15],
@@ -126,9 +93,9 @@ class ControlPath:
         velocities[-1] = 0.0
         return PointTrajectory(times, positions, velocities)
 
-    def _look(self) -> TrackedPoints:
+    def _track(self) -> TrackedPoints:
         """Returns the tracked points now, with noise of 1 mm."""
-        points = transform_points(self._pose(self._joints), self._in_hand)
+        points = transform_points(self._model.gripper_pose(self._joints), self._in_hand)
         return TrackedPoints(
             points + self._random.normal(scale=1e-3, size=points.shape),
             np.ones(len(points)),
@@ -143,12 +110,12 @@ class ControlPath:
         tracker = round(self._rates.tracker / self._rates.control)
         self._joints = self._joints + self._rates.control * self._command
         if self._tick % (64 * tracker) == 0:
-            self._joints = self._start + self._random.uniform(-0.2, 0.2, self._start.size)
+            self._joints = _START + self._random.uniform(-0.2, 0.2, _START.size)
         if self._tick % tracker == 0:
-            self._fix("tracked_points", self._capture)
+            self._fix("tracker.tracked_points", self._capture)
         if self._tick % tracker == tracker - tracker // 8:
-            self._capture = self._look()
-        self._fix(_JOINTS, self._joints)
+            self._capture = self._track()
+        self._fix("station.panda.position_measured", self._joints)
         self._tick += 1
 
     def step(self) -> np.ndarray:
@@ -156,3 +123,24 @@ class ControlPath:
         self._simulator.AdvanceTo(self._tick * self._rates.control)
         self._command = self._velocity.Eval(self._motion_context)
         return self._command
+
+
+def _connect(systems: dict[str, LeafSystem]) -> Diagram:
+    """Returns the diagram of some systems of the loop, with inputs for the outputs of others."""
+    builder = DiagramBuilder()
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
+    exported = set()
+    for source, target in LOOP_WIRES:
+        (giver, output), (taker, input_) = source.split(".", 1), target.split(".", 1)
+        if taker not in systems:
+            continue
+        port = systems[taker].GetInputPort(input_)
+        if giver in systems:
+            builder.Connect(systems[giver].GetOutputPort(output), port)
+        elif source in exported:
+            builder.ConnectInput(source, port)
+        else:
+            exported.add(source)
+            builder.ExportInput(port, source)
+    return builder.Build()
