@@ -70,8 +70,7 @@ def _draw_distances(trials: Sequence[ControlTrial], tasks: Sequence[str], path: 
                 capsize=2,
             )
         axis.set_title(MakeTask(task).title)
-        axis.set_xlabel("distance to the Near region [m]")
-        axis.set_ylim(-3, 103)
+        axis.set(xlabel="distance to the Near region [m]", ylim=(-3, 103))
         axis.set_xticks([-0.5 * _BIN, 0.1, 0.2, 0.3, 0.4], ["Near", "0.1", "0.2", "0.3", "0.4"])
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("success [%]")

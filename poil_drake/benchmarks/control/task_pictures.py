@@ -4,15 +4,10 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import (
-    ClippingRange,
-    ColorRenderCamera,
-    DepthRange,
-    DepthRenderCamera,
     LightParameter,
     MakeRenderEngineVtk,
     Mesh,
     PerceptionProperties,
-    RenderCameraCore,
     RenderEngineVtkParams,
     Rgba,
     Role,
@@ -23,7 +18,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.sensors import CameraInfo, RgbdSensor
+from pydrake.systems.sensors import CameraConfig, RgbdSensor
 
 from poil_drake.benchmarks.control.arena.arena import AddFixtures, PlaceModel
 from poil_drake.benchmarks.control.arena.task import MODELS, ControlTask
@@ -31,9 +26,7 @@ from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration, TaskDemonstration
 
 _GHOSTS = 7
-_WIDTH, _HEIGHT = 720, 540
 _EYE, _LOOK_AT = np.array([-0.20, -0.70, 0.62]), np.array([0.52, 0.06, 0.16])
-_FIELD_OF_VIEW = np.radians(42.0)
 
 
 def DrawTask(name: str, path: Path) -> None:
@@ -67,19 +60,11 @@ def _render(task: ControlTask, shown: RecordedDemonstration) -> np.ndarray:
     plant.Finalize()
     for share, ghost in zip(np.linspace(0.0, 1.0, _GHOSTS), ghosts, strict=True):
         _paint(plant, scene_graph, ghost, Rgba(0.15 + 0.75 * share, 0.25, 0.9 - 0.75 * share, 1.0))
-    core = RenderCameraCore(
-        "vtk",
-        CameraInfo(_WIDTH, _HEIGHT, _FIELD_OF_VIEW),
-        ClippingRange(0.05, 5.0),
-        RigidTransform(),
+    camera = CameraConfig(
+        width=720, height=540, focal=CameraConfig.FovDegrees(y=42.0), renderer_name="vtk"
     )
     sensor = builder.AddSystem(
-        RgbdSensor(
-            scene_graph.world_frame_id(),
-            _camera_pose(),
-            ColorRenderCamera(core, False),
-            DepthRenderCamera(core, DepthRange(0.05, 5.0)),
-        )
+        RgbdSensor(scene_graph.world_frame_id(), _camera_pose(), *camera.MakeCameras())
     )
     builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
     diagram = builder.Build()

@@ -27,12 +27,13 @@ from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
-from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmNetwork
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
+    HandCommand,
     HandStatus,
     PandaChannels,
+    PandaCommand,
     PandaStatus,
     decode_hand_command,
     decode_panda_command,
@@ -94,8 +95,8 @@ class StandInRobot:
         position: Joint positions (7,) [rad].
         velocity: Joint velocities (7,) [rad/s].
         width: Opening of the hand [m].
-        commands: Received commands for the arm.
-        hand_commands: Received commands for the hand.
+        command: Last command for the arm; None before the first.
+        hand_command: Last command for the hand; None before the first.
         speeds: Record of our time and the largest joint speed.
         commanded: Record of the stamps of received commands.
         told: Record of our time and the largest joint speed of a received command.
@@ -107,8 +108,8 @@ class StandInRobot:
         self.setup, self.channels = setup, PandaChannels()
         self.lcm = LcmNetwork(setup.robot_url, realtime_priority=_PRIORITY)
         self.images = LcmNetwork(setup.image_url)
-        self.commands = LcmMailbox(self.lcm, self.channels.command, decode_panda_command)
-        self.hand_commands = LcmMailbox(self.lcm, self.channels.hand_command, decode_hand_command)
+        self.command: PandaCommand | None = None
+        self.hand_command: HandCommand | None = None
         self.position, self.velocity = np.array(setup.position), np.zeros(NUM_JOINTS)
         self.width = 0.08
         self.speeds: list[tuple[float, float]] = []
@@ -124,12 +125,13 @@ class StandInRobot:
         }
 
     def _hear(self, message: bytes) -> None:
-        command = decode_panda_command(message)
-        self.commanded.append(command.stamp)
-        self.told.append((self.clock(), float(np.abs(command.velocity).max())))
+        self.command = decode_panda_command(message)
+        self.commanded.append(self.command.stamp)
+        self.told.append((self.clock(), float(np.abs(self.command.velocity).max())))
 
     def _hear_hand(self, message: bytes) -> None:
-        self.hand_told.append((self.clock(), decode_hand_command(message).width))
+        self.hand_command = decode_hand_command(message)
+        self.hand_told.append((self.clock(), self.hand_command.width))
 
     def clock(self) -> float:
         """Returns our time [s since the epoch, scaled]."""
@@ -141,10 +143,9 @@ class StandInRobot:
 
     def wanted(self, now: float) -> np.ndarray:
         """Returns the commanded velocity (7,) [rad/s]; zero if the last command has expired."""
-        command = self.commands.newest
-        if command is None or abs(now - command.stamp) > _EXPIRY:
+        if self.command is None or abs(now - self.command.stamp) > _EXPIRY:
             return np.zeros(NUM_JOINTS)
-        return command.velocity
+        return self.command.velocity
 
     def step(self, tick: int) -> None:
         """Simulates the driver for a millisecond."""
@@ -175,9 +176,8 @@ class StandInRobot:
 
     def move_hand(self, now: float) -> None:
         """Moves the hand, and sends its status."""
-        command = self.hand_commands.newest
-        if command is not None:
-            step, goal = _HAND_SPEED * HAND_PERIOD, max(command.width, self.setup.holds)
+        if self.hand_command is not None:
+            step, goal = _HAND_SPEED * HAND_PERIOD, max(self.hand_command.width, self.setup.holds)
             self.width += min(max(goal - self.width, -step), step)
         status = HandStatus(stamp=now, width=self.width)
         self.lcm.Publish(self.channels.hand_status, encode_hand_status(status, False))

@@ -42,8 +42,10 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
             )
         axes.set_xscale("log")
         axes.invert_xaxis()
-        axes.set_xlabel("angle from the saddle at the start [rad]")
-        axes.set_ylabel(f"η × time until {figures['end']:g} rad away")
+        axes.set(
+            xlabel="angle from the saddle at the start [rad]",
+            ylabel=f"η × time until {figures['end']:g} rad away",
+        )
         moments = " : ".join(f"{m:g}" for m in figures["moments"])
         axes.set_title(f"Leaving the saddles: eigenvalues of W are {moments}", loc="left")
         axes.plot([], [], color=_GREY, linewidth=1.2, label="lines: closed form, slope 1 / rate")
@@ -64,9 +66,7 @@ def _draw_runs(axes: Any, runs: Mapping[str, Any], colormap: Any) -> None:
     shades = colormap(np.linspace(0.05, 0.85, len(runs)))
     for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
         axes.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
-    axes.set_ylim(1e-9, 5.0)
-    axes.set_xlabel("periods")
-    axes.set_ylabel("D / D at the start")
+    axes.set(ylim=(1e-9, 5.0), xlabel="periods", ylabel="D / D at the start")
     axes.set_title("Runs of the compact set", loc="left")
     axes.legend(title="η dt", loc="lower right", ncols=2)
 
@@ -87,9 +87,9 @@ def _draw_rotations(axes: Any, sets: Mapping[str, Any]) -> None:
             axes.axhline(value, color=color, linestyle=style, linewidth=1.2)
     axes.plot([], [], "-", color=_GREY, label="largest for all (search)")
     axes.plot([], [], "--", color=_GREY, label="proven for all")
-    axes.set_ylim(1.2, 6.0)
-    axes.set_xlabel("angle from the goal [deg]")
-    axes.set_ylabel("largest η dt that lowers D")
+    axes.set(
+        ylim=(1.2, 6.0), xlabel="angle from the goal [deg]", ylabel="largest η dt that lowers D"
+    )
     axes.set_title("Random rotations", loc="left")
     axes.legend(loc="upper left", markerscale=4)
 
@@ -107,9 +107,9 @@ def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
     )
     axes.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
     axes.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
-    axes.set_ylim(1.2, 2.1)
-    axes.set_xlabel("condition number of A")
-    axes.set_ylabel("largest η dt for every rotation")
+    axes.set(
+        ylim=(1.2, 2.1), xlabel="condition number of A", ylabel="largest η dt for every rotation"
+    )
     axes.set_title("From compact to a line", loc="left")
     axes.legend(loc="upper right")
 
@@ -158,10 +158,9 @@ def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
     ):
         axes.text(*place, text, fontsize=9)
     axes.text(1.25, 1.3, "does not settle", fontsize=9)
-    axes.set_xlim(0.0, 1.8)
-    axes.set_ylim(0.0, 2.2)
-    axes.set_xlabel("η × delay")
-    axes.set_ylabel("η × period of the samples")
+    axes.set(
+        xlim=(0.0, 1.8), ylim=(0.0, 2.2), xlabel="η × delay", ylabel="η × period of the samples"
+    )
     axes.set_title("Simulated (areas) and closed form (lines)", loc="left")
     axes.legend(loc="upper right", facecolor="white", framealpha=0.85, frameon=True)
 
@@ -174,8 +173,7 @@ def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
     axes.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
     axes.plot(-size, "--", color=_GREY, linewidth=1.0)
     axes.axhline(0.0, color=_GREY, linewidth=0.8)
-    axes.set_xlabel("sample (1/8 s)")
-    axes.set_ylabel("offset of the centroid")
+    axes.set(xlabel="sample (1/8 s)", ylabel="offset of the centroid")
     axes.set_title("η = 3 / s on points 0.1875 s old, without propagation", loc="left")
     axes.legend(loc="upper right")
 
@@ -211,8 +209,7 @@ def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
             condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
         )
         axes.plot([], [], color=_GREY, label="lines: to first order in the noise")
-        axes.set_xlabel("condition number of A")
-        axes.set_ylabel("standard deviation of ω / η [deg]")
+        axes.set(xlabel="condition number of A", ylabel="standard deviation of ω / η [deg]")
         axes.set_title(f"8 points along 10 cm, {noise:g} mm of noise", loc="left")
         axes.legend(loc="upper left")
 

@@ -52,10 +52,6 @@ class Slip(NamedTuple):
         """Returns the share of the slip that has happened at a time [s], in [0, 1]."""
         return float(np.clip((time - self.start) / self.duration, 0.0, 1.0))
 
-    def flat(self) -> np.ndarray:
-        """Returns all numbers in one row (8,)."""
-        return np.array([self.start, self.duration, *self.shift, *self.turn])
-
 
 NO_SLIP = Slip(np.inf, 1.0, np.zeros(3), np.zeros(3))
 
@@ -106,7 +102,7 @@ class DirectActuation(LeafSystem):
     - `hand_pose` (16,): X_WH row-major of the hand, a frame that coincides with the driven body
       until the object slips.
 
-    The parameter of index 0 (8,) is a `Slip`, by default `NO_SLIP`.
+    The abstract parameter of index 0 is a `Slip`, by default `NO_SLIP`.
     """
 
     def __init__(
@@ -140,7 +136,7 @@ class DirectActuation(LeafSystem):
         self._velocities = self.DeclareAbstractInputPort(
             "body_spatial_velocities", Value([SpatialVelocity()] * n)
         )
-        self._slip = self.DeclareNumericParameter(BasicVector(NO_SLIP.flat()))
+        self._slip = self.DeclareAbstractParameter(Value(NO_SLIP))
         always = {self.time_ticket(), self._poses.ticket(), self.all_parameters_ticket()}
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
@@ -152,11 +148,10 @@ class DirectActuation(LeafSystem):
 
     def SetSlip(self, context: Context, slip: Slip) -> None:
         """Sets how the object will slip in this system's context."""
-        context.get_mutable_numeric_parameter(self._slip).SetFromVector(slip.flat())
+        context.get_mutable_abstract_parameter(self._slip).set_value(slip)
 
     def _get_slip(self, context: Context) -> Slip:
-        values = context.get_numeric_parameter(self._slip).value()
-        return Slip(float(values[0]), float(values[1]), values[2:5], values[5:8])
+        return context.get_abstract_parameter(self._slip).get_value()
 
     def _calc_force(self, context: Context, output: AbstractValue) -> None:
         X_WB = self._poses.Eval(context)[self._body]
