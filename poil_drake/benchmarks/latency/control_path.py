@@ -27,15 +27,13 @@ class ControlPath:
 
     The arm follows commands at once. A tracker reports the points in its hand, with noise and an
     eighth of its period late. From time to time the arm restarts near its initial position.
+
+    Args:
+        num_points: N, number of points.
+        num_samples: T, number of samples of the reference.
     """
 
     def __init__(self, *, num_points: int, num_samples: int):
-        """Builds the diagram.
-
-        Args:
-            num_points: N, number of points.
-            num_samples: T, number of samples of the reference.
-        """
         self._rates, self._model = Rates(), PandaModel()
         self._random = np.random.default_rng(0)
         self._in_hand = self._random.uniform([-0.04] * 3, [0.04, 0.04, 0.14], (num_points, 3))

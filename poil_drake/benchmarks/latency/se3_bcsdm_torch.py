@@ -12,15 +12,14 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import PoseTrajectory, Se3
 
 
 class TorchSe3Bcsdm:
-    """The field for batches of poses, in double precision on the CPU."""
+    """The field for batches of poses, in double precision on the CPU.
+
+    Args:
+        reference: The demonstrated motion.
+        config: Parameters of the field.
+    """
 
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
-        """Copies the reference into tensors.
-
-        Args:
-            reference: The demonstrated motion.
-            config: Parameters of the field.
-        """
         X = torch.tensor(reference.X_WO)
         self._config = config
         self._R, self._p = X[:, :3, :3], X[:, :3, 3]

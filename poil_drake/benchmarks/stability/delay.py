@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.benchmarks.stability.measures import COMPACT_MOMENTS, StabilityStudyConfig
+from poil_drake.benchmarks.stability.measures import COMPACT_MOMENTS
 from poil_drake.control.theory.delay_stability import (
     LARGEST_DELAY_GAIN,
     LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT,
@@ -14,23 +14,24 @@ from poil_drake.control.theory.delay_stability import (
 from poil_drake.control.theory.stability import rotation_potential, rotation_velocity
 from poil_drake.geometry.rigid_transform import rotation_exp
 
+_GRID, _PERIODS = 44, 500
+"""Points along each axis of the map of delay and period, and periods simulated for each."""
+
 _ETA, _TRACKER_PERIOD, _TRACKER_LATENCY = 3.0, 0.125, 0.1875
 """Gain [1/s], and period and latency of the paper's tracker [s]."""
 
 
-def measure_delay(config: StabilityStudyConfig) -> dict[str, Any]:
+def measure_delay() -> dict[str, Any]:
     """Returns for which delays and periods the flow decreases, overshoots, or does not settle."""
     W = np.diag(COMPACT_MOMENTS)
     # The centres of cells that fill the map.
-    middles = (np.arange(config.delay_grid) + 0.5) / config.delay_grid
+    middles = (np.arange(_GRID) + 0.5) / _GRID
     delays, periods = np.meshgrid(1.8 * middles, 2.2 * middles)
     # Near the goal, so that the potential can grow.
     start = rotation_exp(np.array([0.02, -0.03, 0.025]))
-    potentials = delayed_flow(
-        W, start, delays.ravel(), periods.ravel(), count=config.delay_periods
-    ).reshape(config.delay_periods + 1, *delays.shape)
-    quarter = config.delay_periods // 4
-    settles = potentials[-quarter:].max(axis=0) < potentials[0]
+    potentials = delayed_flow(W, start, delays.ravel(), periods.ravel(), count=_PERIODS)
+    potentials = potentials.reshape(-1, *delays.shape)
+    settles = potentials[-_PERIODS // 4 :].max(axis=0) < potentials[0]
     # Below 1e-12, D is rounding error: it is the difference of two traces.
     rises = np.any((np.diff(potentials, axis=0) > 0.0) & (potentials[:-1] > 1e-12), axis=0)
     ratios = np.concatenate([np.linspace(0.0, 4.0, 81), np.geomspace(4.2, 60.0, 25)])

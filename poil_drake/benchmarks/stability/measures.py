@@ -1,6 +1,6 @@
 """Simulations of the field at rest, beside the predictions of theory."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,9 @@ COMPACT_MOMENTS = (1.0, 2.0, 3.0)
 ELONGATED_MOMENTS = (0.001, 0.03, 1.0)
 """Eigenvalues of W of two point sets, for which the condition of A is 1.7 and 33."""
 
+_CONDITIONS = 13
+"""Number of point sets from compact to elongated."""
+
 _POINT_NOISE = 0.001
 """Standard deviation of each coordinate of a point [m]."""
 
@@ -36,34 +39,13 @@ _MIN_ROTATION_SPREAD = 0.002
 """`min_rotation_spread` of the field that limits noise [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StabilityStudyConfig:
-    """The resolution of the study. The defaults take a few seconds.
-
-    Attributes:
-        distances: Number of starts beside each saddle.
-        rotations: Number of random rotations.
-        conditions: Number of point sets from compact to elongated.
-        delay_grid: Number of points along each axis of the map of delay and period.
-        delay_periods: Number of periods that each of them is simulated for.
-        noise_draws: Number of draws of the noise for each point set.
-    """
-
-    distances: int = 7
-    rotations: int = 4000
-    conditions: int = 13
-    delay_grid: int = 44
-    delay_periods: int = 500
-    noise_draws: int = 200
-
-
-def measure_escape(config: StabilityStudyConfig) -> dict[str, Any]:
+def measure_escape() -> dict[str, Any]:
     """Returns the times in which the flow gets 1 rad away from each saddle, along each way out.
 
     The flow is integrated by the midpoint rule at eta = 1.
     """
     W, end, step = np.diag(COMPACT_MOMENTS), 1.0, 0.02
-    distances = np.geomspace(1e-3, 1e-1, config.distances)
+    distances = np.geomspace(1e-3, 1e-1, 7)
     ways = []
     for k, (saddle, rates) in enumerate(zip(critical_rotations(W), escape_rates(W), strict=True)):
         for i in np.flatnonzero(rates > 0.0):
@@ -92,10 +74,10 @@ def measure_escape(config: StabilityStudyConfig) -> dict[str, Any]:
     return {"moments": COMPACT_MOMENTS, "distances": distances, "end": end, "ways": ways}
 
 
-def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
+def measure_sampling() -> dict[str, Any]:
     """Returns the effect of holding the twist: on single runs, single rotations, and point sets."""
     rng = np.random.default_rng(0)
-    R = Rotation.random(config.rotations, rng=rng).as_matrix()
+    R = Rotation.random(4000, rng=rng).as_matrix()
     angles = rotation_angle(R)
     sets = {}
     for name, moments in (("compact", COMPACT_MOMENTS), ("elongated", ELONGATED_MOMENTS)):
@@ -115,7 +97,7 @@ def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
             potentials.append(rotation_potential(W, turned))
             turned = turned @ rotation_exp(gain * rotation_velocity(W, turned))
         runs[str(gain)] = np.array(potentials) / potentials[0]
-    conditions = np.geomspace(2.0, 1000.0, config.conditions)
+    conditions = np.geomspace(2.0, 1000.0, _CONDITIONS)
     curves: dict[str, list[float]] = {"flat": [], "round": [], "flat_proven": []}
     for condition in conditions:
         # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
@@ -133,11 +115,11 @@ def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
     }
 
 
-def measure_noise(config: StabilityStudyConfig) -> dict[str, Any]:
+def measure_noise() -> dict[str, Any]:
     """Returns the noise of the field due to noise in the points, from compact sets to a line."""
     rng = np.random.default_rng(0)
-    spreads = np.geomspace(0.0012, 0.03, config.conditions)
-    noise = _POINT_NOISE * rng.normal(size=(config.noise_draws, 8, 3))
+    spreads = np.geomspace(0.0012, 0.03, _CONDITIONS)
+    noise = _POINT_NOISE * rng.normal(size=(200, 8, 3))
     plain = BcsdmConfig(eta=1.0, outlier_test="none")
     limited = replace(plain, min_rotation_spread=_MIN_ROTATION_SPREAD)
     # Eight points along 10 cm, off their line on different sides.

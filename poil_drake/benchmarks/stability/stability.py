@@ -6,7 +6,6 @@ from typing import Any
 
 from poil_drake.benchmarks.stability.delay import measure_delay
 from poil_drake.benchmarks.stability.measures import (
-    StabilityStudyConfig,
     measure_escape,
     measure_noise,
     measure_sampling,
@@ -20,21 +19,17 @@ from poil_drake.benchmarks.stability.pictures import (
 from poil_drake.recording.mcap.plain_json import write_json
 
 
-def run_stability_study(
-    *, pictures: Path, json_path: Path, config: StabilityStudyConfig | None = None
-) -> dict[str, Any]:
+def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
     """Simulates what the theory predicts, draws both, and writes all figures as JSON.
 
     Args:
         pictures: Folder for `control_escape.png`, `control_sampling.png`, `control_delay.png` and
             `control_noise.png`.
         json_path: File for the figures.
-        config: Resolution; None for the defaults.
 
     Returns:
         The figures by study: "escape", "sampling", "delay" and "noise".
     """
-    config = config or StabilityStudyConfig()
     studies: dict[str, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
         "escape": (measure_escape, draw_escape),
         "sampling": (measure_sampling, draw_sampling),
@@ -44,7 +39,7 @@ def run_stability_study(
     pictures.mkdir(parents=True, exist_ok=True)
     figures = {}
     for name, (measure, draw) in studies.items():
-        figures[name] = measure(config)
+        figures[name] = measure()
         draw(figures[name], pictures / f"control_{name}.png")
     write_json(figures, json_path)
     return figures

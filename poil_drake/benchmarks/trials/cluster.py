@@ -18,7 +18,15 @@ _OBJECT_STORE = 128 * 2**20
 
 
 class ClusterWorkers:
-    """The workers of a Ray cluster (see `pool.TrialWorkers`)."""
+    """The workers of a Ray cluster (see `pool.TrialWorkers`).
+
+    Args:
+        function: Runs a trial.
+        shared: Its first arguments.
+        address: As `ray.init` takes it.
+        cpus: Number of CPUs of a cluster that is started here.
+        trials_per_worker: Number of trials after which a process is replaced; None for never.
+    """
 
     def __init__(
         self,
@@ -29,15 +37,6 @@ class ClusterWorkers:
         cpus: int,
         trials_per_worker: int | None,
     ):
-        """Connects to the cluster, or starts one.
-
-        Args:
-            function: Runs a trial.
-            shared: Its first arguments.
-            address: As `ray.init` takes it.
-            cpus: Number of CPUs of a cluster that is started here.
-            trials_per_worker: Number of trials after which a process is replaced; None for never.
-        """
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Disables Ray's telemetry.
         try:
             import ray

@@ -13,6 +13,12 @@ class ProcessWorkers:
 
     A thread waits for each process, so a killed process fails the future of its own trial only. (A
     `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
+
+    Args:
+        function: Runs a trial.
+        shared: Its first arguments.
+        count: Number of processes that work at the same time.
+        trials_per_worker: Number of trials after which a process is replaced; None for never.
     """
 
     worker_lost: tuple[type[Exception], ...] = (WorkerEndedError, OSError)
@@ -25,14 +31,6 @@ class ProcessWorkers:
         count: int,
         trials_per_worker: int | None,
     ):
-        """Starts no process yet.
-
-        Args:
-            function: Runs a trial.
-            shared: Its first arguments.
-            count: Number of processes that work at the same time.
-            trials_per_worker: Number of trials after which a process is replaced; None for never.
-        """
         self._setup = (os.getpid(), function, shared)
         self._trials_per_worker = trials_per_worker
         self._executor = ThreadPoolExecutor(count)

@@ -115,6 +115,12 @@ class Arena:
     Attributes:
         task: The task.
         diagram: The diagram.
+
+    Args:
+        task: The object, the scene and the demonstration.
+        policy: The controller.
+        intended_contact: See `ContactMonitor`.
+        tracker: Stands between the true points and the policy; None shows it the true points.
     """
 
     def __init__(
@@ -125,14 +131,6 @@ class Arena:
         intended_contact: np.ndarray | None = None,
         tracker: DelayedTracking | None = None,
     ):
-        """Builds the diagram.
-
-        Args:
-            task: The object, the scene and the demonstration.
-            policy: The controller.
-            intended_contact: See `ContactMonitor`.
-            tracker: Stands between the true points and the policy; None shows it the true points.
-        """
         config = ArenaConfig()
         self.task, self._tracker = task, tracker
         builder = DiagramBuilder()

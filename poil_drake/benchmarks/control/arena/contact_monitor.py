@@ -46,6 +46,12 @@ class ContactMonitor(LeafSystem):
     the magnitudes of all contact forces [N s], and `depth` (1,), the deepest penetration so far
     [m]. Contact does not count while the points are, by their mean distance, within 1 cm of one of
     the `intended` configurations: those in which the demonstration itself touches the scene.
+
+    Args:
+        plant: The finalized plant.
+        body: A body of the object; contacts within its model instance do not count.
+        num_points: N, number of points.
+        intended: (K, N, 3) configurations in contact [m, world]; None for none.
     """
 
     def __init__(
@@ -56,14 +62,6 @@ class ContactMonitor(LeafSystem):
         num_points: int,
         intended: np.ndarray | None = None,
     ):
-        """Constructs the monitor.
-
-        Args:
-            plant: The finalized plant.
-            body: A body of the object; contacts within its model instance do not count.
-            num_points: N, number of points.
-            intended: (K, N, 3) configurations in contact [m, world]; None for none.
-        """
         super().__init__()
         self._object = {
             geometry

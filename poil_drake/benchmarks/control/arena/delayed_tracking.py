@@ -47,15 +47,13 @@ class DelayedTracking(LeafSystem):
     hand shows with the tracker's delay only.
 
     The parameter of index 0 (1,) seeds the noise.
+
+    Args:
+        num_points: N, number of points.
+        config: Rate, latency, noise.
     """
 
     def __init__(self, *, num_points: int, config: TrackingConfig):
-        """Constructs the tracker.
-
-        Args:
-            num_points: N, number of points.
-            config: Rate, latency, noise.
-        """
         super().__init__()
         self._config = c = config
         n = 3 * num_points

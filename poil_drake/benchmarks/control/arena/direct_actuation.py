@@ -103,6 +103,11 @@ class DirectActuation(LeafSystem):
       until the object slips.
 
     The abstract parameter of index 0 is a `Slip`, by default `NO_SLIP`.
+
+    Args:
+        plant: The finalized plant.
+        body: The driven body. The mass and inertia of its whole model instance count.
+        config: Strength and stiffness.
     """
 
     def __init__(
@@ -112,13 +117,6 @@ class DirectActuation(LeafSystem):
         body: RigidBody,
         config: ActuationConfig,
     ):
-        """Constructs the hand.
-
-        Args:
-            plant: The finalized plant.
-            body: The driven body. The mass and inertia of its whole model instance count.
-            config: Strength and stiffness.
-        """
         super().__init__()
         self._config = config
         self._body = body.index()

@@ -23,6 +23,12 @@ class PointObserver(LeafSystem):
 
     All outputs follow the plant's `body_poses` directly: `points` (3N,) row-major [m, world],
     `confidence` (N,) all one, `object_pose` (16,) X_WO row-major of the driven body.
+
+    Args:
+        plant: The finalized plant.
+        body: The driven body.
+        carriers: N bodies, one per point: the body that carries it.
+        p_BP: (N, 3) the points in these bodies' frames [m].
     """
 
     def __init__(
@@ -33,14 +39,6 @@ class PointObserver(LeafSystem):
         carriers: list[RigidBody],
         p_BP: np.ndarray,
     ):
-        """Constructs the observer.
-
-        Args:
-            plant: The finalized plant.
-            body: The driven body.
-            carriers: N bodies, one per point: the body that carries it.
-            p_BP: (N, 3) the points in these bodies' frames [m].
-        """
         super().__init__()
         self._body = body.index()
         indices = np.array([int(carrier.index()) for carrier in carriers])

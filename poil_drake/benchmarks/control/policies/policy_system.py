@@ -33,6 +33,12 @@ class PolicySystem(LeafSystem):
       all policies, whichever point a policy commands.
 
     The policy's state is this system's abstract state.
+
+    Args:
+        policy: The policy.
+        num_points: N, number of points.
+        max_angular_speed: Limit of the commanded twist [rad/s].
+        max_linear_speed: Limit of the hand's speed [m/s].
     """
 
     def __init__(
@@ -43,14 +49,6 @@ class PolicySystem(LeafSystem):
         max_angular_speed: float,
         max_linear_speed: float,
     ):
-        """Constructs the system.
-
-        Args:
-            policy: The policy.
-            num_points: N, number of points.
-            max_angular_speed: Limit of the commanded twist [rad/s].
-            max_linear_speed: Limit of the hand's speed [m/s].
-        """
         super().__init__()
         self._policy = policy
         self._limits = (max_angular_speed, max_linear_speed)

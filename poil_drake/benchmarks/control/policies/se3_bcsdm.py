@@ -101,16 +101,15 @@ def se3_bcsdm(
 
 
 class Se3BcsdmPolicy:
-    """BCSDM on the object's pose, which this policy is granted. It has no state."""
+    """BCSDM on the object's pose, which this policy is granted. It has no state.
+
+    Args:
+        reference: The demonstrated motion.
+        config: Parameters of the field.
+        period: Time between two steps [s].
+    """
 
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig, *, period: float):
-        """Constructs the policy.
-
-        Args:
-            reference: The demonstrated motion.
-            config: Parameters of the field.
-            period: Time between two steps [s].
-        """
         self.period = period
         self._reference, self._config = reference, config
 
