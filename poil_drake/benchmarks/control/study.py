@@ -1,20 +1,20 @@
 """The control study: which policies reach the goal, over many trials (POIL, table II)."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.control.arena.arena import Arena
+from poil_drake.benchmarks.control.arena.arena import Arena, ArenaConfig
 from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
-from poil_drake.benchmarks.control.figures import write_figures
 from poil_drake.benchmarks.control.pictures import draw_pictures
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
@@ -26,11 +26,13 @@ from poil_drake.benchmarks.control.starts import (
     trial_generator,
 )
 from poil_drake.benchmarks.control.study_config import HARD, HARD_POLICIES, ControlStudyConfig
-from poil_drake.benchmarks.control.table import print_tables
+from poil_drake.benchmarks.control.table import print_tables, summarize
 from poil_drake.benchmarks.control.task_pictures import DrawTask
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
 from poil_drake.errors import InvalidValueError
+from poil_drake.recording.mcap.library_versions import library_versions
+from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
 
 Trained = Mapping[tuple[str, str], TrainedPointPolicy]
@@ -81,7 +83,9 @@ def run_control_study(
         ):
             for index, end in ends:
                 if isinstance(end, LostTrial):
-                    end = _lost(*arguments[index][:4], note=str(end))
+                    task, region, policy, number, _ = arguments[index]
+                    lost = ControlTrial(task=task, region=region, policy=policy, trial=number)
+                    end = replace(lost, note=str(end), lost=True)
                 results[index] = end
                 bar.update()
                 if time.monotonic() - written > _WRITING_PERIOD:
@@ -101,36 +105,53 @@ def run_control_study(
     return trials
 
 
+def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, path: Path) -> None:
+    """Writes all figures of the trials that have ended, with all settings of the study, as JSON."""
+    figures = {
+        "config": asdict(config),
+        "arena": asdict(ArenaConfig()),
+        "trial": asdict(TrialConfig()),
+        "hard": asdict(HARD) if config.hard else None,
+        "policies": {name: asdict(LEARNED[name]) for name in config.policies if name in LEARNED},
+        "libraries": library_versions(),
+        "paper": {task: MakeTask(task).paper for task in config.tasks},
+        "summary": [vars(cell) for cell in summarize(trials)],
+        # Paths in whole millimetres.
+        "trials": [
+            {**vars(trial), "path": np.round(1e3 * trial.path).astype(int)} for trial in trials
+        ],
+    }
+    write_json(figures, path, indent=None)
+
+
 def run_control_trial(
-    trained: Trained, task: str, region: Region, policy: str, trial: int, seed: int = 0
+    trained: Trained, task: str, region: Region, policy: str, number: int, seed: int = 0
 ) -> ControlTrial:
     """Runs one trial; what it draws depends on task, region, number and seed only.
 
     A trial that an error ends is a failure, with the error as its note.
     """
-    rng = trial_generator(task, region, trial, seed=seed)
-    hard, distance = region == "hard", np.nan
+    rng, hard = trial_generator(task, region, number, seed=seed), region == "hard"
+    trial = ControlTrial(task=task, region=region, policy=policy, trial=number)
     try:
         weights = trained[task, policy] if policy in LEARNED else None
         arena, shown = _arena(task, policy, hard, weights), TaskDemonstration(task)
         context = arena.diagram.CreateDefaultContext()
         start = sample_start(arena, context, shown.shape, region, rng)
-        distance = distance_to_near(arena.task, start[:3, 3])
+        trial = replace(trial, distance=distance_to_near(arena.task, start[:3, 3]))
         noise_seed = int(rng.integers(2**31))
         return RunTrial(
+            trial,
             arena,
             shown,
             start,
-            policy=policy,
-            region=region,
-            trial=trial,
             slip=_draw_slip(rng) if hard else None,
             noise_seed=noise_seed,
             config=HARD.trial if hard else TrialConfig(),
         )
     except Exception as error:
         note = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return _lost(task, region, policy, trial, note=note, distance=distance)
+        return replace(trial, note=note, lost=True)
 
 
 @lru_cache(maxsize=2)  # Trials of the same task and policy follow each other.
@@ -199,18 +220,3 @@ def _arguments(config: ControlStudyConfig) -> list[tuple[str, Region, str, int, 
         if region != "hard" or policy in HARD_POLICIES
         for trial in range(config.trials)
     ]
-
-
-def _lost(
-    task: str, region: str, policy: str, trial: int, *, note: str, distance: float = np.nan
-) -> ControlTrial:
-    """Returns the result of a trial that an error ended."""
-    return ControlTrial(
-        task=task,
-        region=region,
-        policy=policy,
-        trial=trial,
-        distance=distance,
-        note=note,
-        lost=True,
-    )

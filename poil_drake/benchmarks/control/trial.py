@@ -1,6 +1,6 @@
 """One trial of the control study."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -10,7 +10,6 @@ from poil_drake.benchmarks.control.arena.contact_monitor import CollisionThresho
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.task import SUCCESS_DISTANCE
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration
-from poil_drake.benchmarks.control.starts import Region, distance_to_near
 from poil_drake.geometry.rigid_transform import rotation_angle
 
 
@@ -37,7 +36,7 @@ class TrialConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTrial:
-    """The result of a trial.
+    """A trial and its result; without one, it is a failure.
 
     Attributes:
         task: Name of the task.
@@ -87,26 +86,22 @@ def goal_error(
 
 
 def RunTrial(
+    trial: ControlTrial,
     arena: Arena,
     shown: RecordedDemonstration,
     start: np.ndarray,
     *,
-    policy: str,
-    region: Region,
-    trial: int,
     slip: Slip | None = None,
     noise_seed: int = 0,
     config: TrialConfig,
 ) -> ControlTrial:
-    """Simulates one trial.
+    """Simulates a trial, and returns it with its result.
 
     Args:
+        trial: The trial.
         arena: The arena with the policy.
         shown: The task's demonstration.
         start: (4, 4) start pose of the driven body.
-        policy: Name of the policy.
-        region: Region of the start.
-        trial: Number of the trial.
         slip: How the object slips in the hand; None for no slip.
         noise_seed: Seed of the tracker's noise, where there is a tracker.
         config: When the trial ends.
@@ -122,11 +117,8 @@ def RunTrial(
     error = goal_error(arena.task.criterion, points[-1], poses[-1], shown)
     impulse, depth = arena.contact(context)
     strains = pair_strains(points)
-    return ControlTrial(
-        task=arena.task.name,
-        region=region,
-        policy=policy,
-        trial=trial,
+    return replace(
+        trial,
         success=error < SUCCESS_DISTANCE,
         collision_free=impulse <= config.threshold.impulse and depth <= config.threshold.depth,
         error=error,
@@ -135,7 +127,6 @@ def RunTrial(
         time=context.get_time(),
         strain=float(strains.max()),
         typical_strain=float(np.median(strains, axis=1).max()),
-        distance=distance_to_near(arena.task, start[:3, 3]),
         path=poses[:, :3, 3],
         note=str(getattr(arena.policy_state(context), "note", "")),
     )

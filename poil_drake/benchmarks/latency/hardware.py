@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import tempfile
-import threading
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -40,9 +39,6 @@ from poil_drake.runtime.real_time_memory import KeepMemory
 from poil_drake.runtime.real_time_scheduling import RealTimeScheduling
 from poil_drake.systems.skill.phases import Phase, SkillState
 from poil_drake.systems.tracking.point_tracker import PointTracker
-
-_STALL = 1.0
-"""Time for which the tracker's process is stopped in the middle of the run [s]."""
 
 _BARE = 10.0
 """Duration of the bare loop, the baseline [s]."""
@@ -117,7 +113,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
         "loop": timing.figures(),
     }
     write_json(figures, json_path)
-    print(_table(rows))
+    _print_table(rows)
     print(
         f"missed ticks: {timing.missed} of {len(ticks)}, "
         f"{figures['missed_ticks_while_stalled']} of {late.size} while the tracker was stalled"
@@ -184,9 +180,13 @@ def _stand_in_setup(scenario: Scenario, plan: ExecutionPlan, folder: Path) -> St
 def _run(
     scenario: Scenario, plan: ExecutionPlan, folder: Path, duration: float
 ) -> tuple[LoopTiming, list[float], float]:
-    """Returns the loop's timing, the times of the stall [s], and of the end [s since epoch]."""
+    """Returns the loop's timing, begin and end of the stall [s], and the end [s since epoch]."""
     with RunLogWriter(folder / "run.mcap", config=RunLogConfig(drop_when_full=True)) as log:
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
+        assert isinstance(loop.tracker, PointTracker)
+        tracker, seconds = loop.tracker.worker_pid, round(duration)
+        assert tracker is not None
+        stalled: list[float] = []
         try:
             simulator = Simulator(loop.diagram)
             pace = RealTimeLoop(
@@ -196,58 +196,39 @@ def _run(
             )
             simulator.Initialize()
             loop.station.WarmUp()
-            assert isinstance(loop.tracker, PointTracker)
-            stalled: list[float] = []
-            stall = threading.Thread(target=_stall, args=(loop.tracker.worker_pid, stalled))
             with (
                 QuietInterpreter(),
                 RealTimeScheduling(scenario.poil.hardware.realtime_priority, followers=True),
-                OneLineTqdm(total=round(duration), desc="seconds") as bar,
+                OneLineTqdm(total=seconds, desc="seconds") as bar,
             ):
                 pace.AdvanceTo(_WARM_UP)
-                # After the first track, skips grasp and lift.
-                loop.sequencer.GetMyMutableContextFromRoot(
+                # After the first track, skips grasp and lift. The object never gets stuck.
+                state = SkillState(
+                    float(Phase.FOLLOW), best_error=-np.inf, best_tau=np.inf, progress_at=np.inf
+                )
+                context = loop.sequencer.GetMyMutableContextFromRoot(
                     simulator.get_mutable_context()
-                ).SetDiscreteState(_following())
+                )
+                context.SetDiscreteState(np.array(state))
                 pace.timing = LoopTiming()
-                for second in range(round(duration)):
-                    if second == round(duration) // 2:
-                        stall.start()
+                for second in range(seconds):
+                    if second in (seconds // 2, seconds // 2 + 1):
+                        os.kill(tracker, signal.SIGCONT if stalled else signal.SIGSTOP)
+                        stalled.append(time.perf_counter())
                     pace.AdvanceTo(_WARM_UP + second + 1.0)
                     bar.update()
-                end = time.time()
-            stall.join()
-            return pace.timing, stalled, end
+            return pace.timing, stalled, time.time()
         finally:
             loop.Close()
 
 
-def _following() -> np.ndarray:
-    """Returns the sequencer's state in which the object follows and never gets stuck."""
-    return np.array(
-        SkillState(
-            phase=float(Phase.FOLLOW), best_error=-np.inf, best_tau=np.inf, progress_at=np.inf
-        )
-    )
-
-
-def _stall(process: int, times: list[float]) -> None:
-    """Stops a process for a while, and appends when it was stopped and continued [s]."""
-    times.append(time.perf_counter())
-    os.kill(process, signal.SIGSTOP)
-    time.sleep(_STALL)
-    os.kill(process, signal.SIGCONT)
-    times.append(time.perf_counter())
-
-
-def _table(rows: list[PeriodRow]) -> str:
-    lines = [
+def _print_table(rows: list[PeriodRow]) -> None:
+    print(
         f"{'period [ms]':12s} {'p50':>7s} {'p99':>7s} {'p99.9':>7s} {'largest':>8s} "
         f"{'jitter p99.9':>13s}   ratio"
-    ]
-    lines += [
-        f"{row.name:12s} {row.p50:7.3f} {row.p99:7.3f} {row.p99_9:7.3f} {row.largest:8.3f} "
-        f"{row.jitter_p99_9:13.3f} {row.ratio:7.2f}"
-        for row in rows
-    ]
-    return "\n".join(lines)
+    )
+    for row in rows:
+        print(
+            f"{row.name:12s} {row.p50:7.3f} {row.p99:7.3f} {row.p99_9:7.3f} {row.largest:8.3f} "
+            f"{row.jitter_p99_9:13.3f} {row.ratio:7.2f}"
+        )

@@ -20,12 +20,10 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import (
 from poil_drake.benchmarks.latency.control_path import ControlPath
 from poil_drake.benchmarks.latency.states import far_states, moving_body, near_states
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
-from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
 
 _POINTS, _SAMPLES = 10, 500
-_CONFIDENCE = np.ones(_POINTS)
 
 _WARM_UP = 50
 """Number of ticks that are not timed, in which caches and libraries are set up."""
@@ -91,7 +89,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
     rows = summarize([subject.name for subject in subjects], durations)
     figures = {"ticks": ticks, "machine": _machine(), "rows": [asdict(row) for row in rows]}
     write_json(figures, json_path)
-    print(_table(rows))
+    _print_table(rows)
     return rows
 
 
@@ -131,43 +129,33 @@ def _subjects() -> list[Subject]:
     states = {"near": near_states(X_WO, body_points), "far": far_states(X_WO, body_points)}
     subjects = []
     for test in ("rigidity", "velocity"):
-        config = BcsdmConfig(outlier_test=test)
+        field = partial(
+            point_set_bcsdm,
+            reference=reference,
+            config=BcsdmConfig(outlier_test=test),
+            confidence=np.ones(_POINTS),
+        )
         for where, some in states.items():
             for outliers, points in (("clean", some.clean), ("2 outliers", some.spoilt)):
-                subjects.append(
-                    Subject(
-                        f"field, {test} test, {where}, {outliers}",
-                        partial(_cycle, points),
-                        partial(_run_field, reference=reference, config=config),
-                    )
-                )
+                name = f"field, {test} test, {where}, {outliers}"
+                subjects.append(Subject(name, partial(_cycle, points), field))
     poses = np.concatenate([some.poses for some in states.values()])
     poses = np.random.default_rng(0).permutation(poses)
-    pose_reference, pose_config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
+    pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
+    numpy_field = partial(se3_bcsdm, reference=pose_reference, config=config)
     torch.set_num_threads(1)
+    torch_field, batches = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
     path = ControlPath(num_points=_POINTS, num_samples=_SAMPLES)
     return [
         *subjects,
-        Subject(
-            "SE(3) BCSDM, NumPy",
-            partial(_cycle, poses),
-            partial(se3_bcsdm, reference=pose_reference, config=pose_config),
-        ),
-        Subject(
-            BASELINE,
-            partial(_cycle, torch.tensor(poses)[:, None]),
-            TorchSe3Bcsdm(pose_reference, pose_config),
-        ),
+        Subject("SE(3) BCSDM, NumPy", partial(_cycle, poses), numpy_field),
+        Subject(BASELINE, partial(_cycle, batches), torch_field),
         Subject(PATH, lambda tick: path.prepare(), lambda _: path.step()),
     ]
 
 
 def _cycle(states: Any, tick: int) -> Any:
     return states[tick % len(states)]
-
-
-def _run_field(points: np.ndarray, *, reference: PointTrajectory, config: BcsdmConfig) -> None:
-    point_set_bcsdm(points, reference, config, _CONFIDENCE)
 
 
 def _machine() -> dict[str, Any]:
@@ -189,10 +177,10 @@ def _processor() -> str:
     return names[0] if names else platform.processor()
 
 
-def _table(rows: Sequence[Row]) -> str:
+def _print_table(rows: Sequence[Row]) -> None:
     width = max(len(row.name) for row in rows)
-    lines = [f"{'[us]':{width}s} {'p50':>8s} {'p99':>8s} {'p99.9':>8s} {'largest':>8s}   ratio"]
+    print(f"{'[us]':{width}s} {'p50':>8s} {'p99':>8s} {'p99.9':>8s} {'largest':>8s}   ratio")
     for row in rows:
         numbers = " ".join(f"{x:8.1f}" for x in (row.p50, row.p99, row.p99_9, row.largest))
-        lines.append(f"{row.name:{width}s} {numbers} {row.ratio:7.3f}")
-    return "\n".join([*lines, f"ratio: median over that of '{BASELINE}'"])
+        print(f"{row.name:{width}s} {numbers} {row.ratio:7.3f}")
+    print(f"ratio: median over that of '{BASELINE}'")

@@ -98,19 +98,18 @@ def measure_sampling() -> dict[str, Any]:
             turned = turned @ rotation_exp(gain * rotation_velocity(W, turned))
         runs[str(gain)] = np.array(potentials) / potentials[0]
     conditions = np.geomspace(2.0, 1000.0, _CONDITIONS)
-    curves: dict[str, list[float]] = {"flat": [], "round": [], "flat_proven": []}
-    for condition in conditions:
-        # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
-        flat = np.diag([0.0, 1.0 / (condition - 1.0), 1.0])
-        round_ = np.diag([*[1.0 / (2.0 * condition - 1.0)] * 2, 1.0])
-        curves["flat"].append(largest_sampling_gain(flat))
-        curves["flat_proven"].append(proven_sampling_gain(flat))
-        curves["round"].append(largest_sampling_gain(round_))
+    # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
+    flat = [np.diag([0.0, 1.0 / (c - 1.0), 1.0]) for c in conditions]
+    round_ = [np.diag([*[1.0 / (2.0 * c - 1.0)] * 2, 1.0]) for c in conditions]
     return {
         "runs": runs,
         "sets": sets,
         "conditions": conditions,
-        "curves": curves,
+        "curves": {
+            "flat": [largest_sampling_gain(W) for W in flat],
+            "round": [largest_sampling_gain(W) for W in round_],
+            "flat_proven": [proven_sampling_gain(W) for W in flat],
+        },
         "worst": WORST_SAMPLING_GAIN,
     }
 

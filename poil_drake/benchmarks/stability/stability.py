@@ -1,21 +1,9 @@
 """Draws the theory of the field beside simulation: saddles, sampling, delay and noise."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from poil_drake.benchmarks.stability.delay import measure_delay
-from poil_drake.benchmarks.stability.measures import (
-    measure_escape,
-    measure_noise,
-    measure_sampling,
-)
-from poil_drake.benchmarks.stability.pictures import (
-    draw_delay,
-    draw_escape,
-    draw_noise,
-    draw_sampling,
-)
+from poil_drake.benchmarks.stability import delay, drawing, measures
 from poil_drake.recording.mcap.plain_json import write_json
 
 
@@ -30,11 +18,11 @@ def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
     Returns:
         The figures by study: "escape", "sampling", "delay" and "noise".
     """
-    studies: dict[str, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
-        "escape": (measure_escape, draw_escape),
-        "sampling": (measure_sampling, draw_sampling),
-        "delay": (measure_delay, draw_delay),
-        "noise": (measure_noise, draw_noise),
+    studies = {
+        "escape": (measures.measure_escape, drawing.draw_escape),
+        "sampling": (measures.measure_sampling, drawing.draw_sampling),
+        "delay": (delay.measure_delay, drawing.draw_delay),
+        "noise": (measures.measure_noise, drawing.draw_noise),
     }
     pictures.mkdir(parents=True, exist_ok=True)
     figures = {}

@@ -122,12 +122,10 @@ def test_every_policy_repeats_the_demonstration_from_its_start(task, policy):
     shown = TaskDemonstration(task)
 
     trial = RunTrial(
+        ControlTrial(task=task, region="near", policy=policy, trial=0),
         dut._arena(task, policy, False, None),
         shown,
         shown.X_WO[0],
-        policy=policy,
-        region="near",
-        trial=0,
         config=TrialConfig(),
     )
 

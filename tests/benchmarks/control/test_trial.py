@@ -7,7 +7,7 @@ from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
 from poil_drake.benchmarks.control.policies.policy import CommandedTwist
 from poil_drake.benchmarks.control.policies.scripted import pose_difference
-from poil_drake.benchmarks.control.trial import RunTrial, TrialConfig, pair_strains
+from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig, pair_strains
 
 SHOWN = TaskDemonstration("pnp_cube")
 
@@ -32,16 +32,8 @@ def run(goal, *, gain=3.0, slip=None, **config):
     arena = Arena(MakeTask("pnp_cube"), Straight(goal, gain))
     start = SHOWN.X_WO[0].copy()
     start[:2, 3] += [0.03, -0.04]
-    return RunTrial(
-        arena,
-        SHOWN,
-        start,
-        policy="straight",
-        region="near",
-        trial=3,
-        slip=slip,
-        config=TrialConfig(**config),
-    )
+    trial = ControlTrial(task="pnp_cube", region="near", policy="straight", trial=3)
+    return RunTrial(trial, arena, SHOWN, start, slip=slip, config=TrialConfig(**config))
 
 
 def test_reaching_the_goal_is_a_success():

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
@@ -41,9 +41,7 @@ class PointObserver(LeafSystem):
     ):
         super().__init__()
         self._body = body.index()
-        indices = np.array([int(carrier.index()) for carrier in carriers])
-        self._groups = [(BodyIndex(k), np.flatnonzero(indices == k)) for k in np.unique(indices)]
-        self._p_BP = p_BP
+        self._points = [(body.index(), p) for body, p in zip(carriers, p_BP, strict=True)]
         poses = [RigidTransform()] * plant.num_bodies()
         self._poses = self.DeclareAbstractInputPort("body_poses", Value(poses))
         ticket = {self._poses.ticket()}
@@ -59,10 +57,7 @@ class PointObserver(LeafSystem):
 
     def _calc_points(self, context: Context, output: BasicVector) -> None:
         poses = self._poses.Eval(context)
-        points = np.empty_like(self._p_BP)
-        for body, members in self._groups:
-            points[members] = (poses[body] @ self._p_BP[members].T).T
-        output.SetFromVector(points.ravel())
+        output.SetFromVector(np.concatenate([poses[body] @ p for body, p in self._points]))
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._poses.Eval(context)[self._body].GetAsMatrix4().ravel())

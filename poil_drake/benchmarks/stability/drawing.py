@@ -96,15 +96,12 @@ def _draw_rotations(axes: Any, sets: Mapping[str, Any]) -> None:
 
 def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
     conditions, curves = figures["conditions"], figures["curves"]
-    axes.semilogx(
-        conditions, curves["flat"], "o-", markersize=4, color=_COLORS[0], label="flat sets"
-    )
-    axes.semilogx(
-        conditions, curves["round"], "s-", markersize=4, color=_COLORS[1], label="round rods"
-    )
-    axes.semilogx(
-        conditions, curves["flat_proven"], "--", color=_COLORS[0], label="proven, flat sets"
-    )
+    for name, style, color, label in (
+        ("flat", "o-", _COLORS[0], "flat sets"),
+        ("round", "s-", _COLORS[1], "round rods"),
+        ("flat_proven", "--", _COLORS[0], "proven, flat sets"),
+    ):
+        axes.semilogx(conditions, curves[name], style, markersize=4, color=color, label=label)
     axes.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
     axes.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
     axes.set(
@@ -125,38 +122,30 @@ def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
 def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
     from matplotlib.colors import ListedColormap
 
-    delays, periods = figures["delays"], figures["periods"]
     axes.grid(False)
     axes.pcolormesh(
-        delays,
-        periods,
+        figures["delays"],
+        figures["periods"],
         figures["verdicts"],
         cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
         vmin=0,
         vmax=2,
         shading="nearest",
     )
-    ratios = figures["ratios"]
-    names = ("no overshoot: closed form", "stable: closed form")
-    for key, at_zero, name, color in zip(
-        ("limits_without_overshoot", "limits_stable"),
-        figures["continuous"],
-        names,
-        ("#2f8f5b", "#b03a1a"),
-        strict=True,
+    without_overshoot, stable = figures["continuous"]
+    for name, at_zero, color, label in (
+        ("limits_without_overshoot", without_overshoot, "#2f8f5b", "no overshoot: closed form"),
+        ("limits_stable", stable, "#b03a1a", "stable: closed form"),
     ):
-        limits = figures[key]
-        x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
-        axes.plot(x, y, color=color, linewidth=1.6, label=name)
+        limits = figures[name]
+        x, y = np.append(figures["ratios"] * limits, at_zero), np.append(limits, 0.0)
+        axes.plot(x, y, color=color, linewidth=1.6, label=label)
     tracker = figures["tracker"]
     axes.plot(
         tracker["eta_delay"], tracker["eta_period"], "k*", markersize=11, label="8 Hz, 0.1875 s"
     )
-    for place, text in (
-        ((0.03, 0.1), "D falls"),
-        ((0.3, 0.72), "settles, but D rises at times"),
-    ):
-        axes.text(*place, text, fontsize=9)
+    axes.text(0.03, 0.1, "D falls", fontsize=9)
+    axes.text(0.3, 0.72, "settles, but D rises at times", fontsize=9)
     axes.text(1.25, 1.3, "does not settle", fontsize=9)
     axes.set(
         xlim=(0.0, 1.8), ylim=(0.0, 2.2), xlabel="η × delay", ylabel="η × period of the samples"
@@ -166,9 +155,9 @@ def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
 
 
 def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
-    offsets = tracker["offsets"]
     shown = 30
-    axes.plot(offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start")
+    offsets = tracker["offsets"][:shown]
+    axes.plot(offsets, "o-", markersize=4, color=_COLORS[0], label="offset / its start")
     size = tracker["decay_per_period"] ** np.arange(shown)
     axes.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
     axes.plot(-size, "--", color=_GREY, linewidth=1.0)
@@ -184,26 +173,19 @@ def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
         axes = figure.subplots()
         condition = figures["condition"]
         noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
-        rows = (
-            ("predicted", "measured", _COLORS[1], "o", "about the line: least squares"),
-            (
-                "predicted_limited",
-                "limited",
-                _COLORS[0],
-                "s",
-                f"about the line: slowed below {floor:g} mm",
-            ),
-        )
-        for predicted, measured, color, marker, name in rows:
+        for predicted, measured, color, marker, size, label in (
+            ("predicted", "measured", _COLORS[1], "o", 8, "least squares"),
+            ("predicted_limited", "limited", _COLORS[0], "s", 4, f"slowed below {floor:g} mm"),
+        ):
             axes.loglog(condition, np.degrees(figures[predicted]), color=color, linewidth=1.2)
             axes.loglog(
                 condition,
                 np.degrees(figures[measured]),
                 marker,
                 color=color,
-                markersize=8 if marker == "o" else 4,
+                markersize=size,
                 markerfacecolor="none",
-                label=name,
+                label=f"about the line: {label}",
             )
         axes.loglog(
             condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
