@@ -96,9 +96,8 @@ def Demonstrate(
     """
     motion = KeyframeMotion(times, keyframes, blend=_BLEND)
     period = RECORDING_PERIOD / 4
-    waiting = round(_SETTLING_TIME / period)
-    count = round(motion.duration / period)
-    poses = [motion.pose(max(k - waiting, 0) * period) for k in range(waiting + count + 1)]
+    waiting, moving = round(_SETTLING_TIME / period), round(motion.duration / period)
+    poses = [motion.pose(max(k - waiting, 0) * period) for k in range(waiting + moving + 1)]
     arena = Arena(task, ScriptedPolicy(np.array(poses), period=period))
     simulator = Simulator(arena.diagram)
     context = simulator.get_mutable_context()

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from poil_drake.benchmarks.control.arena.task import NEAR_HALF
 from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
@@ -15,13 +18,21 @@ from poil_drake.benchmarks.control.trial import ControlTrial
 _BIN = 0.08  # Width of a bin of distances [m].
 _SHOWN_PATHS = 40
 
+_Groups = dict[tuple[str, str], list[ControlTrial]]
+"""Trials by task and policy, without those in hard mode or without a start."""
+
 
 def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
     """Writes PNGs of success against distance and of the objects' paths to a folder."""
+    groups: _Groups = {}
+    for trial in trials:
+        group = groups.setdefault((trial.task, trial.policy), [])
+        if trial.region != "hard" and np.isfinite(trial.distance):
+            group.append(trial)
     tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
     if any(trial.region == "far" for trial in trials):
-        _draw_distances(trials, tasks, folder / "control_distance.png")
-    _draw_paths(trials, tasks, folder / "control_paths.png")
+        _draw_distances(groups, tasks, folder / "control_distance.png")
+    _draw_paths(groups, tasks, folder / "control_paths.png")
 
 
 def success_by_distance(
@@ -33,31 +44,24 @@ def success_by_distance(
     """
     bins: dict[int, list[bool]] = {}
     for trial in trials:
-        if np.isfinite(trial.distance):
-            k = -1 if trial.region == "near" else int(trial.distance / _BIN)
-            bins.setdefault(k, []).append(trial.success)
+        k = -1 if trial.region == "near" else int(trial.distance / _BIN)
+        bins.setdefault(k, []).append(trial.success)
     return [
         ((k + 0.5) * _BIN, float(np.mean(one)), wilson_interval(sum(one), len(one)))
         for k, one in sorted(bins.items())
     ]
 
 
-def _draw_distances(trials: Sequence[ControlTrial], tasks: Sequence[str], path: Path) -> None:
-    from matplotlib.figure import Figure
-
+def _draw_distances(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
     figure = Figure(figsize=(3.6 * len(tasks), 3.4))
     axes = figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
     for axis, task in zip(axes, tasks, strict=True):
         axis.axvspan(-_BIN, 0.0, color="0.9")
         for k, row in enumerate(ROWS):
-            own = [
-                trial
-                for trial in trials
-                if trial.task == task and trial.policy == row.name and trial.region != "hard"
-            ]
-            if not own:
+            trials = groups.get((task, row.name))
+            if not trials:
                 continue
-            middles, rates, intervals = zip(*success_by_distance(own), strict=True)
+            middles, rates, intervals = zip(*success_by_distance(trials), strict=True)
             axis.errorbar(
                 np.array(middles) + 0.004 * (k - 3),
                 100 * np.array(rates),
@@ -80,22 +84,14 @@ def _draw_distances(trials: Sequence[ControlTrial], tasks: Sequence[str], path: 
     figure.savefig(path, dpi=110)
 
 
-def _draw_paths(trials: Sequence[ControlTrial], tasks: Sequence[str], path: Path) -> None:
+def _draw_paths(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
     """Draws a row for each task and a column for each policy: some paths, seen from above."""
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-    rows = [row for row in ROWS if any(trial.policy == row.name for trial in trials)]
+    rows = [row for row in ROWS if any(policy == row.name for _, policy in groups)]
     figure = Figure(figsize=(2.7 * len(rows), 2.7 * len(tasks)))
     axes = figure.subplots(len(tasks), len(rows), squeeze=False, sharex="row", sharey="row")
     for number, (line, task) in enumerate(zip(axes, tasks, strict=True)):
         for axis, row in zip(line, rows, strict=True):
-            own = [
-                trial
-                for trial in trials
-                if (trial.task, trial.policy) == (task, row.name) and trial.region != "hard"
-            ]
-            _draw_task_paths(axis, task, own)
+            _draw_task_paths(axis, task, groups.get((task, row.name), []))
             if number == 0:
                 title = row.title.replace(", ", ",\n")
                 axis.set_title(f"{title}\n({row.demonstrations} demo)", fontsize=9)
@@ -115,8 +111,6 @@ def _draw_paths(trials: Sequence[ControlTrial], tasks: Sequence[str], path: Path
 
 
 def _draw_task_paths(axis: Axes, task: str, trials: Sequence[ControlTrial]) -> None:
-    from matplotlib.patches import Rectangle
-
     made = MakeTask(task)
     corner = made.start[:2, 3] - NEAR_HALF
     axis.add_patch(Rectangle(corner, 2 * NEAR_HALF[0], 2 * NEAR_HALF[1], fill=False, ls=":"))
@@ -143,8 +137,4 @@ _COLORS = {
     "safe_entry": "tab:blue",
 }
 
-_PATHS = {
-    "arrived": "tab:blue",
-    "arrived after a collision": "tab:orange",
-    "failed": "tab:red",
-}
+_PATHS = {"arrived": "tab:blue", "arrived after a collision": "tab:orange", "failed": "tab:red"}

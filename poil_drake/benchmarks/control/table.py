@@ -76,8 +76,8 @@ def summarize(trials: Sequence[ControlTrial]) -> list[Cell]:
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Returns the 95 % Wilson score interval of a rate."""
-    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
+    low, high = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    return float(low), float(high)
 
 
 def print_tables(trials: Sequence[ControlTrial]) -> None:
@@ -89,12 +89,10 @@ def print_tables(trials: Sequence[ControlTrial]) -> None:
         ("Success without any collision on the way", True),
     ):
         print(f"\n{title} [%], 95 % Wilson interval" + ("" if clean else " (paper's figure)"))
-        for line in table_lines(cells, tasks, ("near", "far"), clean=clean):
-            print(line)
+        print("\n".join(table_lines(cells, tasks, ("near", "far"), clean=clean)))
     if any(key[1] == "hard" for key in cells):
         print("\nHard mode, success | without any collision [%], 95 % Wilson interval")
-        for line in table_lines(cells, tasks, ("hard",), clean=False):
-            print(line)
+        print("\n".join(table_lines(cells, tasks, ("hard",), clean=False)))
         for line in table_lines(cells, tasks, ("hard",), clean=True)[1:]:
             print(line + "   collision-free")
     lost = [trial for trial in trials if trial.lost]

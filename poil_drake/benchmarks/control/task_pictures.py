@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from pydrake.geometry import (
     LightParameter,
@@ -35,8 +36,6 @@ def DrawTask(name: str, path: Path) -> None:
     Raises:
         RuntimeError: if VTK cannot render.
     """
-    import cv2
-
     image = _render(MakeTask(name), TaskDemonstration(name))
     cv2.imwrite(str(path), np.ascontiguousarray(image[..., 2::-1]))
 

@@ -1,7 +1,6 @@
 """The main job on the hardware path: run and simulated driver as two processes, over LCM."""
 
 import json
-import signal
 import subprocess
 import sys
 import tempfile
@@ -164,13 +163,12 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
             time.sleep(0.1)
         yield
     finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(_END)
-            except subprocess.TimeoutExpired:
-                process.kill()
-        process.wait()
+        process.terminate()
+        try:
+            process.wait(_END)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def summarize(trials: Sequence[HardwareTrial]) -> dict[str, float]:

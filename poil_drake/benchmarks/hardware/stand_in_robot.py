@@ -281,8 +281,7 @@ def running_stand_in(
             )
         yield process
     finally:
-        if process.poll() is None:
-            process.kill()
+        process.kill()
         process.wait()
 
 

@@ -18,7 +18,7 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     se3_bcsdm,
 )
 from poil_drake.benchmarks.latency.control_path import ControlPath
-from poil_drake.benchmarks.latency.states import far_states, moving_body, near_states
+from poil_drake.benchmarks.latency.states import OFFSETS, make_states, moving_body
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
@@ -126,7 +126,7 @@ def _subjects() -> list[Subject]:
     from poil_drake.benchmarks.latency.se3_bcsdm_torch import TorchSe3Bcsdm
 
     times, X_WO, reference, body_points = moving_body(num_points=_POINTS, num_samples=_SAMPLES)
-    states = {"near": near_states(X_WO, body_points), "far": far_states(X_WO, body_points)}
+    states = {where: make_states(X_WO, body_points, where) for where in OFFSETS}
     subjects = []
     for test in ("rigidity", "velocity"):
         field = partial(

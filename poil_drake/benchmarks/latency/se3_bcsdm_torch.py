@@ -6,6 +6,7 @@ rotation from every sample of the reference by the textbook formula.
 Imports torch: import this module inside functions only.
 """
 
+import numpy as np
 import torch
 
 from poil_drake.benchmarks.control.policies.se3_bcsdm import PoseTrajectory, Se3BcsdmConfig
@@ -23,7 +24,8 @@ class TorchSe3Bcsdm:
         X = torch.tensor(reference.X_WO)
         self._config = config
         self._R, self._p = X[:, :3, :3], X[:, :3, 3]
-        self._R_velocities = self._R @ _skew(torch.tensor(reference.omegas))
+        skew = np.cross(np.eye(3), reference.omegas[:, None])
+        self._R_velocities = self._R @ torch.tensor(skew)
         self._p_velocities = torch.tensor(reference.velocities)
 
     @torch.no_grad()
@@ -63,13 +65,6 @@ def _exp(S: torch.Tensor) -> torch.Tensor:
     first = torch.where(small, 1.0, torch.sin(safe) / safe)
     second = torch.where(small, 0.5, (1.0 - torch.cos(safe)) / safe**2)
     return torch.eye(3, dtype=S.dtype) + first * S + second * (S @ S)
-
-
-def _skew(w: torch.Tensor) -> torch.Tensor:
-    x, y, z = w.unbind(dim=-1)
-    zero = torch.zeros_like(x)
-    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
-    return torch.stack(rows, dim=-1).reshape(*w.shape[:-1], 3, 3)
 
 
 def _vee(S: torch.Tensor) -> torch.Tensor:

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
-_COUNT = 64
-_OUTLIERS = 2
+_COUNT, _OUTLIERS = 64, 2
 _NOISE = 1e-3
 """Standard deviation of a tracker's points [m]."""
 
@@ -51,22 +50,16 @@ class States(NamedTuple):
     spoilt: np.ndarray
 
 
-def near_states(X_WO: np.ndarray, points: np.ndarray) -> States:
-    """Returns states 5 mm and 3 degrees off a motion X_WO (T, 4, 4)."""
-    return _states(X_WO, points, distance=0.005, angles=(3.0, 3.0))
+OFFSETS = {"near": (0.005, 3.0, 3.0), "far": (0.3, 60.0, 150.0)}
+"""Offsets from the motion: distance [m], smallest and largest angle [deg]."""
 
 
-def far_states(X_WO: np.ndarray, points: np.ndarray) -> States:
-    """Returns states 0.3 m and 60 to 150 degrees off a motion X_WO (T, 4, 4)."""
-    return _states(X_WO, points, distance=0.3, angles=(60.0, 150.0))
-
-
-def _states(
-    X_WO: np.ndarray, points: np.ndarray, *, distance: float, angles: tuple[float, float]
-) -> States:
+def make_states(X_WO: np.ndarray, points: np.ndarray, where: str) -> States:
+    """Returns states of points (N, 3) off a motion X_WO (T, 4, 4), by one of `OFFSETS`."""
+    distance, smallest, largest = OFFSETS[where]
     random = np.random.default_rng(2)
     base = X_WO[random.integers(len(X_WO), size=_COUNT)]
-    angle = np.radians(random.uniform(*angles, (_COUNT, 1)))
+    angle = np.radians(random.uniform(smallest, largest, (_COUNT, 1)))
     turns = Rotation.from_rotvec(angle * _directions(random, _COUNT)).as_matrix()
     shifts = distance * _directions(random, _COUNT)
     poses = make_transform(turns @ base[:, :3, :3], base[:, :3, 3] + shifts)

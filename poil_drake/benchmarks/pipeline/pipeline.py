@@ -96,29 +96,28 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
     maxima, which show a single bad trial.
     """
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
-    medians = [trial.tracking_errors[0] for trial in finished]
-    p95s = [trial.tracking_errors[1] for trial in finished]
-    carried = np.array([trial.carried_tracking_errors for trial in finished]).reshape(-1, 2)
-    factors = [trial.real_time_factor for trial in finished]
+
+    def percentile(name: str, percent: float, column: int = 0) -> float:
+        values = [np.atleast_1d(getattr(trial, name))[column] for trial in finished]
+        return _finite(partial(np.percentile, q=percent), values)
+
     return {
         "trials": len(trials),
         "successes": sum(trial.success for trial in trials),
         "causes": dict(Counter(trial.cause for trial in trials if not trial.success)),
-        "final_error_median": _percentile([t.final_error for t in finished], 50),
-        "tracking_error_median": _percentile(medians, 50),
-        "tracking_error_median_worst_trial": _percentile(medians, 100),
-        "tracking_error_p95_median_trial": _percentile(p95s, 50),
-        "tracking_error_p95_worst_trial": _percentile(p95s, 100),
-        "carried_tracking_error_median": _percentile(carried[:, 0], 50),
-        "carried_tracking_error_p95_median_trial": _percentile(carried[:, 1], 50),
-        "carried_tracking_error_p95_worst_trial": _percentile(carried[:, 1], 100),
+        "final_error_median": percentile("final_error", 50),
+        "tracking_error_median": percentile("tracking_errors", 50),
+        "tracking_error_median_worst_trial": percentile("tracking_errors", 100),
+        "tracking_error_p95_median_trial": percentile("tracking_errors", 50, 1),
+        "tracking_error_p95_worst_trial": percentile("tracking_errors", 100, 1),
+        "carried_tracking_error_median": percentile("carried_tracking_errors", 50),
+        "carried_tracking_error_p95_median_trial": percentile("carried_tracking_errors", 50, 1),
+        "carried_tracking_error_p95_worst_trial": percentile("carried_tracking_errors", 100, 1),
         "unobserved_mean": _finite(np.mean, [trial.unobserved for trial in finished]),
-        "unobserved_worst_trial": _percentile([t.unobserved for t in finished], 100),
-        "carried_unobserved_worst_trial": _percentile(
-            [t.carried_unobserved for t in finished], 100
-        ),
-        "real_time_factor_median": _percentile(factors, 50),
-        "real_time_factor_p5": _percentile(factors, 5),
+        "unobserved_worst_trial": percentile("unobserved", 100),
+        "carried_unobserved_worst_trial": percentile("carried_unobserved", 100),
+        "real_time_factor_median": percentile("real_time_factor", 50),
+        "real_time_factor_p5": percentile("real_time_factor", 5),
         "split": _mean_shares([trial.split or {} for trial in finished]),
         "concurrent": _mean_shares([trial.concurrent or {} for trial in finished]),
     }
@@ -130,11 +129,7 @@ def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
     return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
 
 
-def _percentile(values: Sequence[float] | np.ndarray, percent: float) -> float:
-    return _finite(partial(np.percentile, q=percent), values)
-
-
-def _finite(statistic: Callable[..., Any], values: Sequence[float] | np.ndarray) -> float:
+def _finite(statistic: Callable[..., Any], values: Sequence[float]) -> float:
     """Returns a statistic of the finite values; NaN if there are none."""
     finite = [value for value in values if np.isfinite(value)]
     return float(statistic(finite)) if finite else np.nan

@@ -5,7 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 
 _COLORS = ("#1f5fa8", "#c8501e", "#2f8f5b")
 _GREY = "#6b7178"
@@ -24,7 +27,7 @@ _STYLE = {
 
 def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the time in which the flow leaves each saddle against its start."""
-    with _figure(path, width=7.4, height=4.6) as (figure, _):
+    with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
         markers = ("o", "s", "^")
         for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
@@ -55,9 +58,9 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
 
 def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the effect of holding a twist: on runs, rotations and point sets."""
-    with _figure(path, width=13.5, height=4.3) as (figure, colormaps):
+    with _figure(path, width=13.5, height=4.3) as figure:
         left, middle, right = figure.subplots(1, 3)
-        _draw_runs(left, figures["runs"], colormaps["viridis"])
+        _draw_runs(left, figures["runs"], mpl.colormaps["viridis"])
         _draw_rotations(middle, figures["sets"])
         _draw_conditions(right, figures)
 
@@ -113,15 +116,13 @@ def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
 
 def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the map of delay and period, and a run with the paper's tracker."""
-    with _figure(path, width=12.0, height=4.8) as (figure, _):
+    with _figure(path, width=12.0, height=4.8) as figure:
         left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
         _draw_delay_map(left, figures)
         _draw_delayed_run(right, figures["tracker"])
 
 
 def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
-    from matplotlib.colors import ListedColormap
-
     axes.grid(False)
     axes.pcolormesh(
         figures["delays"],
@@ -169,7 +170,7 @@ def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
 
 def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the angular noise of the field as the points approach a line."""
-    with _figure(path, width=7.4, height=4.6) as (figure, _):
+    with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
         condition = figures["condition"]
         noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
@@ -197,12 +198,9 @@ def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
 
 
 @contextmanager
-def _figure(path: Path, *, width: float, height: float) -> Iterator[tuple[Any, Any]]:
-    """Yields an empty figure in the style of these pictures, and colour maps; writes it at exit."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
+def _figure(path: Path, *, width: float, height: float) -> Iterator[Figure]:
+    """Yields an empty figure in the style of these pictures, and writes it at exit."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure, mpl.colormaps
+        yield figure
         figure.savefig(path)

@@ -6,6 +6,7 @@ import signal
 import socket
 from collections.abc import Callable
 from concurrent.futures import Future
+from types import ModuleType
 from typing import Any
 
 from poil_drake.benchmarks.trials.worker import run_trial
@@ -18,7 +19,7 @@ _OBJECT_STORE = 128 * 2**20
 
 
 class ClusterWorkers:
-    """The workers of a Ray cluster (see `pool.TrialWorkers`).
+    """The workers of a Ray cluster, which run each trial once.
 
     Args:
         function: Runs a trial.
@@ -26,13 +27,15 @@ class ClusterWorkers:
         address: As `ray.init` takes it.
         cpus: Number of CPUs of a cluster that is started here.
         trials_per_worker: Number of trials after which a process is replaced; None for never.
+
+    Attributes:
+        worker_lost: Exceptions of a future whose worker ended before the trial was done.
     """
 
     def __init__(
         self,
         function: Callable[..., Any],
         shared: tuple[Any, ...],
-        *,
         address: str,
         cpus: int,
         trials_per_worker: int | None,
@@ -58,12 +61,8 @@ class ClusterWorkers:
         self._running: set[Any] = set()
         self._started = not ray.is_initialized()
         if self._started:
-            _connect(address, cpus)
-        try:
-            self._first = (ray.put(function), ray.put(shared))
-        except BaseException:
-            self.close()
-            raise
+            _connect(ray, address, cpus)
+        self._first = (ray.put(function), ray.put(shared))
 
     def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
         """Returns what will be the outcome of a trial, as `worker.run_trial` pickles it."""
@@ -81,9 +80,7 @@ class ClusterWorkers:
             self._ray.shutdown()
 
 
-def _connect(address: str, cpus: int) -> None:
-    import ray
-
+def _connect(ray: ModuleType, address: str, cpus: int) -> None:
     options: dict[str, Any] = {}
     if address == "local":
         options = {

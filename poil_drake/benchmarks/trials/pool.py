@@ -2,11 +2,12 @@
 
 import pickle
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import as_completed
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
+from poil_drake.benchmarks.trials.cluster import ClusterWorkers
 from poil_drake.benchmarks.trials.processes import ProcessWorkers
 from poil_drake.errors import InvalidValueError
 
@@ -34,22 +35,6 @@ class LostTrial:
             f"All {self.attempts} workers that ran trial {self.index} {self.arguments!r} "
             f"ended before it was done; the last one with {self.cause}"
         )
-
-
-class TrialWorkers(Protocol):
-    """Runs trials, each once.
-
-    Attributes:
-        worker_lost: Exceptions of a future whose worker ended before the trial was done.
-    """
-
-    worker_lost: tuple[type[Exception], ...]
-
-    def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
-        """Returns what will be the outcome of a trial, as `worker.run_trial` pickles it."""
-
-    def close(self) -> None:
-        """Ends all workers, busy ones included."""
 
 
 def run_trials(
@@ -101,46 +86,35 @@ def run_trials(
         InvalidValueError: if a number is not positive, or no cluster answers at the address.
         MissingDependencyError: if an address is given and Ray is not installed.
     """
-    numbers = {"jobs": jobs, "attempts": attempts, "trials_per_worker": trials_per_worker}
-    for name, value in numbers.items():
+    limits = {"jobs": jobs, "attempts": attempts, "trials_per_worker": trials_per_worker}
+    for name, value in limits.items():
         if value is not None and value < 1:
             raise InvalidValueError(f"{name} is {value}.", remedy="Pass a positive number.")
 
-    def make_workers() -> TrialWorkers:
-        if ray_address is None:
-            return ProcessWorkers(function, shared, count=jobs, trials_per_worker=trials_per_worker)
-        from poil_drake.benchmarks.trials.cluster import ClusterWorkers
-
-        return ClusterWorkers(
-            function,
-            shared,
-            address=ray_address,
-            cpus=jobs,
-            trials_per_worker=trials_per_worker,
-        )
-
-    return _run(make_workers, arguments, attempts)
-
-
-def _run(
-    make_workers: Callable[[], TrialWorkers], arguments: Sequence[tuple[Any, ...]], attempts: int
-) -> Generator[tuple[int, Any], None, None]:
-    with closing(make_workers()) as workers:
+    def run() -> Generator[tuple[int, Any], None, None]:
         waiting = list(range(len(arguments)))
-        for attempt in range(1, attempts + 1):
-            running = {workers.submit(arguments[index]): index for index in waiting}
-            waiting = []
-            for future in as_completed(list(running)):
-                index = running.pop(future)
-                try:
-                    result, error, trace = pickle.loads(future.result())
-                except workers.worker_lost as lost:
-                    if attempt < attempts:
-                        waiting.append(index)
-                        continue
-                    cause = f"{type(lost).__name__}: {lost}"
-                    result, error = LostTrial(index, arguments[index], attempts, cause), None
-                if error is not None:
-                    error.add_note(f"Trial {index} raised it:\n{trace}")
-                    raise error
-                yield index, result
+        workers: ProcessWorkers | ClusterWorkers
+        if ray_address is None:
+            workers = ProcessWorkers(function, shared, jobs, trials_per_worker)
+        else:
+            workers = ClusterWorkers(function, shared, ray_address, jobs, trials_per_worker)
+        with closing(workers):
+            for attempt in range(1, attempts + 1):
+                running = {workers.submit(arguments[index]): index for index in waiting}
+                waiting = []
+                for future in as_completed(list(running)):
+                    index = running.pop(future)
+                    try:
+                        result, error, trace = pickle.loads(future.result())
+                    except workers.worker_lost as lost:
+                        if attempt < attempts:
+                            waiting.append(index)
+                            continue
+                        cause = f"{type(lost).__name__}: {lost}"
+                        result, error = LostTrial(index, arguments[index], attempts, cause), None
+                    if error is not None:
+                        error.add_note(f"Trial {index} raised it:\n{trace}")
+                        raise error
+                    yield index, result
+
+    return run()

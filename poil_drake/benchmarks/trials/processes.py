@@ -9,7 +9,7 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class ProcessWorkers:
-    """Up to `count` processes, started when they are needed (see `pool.TrialWorkers`).
+    """Up to `jobs` processes, started when they are needed; they run each trial once.
 
     A thread waits for each process, so a killed process fails the future of its own trial only. (A
     `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
@@ -17,8 +17,11 @@ class ProcessWorkers:
     Args:
         function: Runs a trial.
         shared: Its first arguments.
-        count: Number of processes that work at the same time.
+        jobs: Number of processes that work at the same time.
         trials_per_worker: Number of trials after which a process is replaced; None for never.
+
+    Attributes:
+        worker_lost: Exceptions of a future whose worker ended before the trial was done.
     """
 
     worker_lost: tuple[type[Exception], ...] = (WorkerEndedError, OSError)
@@ -27,13 +30,12 @@ class ProcessWorkers:
         self,
         function: Callable[..., Any],
         shared: tuple[Any, ...],
-        *,
-        count: int,
+        jobs: int,
         trials_per_worker: int | None,
     ):
         self._setup = (os.getpid(), function, shared)
         self._trials_per_worker = trials_per_worker
-        self._executor = ThreadPoolExecutor(count)
+        self._executor = ThreadPoolExecutor(jobs)
         self._workers: list[WorkerProcess] = []
         self._idle: list[tuple[WorkerProcess, int]] = []  # With the number of trials run.
         self._closed = False

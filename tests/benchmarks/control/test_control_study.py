@@ -1,6 +1,7 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,9 +85,7 @@ def test_trial_is_the_same_alone_and_after_others(task, region, policy):
 
 
 def test_study_runs_the_trials_of_its_seed(tmp_path):
-    config = dut.ControlStudyConfig(
-        tasks=("pnp_cube",), policies=("field",), trials=1, hard=False, seed=3
-    )
+    config = replace(SMALL, policies=("field",), hard=False, seed=3)
 
     near, _ = dut.run_control_study(config, json_path=tmp_path / "control.json")
 
@@ -177,11 +176,8 @@ def test_figures_so_far_are_written_periodically(tmp_path, monkeypatch):
 
     monkeypatch.setattr(dut, "run_trials", inspect)
     monkeypatch.setattr(dut, "_WRITING_PERIOD", 0.0)
-    config = dut.ControlStudyConfig(
-        tasks=("pnp_cube",), policies=("open_loop",), trials=1, hard=False
-    )
 
-    dut.run_control_study(config, json_path=path)
+    dut.run_control_study(replace(SMALL, policies=("field",), hard=False), json_path=path)
 
     assert counts == [0, 1]
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.benchmarks.latency.control_path import ControlPath
 from poil_drake.benchmarks.latency.latency import BASELINE, PATH, run_latency_benchmark, summarize
-from poil_drake.benchmarks.latency.states import far_states, moving_body, near_states
+from poil_drake.benchmarks.latency.states import OFFSETS, make_states, moving_body
 
 
 def test_all_subjects_are_timed_and_written(
@@ -51,24 +51,26 @@ def test_figures_are_percentiles_in_microseconds_and_ratios_to_the_baseline() ->
     assert baseline.ratio == pytest.approx(1.0)
 
 
-def test_states_are_off_by_the_stated_distance_and_angle() -> None:
+@pytest.mark.parametrize("where", ["near", "far"])
+def test_states_are_off_by_the_stated_distance_and_angle(where: str) -> None:
     _, X_WO, reference, points = moving_body(num_points=10, num_samples=500)
-    near, far = near_states(X_WO, points), far_states(X_WO, points)
+    distance, smallest, largest = OFFSETS[where]
+
+    states = make_states(X_WO, points, where)
 
     assert reference.positions.shape == (500, 10, 3)
-    for states, distance, lowest, highest in ((near, 0.005, 3.0, 3.0), (far, 0.3, 60.0, 150.0)):
-        for X in states.poses[:10]:
-            distances = np.linalg.norm(X_WO[:, :3, 3] - X[:3, 3], axis=1)
-            turns = Rotation.from_matrix(X[:3, :3] @ X_WO[:, :3, :3].swapaxes(1, 2)).magnitude()
-            # One of the samples is the one it was moved off.
-            offset = np.abs(distances - distance) < 1e-9
-            turned = (np.degrees(turns) > lowest - 1e-6) & (np.degrees(turns) < highest + 1e-6)
-            assert (offset & turned).any()
+    for X in states.poses[:10]:
+        distances = np.linalg.norm(X_WO[:, :3, 3] - X[:3, 3], axis=1)
+        turns = Rotation.from_matrix(X[:3, :3] @ X_WO[:, :3, :3].swapaxes(1, 2)).magnitude()
+        # One of the samples is the one that it was moved off.
+        offset = np.abs(distances - distance) < 1e-9
+        turned = (np.degrees(turns) > smallest - 1e-6) & (np.degrees(turns) < largest + 1e-6)
+        assert (offset & turned).any()
 
 
-def test_two_points_of_a_spoilt_state_are_off() -> None:
+def test_two_points_of_a_spoilt_state_are_outliers() -> None:
     _, X_WO, _, points = moving_body(num_points=10, num_samples=500)
-    states = near_states(X_WO, points)
+    states = make_states(X_WO, points, "near")
 
     off = np.linalg.norm(states.spoilt - states.clean, axis=2)
 
@@ -77,7 +79,7 @@ def test_two_points_of_a_spoilt_state_are_off() -> None:
     assert off.max() <= 0.1 + 1e-12
 
 
-def test_the_control_path_carries_the_points_along_the_reference() -> None:
+def test_control_path_carries_the_points_along_the_reference() -> None:
     dut = ControlPath(num_points=10, num_samples=500)
 
     speeds = []

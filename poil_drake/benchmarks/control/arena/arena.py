@@ -3,18 +3,12 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.geometry import SceneGraph, SceneGraphConfig
+from pydrake.geometry import DefaultProximityProperties, SceneGraph, SceneGraphConfig
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    DiagramBuilder,
-    LeafSystem,
-    OutputPort,
-)
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
 from poil_drake.benchmarks.control.arena.contact_monitor import ContactMonitor
 from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking
@@ -67,13 +61,10 @@ def AddTaskPlant(
         discrete_contact_approximation="lagged",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    scene_config = SceneGraphConfig()
-    properties = scene_config.default_proximity_properties
-    properties.compliance_type = "compliant"
-    properties.hydroelastic_modulus = _MODULUS
-    properties.resolution_hint = _RESOLUTION
-    scene_config.default_proximity_properties = properties
-    scene_graph.set_config(scene_config)
+    properties = DefaultProximityProperties(
+        compliance_type="compliant", hydroelastic_modulus=_MODULUS, resolution_hint=_RESOLUTION
+    )
+    scene_graph.set_config(SceneGraphConfig(default_proximity_properties=properties))
     parser = Parser(plant)
     AddFixtures(plant, parser, task)
     (instance,) = parser.AddModels(str(MODELS / task.object_file))
@@ -135,12 +126,11 @@ class Arena:
         self.task, self._tracker = task, tracker
         builder = DiagramBuilder()
         self._plant, scene_graph, self._body = AddTaskPlant(builder, task, config.time_step)
-        plant, n = self._plant, len(task.link_points)
-        instance = self._body.model_instance()
+        plant, n, model = self._plant, len(task.link_points), self._body.model_instance()
         self._observer = PointObserver(
             plant=plant,
             body=self._body,
-            carriers=[plant.GetBodyByName(name, instance) for name in task.carriers],
+            carriers=[plant.GetBodyByName(name, model) for name in task.carriers],
             p_BP=task.link_points,
         )
         self._policy = PolicySystem(
@@ -216,16 +206,13 @@ class Arena:
         """Returns the distance of the object to each fixture that is within `reach` [m]."""
         query = self.diagram.GetOutputPort("query_object").Eval(context)
         inspector = query.inspector()
-        own = self._body.model_instance()
         distances: dict[str, float] = {}
         for pair in query.ComputeSignedDistancePairwiseClosestPoints(reach):
-            bodies = [
-                self._plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-                for geometry in (pair.id_A, pair.id_B)
-            ]
-            others = [body for body in bodies if body.model_instance() != own]
+            frames = [inspector.GetFrameId(geometry) for geometry in (pair.id_A, pair.id_B)]
+            models = [self._plant.GetBodyFromFrameId(frame).model_instance() for frame in frames]
+            others = [model for model in models if model != self._body.model_instance()]
             if len(others) == 1:
-                name = self._plant.GetModelInstanceName(others[0].model_instance())
+                name = self._plant.GetModelInstanceName(others[0])
                 distances[name] = min(distances.get(name, reach), pair.distance)
         return distances
 

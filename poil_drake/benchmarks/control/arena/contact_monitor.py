@@ -95,7 +95,9 @@ class ContactMonitor(LeafSystem):
         force = sum(float(np.linalg.norm(one[2])) for one in forces)
         discrete_state.get_mutable_value(0)[0] += force * self._period
         deepest = discrete_state.get_mutable_value(1)
-        deepest[0] = max(deepest[0], *(_depth(query, a, b) for a, b, _ in forces))
+        for a, b, _ in forces:
+            distance = query.ComputeSignedDistancePairClosestPoints(a, b).distance
+            deepest[0] = max(deepest[0], -distance)
 
     def _is_intended(self, context: Context) -> bool:
         if self._intended is None:
@@ -103,8 +105,3 @@ class ContactMonitor(LeafSystem):
         points = self._points.Eval(context).reshape(-1, 3)
         distances = np.linalg.norm(self._intended - points, axis=2).mean(axis=1)
         return bool(distances.min() < _TOLERANCE)
-
-
-def _depth(query: QueryObject, a: GeometryId, b: GeometryId) -> float:
-    """Returns how deep two geometries intersect [m]; 0 where they do not."""
-    return max(-query.ComputeSignedDistancePairClosestPoints(a, b).distance, 0.0)

@@ -110,13 +110,7 @@ class DirectActuation(LeafSystem):
         config: Strength and stiffness.
     """
 
-    def __init__(
-        self,
-        *,
-        plant: MultibodyPlant,
-        body: RigidBody,
-        config: ActuationConfig,
-    ):
+    def __init__(self, *, plant: MultibodyPlant, body: RigidBody, config: ActuationConfig):
         super().__init__()
         self._config = config
         self._body = body.index()

@@ -32,12 +32,7 @@ class PointObserver(LeafSystem):
     """
 
     def __init__(
-        self,
-        *,
-        plant: MultibodyPlant,
-        body: RigidBody,
-        carriers: list[RigidBody],
-        p_BP: np.ndarray,
+        self, *, plant: MultibodyPlant, body: RigidBody, carriers: list[RigidBody], p_BP: np.ndarray
     ):
         super().__init__()
         self._body = body.index()

@@ -10,8 +10,6 @@ import poil_drake.models
 
 MODELS = Path(poil_drake.models.__file__).parent
 
-Criterion = Literal["center", "points"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fixture:
@@ -57,7 +55,7 @@ class ControlTask:
     link_points: np.ndarray
     times: np.ndarray
     keyframes: np.ndarray
-    criterion: Criterion
+    criterion: Literal["center", "points"]
     far_lower: tuple[float, float] = (-0.40, -0.40)
     far_upper: tuple[float, float] = (0.40, 0.40)
     rigid: bool = True

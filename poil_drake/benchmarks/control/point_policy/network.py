@@ -48,7 +48,6 @@ def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndar
     such additions, as in GPT-2 (Radford et al., 2019).
     """
     rng = np.random.default_rng(config.seed)
-    additions = 2 * config.layers
     weights = {}
     for name, shape in weight_shapes(config, points).items():
         spread = 0.0
@@ -57,7 +56,7 @@ def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndar
         elif name.endswith(".w") and name != "head.w":
             spread = math.sqrt(2.0 / sum(shape))
             if name.endswith((".mix.w", ".down.w")):
-                spread /= math.sqrt(additions)
+                spread /= math.sqrt(2 * config.layers)
         weights[name] = (spread * rng.standard_normal(shape)).astype(np.float32)
     return weights
 

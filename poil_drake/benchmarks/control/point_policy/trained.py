@@ -1,15 +1,58 @@
-"""A trained network and its normalization, and how they are kept in a file."""
+"""A trained network, and the numbers that it reads and writes."""
 
-import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.network import Weights, forward
-from poil_drake.benchmarks.control.point_policy.normalization import Normalization
-from poil_drake.errors import InvalidValueError
+
+_SMALLEST_HALF_RANGE = 1e-3
+"""Lower bound of half the box [m]. Without it, an axis along which the data hardly differ would
+divide by zero, and its noise would be magnified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normalization:
+    """The bounding box of the data, which is mapped to the cube from -1 to 1.
+
+    Past and future positions are absolute and share one box: the smallest and largest coordinates
+    of all points in all demonstrations, as published. The published cube goes from 0 to 1. Linear
+    layers with biases read and write the numbers, so both represent the same functions, and with
+    -1 to 1 training starts in the middle of the data.
+
+    Attributes:
+        lower: (3,) smallest coordinates in the data [m, world].
+        upper: (3,) largest coordinates in the data [m, world].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def of(cls, demonstrations: Sequence[np.ndarray]) -> Self:
+        """Returns the bounding box of demonstrations (T_i, N, 3)."""
+        positions = np.concatenate(demonstrations)
+        return cls(positions.min(axis=(0, 1)), positions.max(axis=(0, 1)))
+
+    def numbers(self, positions: np.ndarray) -> np.ndarray:
+        """Returns positions (..., L, N, 3) [m, world] as numbers (..., N, 3 L), float32."""
+        numbers = (positions - self._center()) / self._half_range()
+        per_point = np.swapaxes(numbers, -3, -2)
+        return per_point.reshape(*per_point.shape[:-2], -1).astype(np.float32)
+
+    def positions(self, numbers: np.ndarray) -> np.ndarray:
+        """Returns the positions (L, N, 3) [m, world] that numbers (N, 3 L) stand for."""
+        in_cube = numbers.reshape(len(numbers), -1, 3).swapaxes(0, 1)
+        return self._center() + self._half_range() * in_cube
+
+    def _center(self) -> np.ndarray:
+        return 0.5 * (self.lower + self.upper)
+
+    def _half_range(self) -> np.ndarray:
+        return np.maximum(0.5 * (self.upper - self.lower), _SMALLEST_HALF_RANGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,25 +76,3 @@ class TrainedPointPolicy:
         """
         outputs = forward(self.weights, self.normalization.numbers(history), self.config)
         return self.normalization.positions(outputs)
-
-    def save(self, path: Path) -> None:
-        """Writes an .npz of all but the config."""
-        np.savez(path, allow_pickle=False, **vars(self.normalization), **self.weights)
-
-    @classmethod
-    def load(cls, path: Path, config: PointPolicyConfig) -> "TrainedPointPolicy":
-        """Returns the policy that `save` wrote.
-
-        Raises:
-            InvalidValueError: if the file is damaged.
-        """
-        try:
-            with np.load(path) as file:
-                weights = dict(file)
-            normalization = Normalization(weights.pop("lower"), weights.pop("upper"))
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InvalidValueError(
-                f"The trained policy {path} is damaged: {error}.",
-                remedy="Delete it; the next study trains it again.",
-            ) from error
-        return cls(config, normalization, weights)

@@ -8,11 +8,8 @@ from tqdm import tqdm
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.network import initial_weights
-from poil_drake.benchmarks.control.point_policy.normalization import Normalization
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.trained import Normalization, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.windows import cut_windows, perturb_histories
-
-_Batch = tuple[np.ndarray, np.ndarray]
 
 
 def train_point_policy(
@@ -29,16 +26,16 @@ def train_point_policy(
             same N points in all. After its end, the points rest.
         config: Settings of network and training.
     """
-    windows = cut_windows(demonstrations, config)
-    normalization = Normalization.of(windows)
+    histories, futures = cut_windows(demonstrations, config)
+    normalization = Normalization.of(demonstrations)
     rng = np.random.default_rng(config.seed)
 
-    def draw() -> _Batch:
-        chosen = rng.integers(len(windows.histories), size=config.batch)
-        histories = perturb_histories(windows.histories[chosen], config, rng)
-        return normalization.numbers(histories), normalization.numbers(windows.futures[chosen])
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        chosen = rng.integers(len(histories), size=config.batch)
+        perturbed = perturb_histories(histories[chosen], config, rng)
+        return normalization.numbers(perturbed), normalization.numbers(futures[chosen])
 
-    first = initial_weights(config, points=windows.histories.shape[2])
+    first = initial_weights(config, points=histories.shape[2])
     weights = _optimize(first, (draw() for _ in range(config.steps)), config)
     return TrainedPointPolicy(config, normalization, weights)
 
@@ -52,7 +49,9 @@ def learning_rate_factor(step: int, config: PointPolicyConfig) -> float:
 
 
 def _optimize(
-    first: dict[str, np.ndarray], batches: Iterator[_Batch], config: PointPolicyConfig
+    first: dict[str, np.ndarray],
+    batches: Iterator[tuple[np.ndarray, np.ndarray]],
+    config: PointPolicyConfig,
 ) -> dict[str, np.ndarray]:
     """Returns the weights after a step on each batch."""
     import torch

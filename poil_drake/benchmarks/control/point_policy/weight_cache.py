@@ -2,20 +2,21 @@
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.trained import Normalization, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.training import train_point_policy
+from poil_drake.errors import InvalidValueError
 from poil_drake.runtime.user_cache import cached_directory
 
 TRAINING_VERSION = 3
 """To be increased when the same data and settings give other weights or another file."""
-
-_FILE = "policy.npz"
 
 
 def load_or_train(
@@ -32,12 +33,24 @@ def load_or_train(
     Raises:
         InvalidValueError: if the file in the cache is damaged.
     """
-    folder = cached_directory(
-        name="point_policy",
-        version=training_key(demonstrations, config),
-        make=lambda folder: train_point_policy(demonstrations, config).save(folder / _FILE),
-    )
-    return TrainedPointPolicy.load(folder / _FILE, config)
+
+    def train(folder: Path) -> None:
+        trained = train_point_policy(demonstrations, config)
+        arrays = {**vars(trained.normalization), **trained.weights}
+        np.savez(folder / "policy.npz", allow_pickle=False, **arrays)
+
+    version = training_key(demonstrations, config)
+    path = cached_directory(name="point_policy", version=version, make=train) / "policy.npz"
+    try:
+        with np.load(path) as file:
+            weights = dict(file)
+        normalization = Normalization(weights.pop("lower"), weights.pop("upper"))
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise InvalidValueError(
+            f"The trained policy {path} is damaged: {error}.",
+            remedy="Delete its folder; the next study trains it again.",
+        ) from error
+    return TrainedPointPolicy(config, normalization, weights)
 
 
 def training_key(demonstrations: Sequence[np.ndarray], config: PointPolicyConfig) -> str:

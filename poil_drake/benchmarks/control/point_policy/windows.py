@@ -1,7 +1,6 @@
 """Demonstrations cut into windows: the network's inputs and the positions to predict."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -9,19 +8,9 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 
-class Windows(NamedTuple):
-    """Training samples.
-
-    Attributes:
-        histories: (S, H, N, 3) observations, oldest first, the last one current [m, world].
-        futures: (S, K, N, 3) the positions that followed [m, world].
-    """
-
-    histories: np.ndarray
-    futures: np.ndarray
-
-
-def cut_windows(demonstrations: Sequence[np.ndarray], config: PointPolicyConfig) -> Windows:
+def cut_windows(
+    demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns one window for each sample of each demonstration, samples at rest included.
 
     Before the first sample the first is repeated, as the policy does before its history is full;
@@ -30,6 +19,10 @@ def cut_windows(demonstrations: Sequence[np.ndarray], config: PointPolicyConfig)
     Args:
         demonstrations: (T_i, N, 3) each [m, world], the same N points in all.
         config: Lengths of history, chunk and rest.
+
+    Returns:
+        histories: (S, H, N, 3) observations, oldest first, the last one current [m, world].
+        futures: (S, K, N, 3) the positions that followed [m, world].
     """
     histories, futures = [], []
     for demonstration in demonstrations:
@@ -38,7 +31,7 @@ def cut_windows(demonstrations: Sequence[np.ndarray], config: PointPolicyConfig)
         past, future = np.arange(1 - config.history, 1), np.arange(1, config.chunk + 1)
         histories.append(demonstration[np.clip(now + past, 0, last)])
         futures.append(demonstration[np.clip(now + future, 0, last)])
-    return Windows(np.concatenate(histories), np.concatenate(futures))
+    return np.concatenate(histories), np.concatenate(futures)
 
 
 def perturb_histories(

@@ -1,10 +1,14 @@
 """Point-set BCSDM as policies of the control study: the field alone, and behind a safe entry."""
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import (
+    CONTROL_PERIOD,
+    CommandedTwist,
+    Observation,
+)
 from poil_drake.control.entry.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
 from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import (
@@ -22,11 +26,11 @@ class FieldPolicy:
     Args:
         reference: The demonstrated motion of the points.
         config: Parameters of the field.
-        period: Time between two steps [s].
     """
 
-    def __init__(self, reference: PointTrajectory, config: BcsdmConfig, *, period: float):
-        self.period = period
+    period = CONTROL_PERIOD
+
+    def __init__(self, reference: PointTrajectory, config: BcsdmConfig):
         self._reference, self._config = reference, config
 
     def start(self) -> float | None:
@@ -48,11 +52,10 @@ class FieldPolicy:
         return tau, _command(output)
 
 
-@dataclass(frozen=True, eq=False)
-class EntryPolicyState:
+class EntryPolicyState(NamedTuple):
     """The state of the entry monitor."""
 
-    entry: EntryState = field(default_factory=EntryState)
+    entry: EntryState
 
     @property
     def note(self) -> str:
@@ -68,16 +71,16 @@ class SafeEntryPolicy:
     Args:
         planner: Planner for the reference, the scene and the object's shape.
         config: When to plan again.
-        period: Time between two steps [s].
     """
 
-    def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig, *, period: float):
-        self.period = period
+    period = CONTROL_PERIOD
+
+    def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig):
         self._planner, self._config = planner, config
 
     def start(self) -> EntryPolicyState:
         """Returns the state before the first plan."""
-        return EntryPolicyState()
+        return EntryPolicyState(EntryState())
 
     def step(
         self, state: EntryPolicyState, observation: Observation

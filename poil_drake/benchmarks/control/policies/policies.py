@@ -39,9 +39,6 @@ from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_distance import SceneDistance, SceneDistanceConfig
 
-CONTROL_PERIOD = 1 / 64
-"""Time between two steps of the analytic policies [s]."""
-
 _CLOUD_SPACING = 0.005  # [m], that of a depth camera at a distance of half a metre.
 
 LEARNED = {
@@ -106,11 +103,9 @@ def MakePolicy(
             max_linear_speed=limits.max_linear_speed,
         ),
         "se3_bcsdm": lambda: _se3_bcsdm(task),
-        "field": lambda: FieldPolicy(
-            TaskReference(task), field_config(task, noise), period=CONTROL_PERIOD
-        ),
+        "field": lambda: FieldPolicy(TaskReference(task), field_config(task, noise)),
         "safe_entry": lambda: SafeEntryPolicy(
-            EntryPlanner(task, noise), monitor_config(task, noise), period=CONTROL_PERIOD
+            EntryPlanner(task, noise), monitor_config(task, noise)
         ),
     }
     return PointPolicy(trained) if trained else makers[name]()
@@ -178,9 +173,4 @@ def _se3_bcsdm(task: str) -> Se3BcsdmPolicy:
     poses = TaskDemonstration(task).X_WO[:, None]
     reference = ReferenceAlong(task, transform_points(poses, corners[None])[:, 0])
     X_WO = kabsch(np.broadcast_to(corners, reference.positions.shape), reference.positions)
-    eta = BcsdmConfig().eta
-    return Se3BcsdmPolicy(
-        PoseTrajectory.of(reference.times, X_WO),
-        Se3BcsdmConfig(rotation_gain=eta, position_gain=eta),
-        period=CONTROL_PERIOD,
-    )
+    return Se3BcsdmPolicy(PoseTrajectory.of(reference.times, X_WO), Se3BcsdmConfig())

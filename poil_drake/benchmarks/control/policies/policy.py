@@ -5,6 +5,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+CONTROL_PERIOD = 1 / 64
+"""Time between two steps of the analytic policies [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:

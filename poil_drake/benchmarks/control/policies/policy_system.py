@@ -1,5 +1,7 @@
 """Runs a policy of the control study in a diagram."""
 
+from functools import partial
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
@@ -42,12 +44,7 @@ class PolicySystem(LeafSystem):
     """
 
     def __init__(
-        self,
-        *,
-        policy: Policy,
-        num_points: int,
-        max_angular_speed: float,
-        max_linear_speed: float,
+        self, *, policy: Policy, num_points: int, max_angular_speed: float, max_linear_speed: float
     ):
         super().__init__()
         self._policy = policy
@@ -59,8 +56,8 @@ class PolicySystem(LeafSystem):
         at_rest = CommandedTwist(np.zeros(6), np.zeros(3))
         self._state = self.DeclareAbstractState(Value((policy.start(), at_rest)))
         ticket = {self.abstract_state_ticket(self._state)}
-        self.DeclareVectorOutputPort("twist", 6, self._calc_twist, ticket)
-        self.DeclareVectorOutputPort("point", 3, self._calc_point, ticket)
+        for name, size in (("twist", 6), ("point", 3)):
+            self.DeclareVectorOutputPort(name, size, partial(self._calc, name), ticket)
         self.DeclarePeriodicUnrestrictedUpdateEvent(policy.period, 0.0, self._step)
 
     def GetPolicyState(self, context: Context) -> object:
@@ -81,11 +78,6 @@ class PolicySystem(LeafSystem):
         command = CommandedTwist(scale_twist(shift_twist(V, hand - point), *self._limits), hand)
         state.get_mutable_abstract_state(self._state).set_value((after, command))
 
-    def _command(self, context: Context) -> CommandedTwist:
-        return context.get_abstract_state(self._state).get_value()[1]
-
-    def _calc_twist(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command(context).V)
-
-    def _calc_point(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command(context).point)
+    def _calc(self, port: str, context: Context, output: BasicVector) -> None:
+        _, command = context.get_abstract_state(self._state).get_value()
+        output.SetFromVector(command.V if port == "twist" else command.point)

@@ -7,12 +7,7 @@ import numpy as np
 from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
 from poil_drake.diagrams.demonstration.motion import minimum_jerk
 from poil_drake.geometry.rigid_fit import kabsch
-from poil_drake.geometry.rigid_transform import (
-    inverse,
-    make_transform,
-    rotation_exp,
-    rotation_log,
-)
+from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp, rotation_log
 
 _GAIN = 5.0
 """Gain of the correction of pose errors [1/s]."""

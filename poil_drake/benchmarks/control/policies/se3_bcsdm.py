@@ -14,7 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import (
+    CONTROL_PERIOD,
+    CommandedTwist,
+    Observation,
+)
 from poil_drake.geometry.rigid_transform import rotation_exp, rotation_log
 
 
@@ -106,11 +110,11 @@ class Se3BcsdmPolicy:
     Args:
         reference: The demonstrated motion.
         config: Parameters of the field.
-        period: Time between two steps [s].
     """
 
-    def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig, *, period: float):
-        self.period = period
+    period = CONTROL_PERIOD
+
+    def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
         self._reference, self._config = reference, config
 
     def start(self) -> None:

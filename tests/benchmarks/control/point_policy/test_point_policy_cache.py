@@ -100,10 +100,10 @@ def test_damaged_file_is_reported_with_its_path(damage: str, cache: Path) -> Non
 
 
 def test_interrupted_training_leaves_no_file(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(self: TrainedPointPolicy, path: Path) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(TrainedPointPolicy, "save", interrupted)
+    monkeypatch.setattr(weight_cache.np, "savez", interrupted)
 
     with pytest.raises(KeyboardInterrupt):
         load_or_train(demonstrations(), TINY)

@@ -1,10 +1,6 @@
 import numpy as np
 
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.point_policy.normalization import Normalization
-from poil_drake.benchmarks.control.point_policy.windows import cut_windows
-
-CONFIG = PointPolicyConfig(history=3, chunk=2, rest=0)
+from poil_drake.benchmarks.control.point_policy.trained import Normalization
 
 
 def test_positions_are_numbers_in_the_box_of_the_data_ordered_by_point() -> None:
@@ -23,7 +19,7 @@ def test_box_holds_all_points_of_all_demonstrations() -> None:
     low[-1, 1] = [-1.0, -2.0, -3.0]
     high[0, 0] = [4.0, 5.0, 6.0]
 
-    dut = Normalization.of(cut_windows([low, high], CONFIG))
+    dut = Normalization.of([low, high])
 
     np.testing.assert_array_equal(dut.lower, [-1.0, -2.0, -3.0])
     np.testing.assert_array_equal(dut.upper, [4.0, 5.0, 6.0])
@@ -32,10 +28,9 @@ def test_box_holds_all_points_of_all_demonstrations() -> None:
 def test_axis_without_motion_does_not_magnify_noise() -> None:
     demonstration = np.random.default_rng(0).uniform(0.0, 0.3, (10, 4, 3))
     demonstration[..., 2] = 0.1
-    windows = cut_windows([demonstration], CONFIG)
-    dut = Normalization.of(windows)
+    dut = Normalization.of([demonstration])
 
-    numbers = dut.numbers(windows.histories + 0.001)
+    numbers = dut.numbers(demonstration + 0.001)
 
     # 1 mm of the smallest half range, 1 mm.
     np.testing.assert_allclose(numbers[..., 2::3], 1.0, rtol=1e-5)

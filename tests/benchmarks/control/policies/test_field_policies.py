@@ -7,7 +7,6 @@ from poil_drake.benchmarks.control.demonstration import (
     TaskReference,
 )
 from poil_drake.benchmarks.control.policies.policies import (
-    ROWS,
     EntryPlanner,
     MakePolicy,
     TaskClouds,
@@ -126,9 +125,3 @@ def test_noise_and_deformation_raise_the_error_of_a_blocked_object():
     assert monitor_config("pnp_cube", 0.003).stall_error == pytest.approx(0.0072)
     deformation = TaskDeformation("hanging_bag")
     assert monitor_config("hanging_bag", 0.0).stall_error == pytest.approx(1.5 * deformation)
-
-
-def test_every_row_but_the_learned_ones_makes_a_policy():
-    for row in ROWS:
-        if not row.name.startswith("pp_"):
-            assert MakePolicy(row.name, "pnp_cube").period > 0.0

@@ -162,7 +162,7 @@ def test_pytorch_is_finite_on_the_reference_and_half_a_turn_away(reference: Pose
 
 
 def test_policy_commands_the_field_at_the_origin_of_the_object(reference: PoseTrajectory) -> None:
-    dut = Se3BcsdmPolicy(reference, CONFIG, period=1 / 64)
+    dut = Se3BcsdmPolicy(reference, CONFIG)
     X_WO = random_poses(1, seed=4)[0]
     observation = Observation(0.0, np.full((4, 3), np.nan), np.zeros(4), X_WO, np.eye(4))
 
