@@ -85,7 +85,7 @@ def _draw_distances(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
 
 
 def _draw_paths(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
-    """Draws a row for each task and a column for each policy: some paths, seen from above."""
+    """Draws a row for each task and a column for each policy: some paths in a top view."""
     rows = [row for row in ROWS if any(policy == row.name for _, policy in groups)]
     figure = Figure(figsize=(2.7 * len(rows), 2.7 * len(tasks)))
     axes = figure.subplots(len(tasks), len(rows), squeeze=False, sharex="row", sharey="row")

@@ -127,7 +127,7 @@ def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, pa
 def run_control_trial(
     trained: Trained, task: str, region: Region, policy: str, number: int, seed: int = 0
 ) -> ControlTrial:
-    """Runs one trial; what it draws depends on task, region, number and seed only.
+    """Runs one trial, whose random numbers depend on task, region, number and seed only.
 
     A trial that an error ends is a failure, with the error as its note.
     """

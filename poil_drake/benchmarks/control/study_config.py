@@ -19,7 +19,7 @@ The learned ones are left out: their demonstrations show no orientations but yaw
 
 @dataclass(frozen=True, kw_only=True)
 class HardMode:
-    """The difficulties of hard mode, besides a start in any orientation.
+    """The difficulties of hard mode, in addition to a start in any orientation.
 
     Attributes:
         slip_start: Earliest and latest time at which the object begins to slip in the hand [s].
@@ -27,7 +27,7 @@ class HardMode:
         slip_distance: Shift of the object [m].
         slip_angle: Rotation of the object [rad].
         tracking: Delay and noise of the points.
-        trial: When a trial ends: later than else, as noise lets the object rest for a moment.
+        trial: When a trial ends: later than usual, since noise can make the object rest briefly.
     """
 
     slip_start: tuple[float, float] = (1.0, 3.0)

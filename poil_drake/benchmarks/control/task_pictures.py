@@ -60,7 +60,12 @@ def _render(task: ControlTask, shown: RecordedDemonstration) -> np.ndarray:
     for share, ghost in zip(np.linspace(0.0, 1.0, _GHOSTS), ghosts, strict=True):
         _paint(plant, scene_graph, ghost, Rgba(0.15 + 0.75 * share, 0.25, 0.9 - 0.75 * share, 1.0))
     camera = CameraConfig(
-        width=720, height=540, focal=CameraConfig.FovDegrees(y=42.0), renderer_name="vtk"
+        width=720,
+        height=540,
+        focal=CameraConfig.FovDegrees(y=42.0),
+        clipping_near=0.05,
+        clipping_far=5.0,
+        renderer_name="vtk",
     )
     sensor = builder.AddSystem(
         RgbdSensor(scene_graph.world_frame_id(), _camera_pose(), *camera.MakeCameras())

@@ -141,7 +141,7 @@ class StandInRobot:
         """Returns the driver's time [s since the epoch, scaled], which a fault can shift."""
         return self.clock()
 
-    def wanted(self, now: float) -> np.ndarray:
+    def desired_velocity(self, now: float) -> np.ndarray:
         """Returns the commanded velocity (7,) [rad/s]; zero if the last command has expired."""
         if self.command is None or abs(now - self.command.stamp) > _EXPIRY:
             return np.zeros(NUM_JOINTS)
@@ -151,10 +151,10 @@ class StandInRobot:
         """Simulates the driver for a millisecond."""
         self.lcm.HandleSubscriptions(0)
         now = self.now()
-        self.velocity = self.velocity + _SMOOTHING * (self.wanted(now) - self.velocity)
+        self.velocity = self.velocity + _SMOOTHING * (self.desired_velocity(now) - self.velocity)
         self.position = self.position + PERIOD * self.velocity
         self.speeds.append((self.clock(), float(np.abs(self.velocity).max())))
-        self.say(now)
+        self.send_status(now)
         if tick % round(HAND_PERIOD / PERIOD) == 0:
             self.move_hand(now)
 
@@ -169,7 +169,7 @@ class StandInRobot:
             success_rate=1.0,
         )
 
-    def say(self, now: float) -> None:
+    def send_status(self, now: float) -> None:
         """Sends the arm's status."""
         message = encode_panda_status(self.status(now), self.velocity)
         self.lcm.Publish(self.channels.status, message)
@@ -182,7 +182,7 @@ class StandInRobot:
         status = HandStatus(stamp=now, width=self.width)
         self.lcm.Publish(self.channels.hand_status, encode_hand_status(status, False))
 
-    def show(self) -> None:
+    def send_images(self) -> None:
         """Sends an image of each camera."""
         stamp = self.now()
         for name in self.pictures:
@@ -211,12 +211,12 @@ class StandInRobot:
             sys.stdin.read()
             ended.set()
 
-        def send_images() -> None:
+        def send_images_periodically() -> None:
             while not ended.wait(self.setup.image_period / self.setup.time_scale):
-                self.show()
+                self.send_images()
 
         sys.setswitchinterval(1e-4)  # An image must not delay the statuses.
-        for work in (wait_for_end, send_images):
+        for work in (wait_for_end, send_images_periodically):
             threading.Thread(target=work, daemon=True).start()
         print(_READY, end="", flush=True)
         period, start, tick = PERIOD / self.setup.time_scale, time.monotonic(), 0

@@ -19,6 +19,7 @@ from poil_drake.systems.ik.differential_ik import DifferentialIk, DifferentialIk
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.skill.phases import Phase
 
+_JOINTS = "station.panda.position_measured"
 _START = np.array(DifferentialIkConfig().resolution.nominal_posture)
 
 
@@ -50,7 +51,7 @@ class ControlPath:
         self._fix("sequencer.phase", [float(Phase.FOLLOW)])
         self._fix("sequencer.phase_start", [0.0])
         self._fix("tracker.tracked_points", self._capture)
-        self._fix("station.panda.position_measured", self._joints)
+        self._fix(_JOINTS, self._joints)
         self._simulator.Initialize()
 
     def _make_systems(self, num_samples: int) -> dict[str, LeafSystem]:
@@ -113,7 +114,7 @@ class ControlPath:
             self._fix("tracker.tracked_points", self._capture)
         if self._tick % tracker == tracker - tracker // 8:
             self._capture = self._track()
-        self._fix("station.panda.position_measured", self._joints)
+        self._fix(_JOINTS, self._joints)
         self._tick += 1
 
     def step(self) -> np.ndarray:

@@ -71,7 +71,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
     """Times all subjects, prints a table and writes it as JSON.
 
     In each tick the subjects run in a random order, so that other load on the machine affects all
-    of them alike. Garbage is collected as in the closed loop: what existed before is frozen.
+    of them alike. Garbage is collected as in the closed loop, with all existing objects frozen.
 
     Args:
         ticks: Number of times that each subject is timed.
@@ -161,20 +161,15 @@ def _cycle(states: Any, tick: int) -> Any:
 def _machine() -> dict[str, Any]:
     import torch
 
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
-        "processor": _processor(),
+        "processor": names[0] if names else platform.processor(),
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "torch": torch.__version__,
     }
-
-
-def _processor() -> str:
-    """Returns the processor's name."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
 
 
 def _print_table(rows: Sequence[Row]) -> None:

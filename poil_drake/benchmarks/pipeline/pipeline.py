@@ -92,8 +92,7 @@ def _write(trials: Sequence[Trial], path: Path) -> None:
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:
     """Returns the figures over all trials.
 
-    Errors are in metres. Beside percentiles of the trials' medians and 95th percentiles are their
-    maxima, which show a single bad trial.
+    Errors are in metres. Maxima of the trials' medians and 95th percentiles reveal a bad trial.
     """
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
 

@@ -1,4 +1,4 @@
-"""The effect of delay and held twists on the field at rest, simulated beside the closed forms."""
+"""The effect of delay and held twists on the field at rest: simulation and closed forms."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Simulations of the field at rest, beside the predictions of theory."""
+"""Simulations of the field at rest, and the predictions of theory."""
 
 from dataclasses import replace
 from typing import Any

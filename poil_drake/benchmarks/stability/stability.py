@@ -1,4 +1,4 @@
-"""Draws the theory of the field beside simulation: saddles, sampling, delay and noise."""
+"""Compares the theory of the field with simulation: saddles, sampling, delay and noise."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from poil_drake.recording.mcap.plain_json import write_json
 
 
 def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
-    """Simulates what the theory predicts, draws both, and writes all figures as JSON.
+    """Compares predictions with simulations, draws both, and writes all figures as JSON.
 
     Args:
         pictures: Folder for `control_escape.png`, `control_sampling.png`, `control_delay.png` and

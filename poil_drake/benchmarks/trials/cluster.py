@@ -65,7 +65,7 @@ class ClusterWorkers:
         self._first = (ray.put(function), ray.put(shared))
 
     def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
-        """Returns what will be the outcome of a trial, as `worker.run_trial` pickles it."""
+        """Returns the future outcome of a trial, pickled by `worker.run_trial`."""
         reference = self._task.remote(*self._first, arguments)
         self._running.add(reference)
         future = reference.future()

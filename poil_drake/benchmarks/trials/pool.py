@@ -57,7 +57,7 @@ def run_trials(
     nothing: its trial runs again after all others. A trial that has used up `attempts` workers is
     yielded as a `LostTrial`; other trials are not affected.
 
-    An exception of `function` ends the run: it is raised here as soon as it is known, as a
+    An exception of `function` ends the run: it is raised here as soon as its trial ends, as a
     RuntimeError unless it is a `PoilError`. A trial that may fail returns its failure instead.
     However the run ends (by an exception, by a signal, or because the generator is closed), no
     worker is left behind.
@@ -80,7 +80,7 @@ def run_trials(
 
     Yields:
         index: Index of the trial.
-        result: What `function` returned.
+        result: The return value of `function`.
 
     Raises:
         InvalidValueError: if a number is not positive, or no cluster answers at the address.

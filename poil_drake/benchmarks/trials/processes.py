@@ -41,27 +41,24 @@ class ProcessWorkers:
         self._closed = False
 
     def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
-        """Returns what will be the outcome of a trial, as `worker.run_trial` pickles it."""
+        """Returns the future outcome of a trial, pickled by `worker.run_trial`."""
         return self._executor.submit(self._run, arguments)
 
     def _run(self, arguments: tuple[Any, ...]) -> bytes:
         try:
             worker, trials = self._idle.pop()
         except IndexError:
-            worker, trials = self._start(), 0
+            worker = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup)
+            trials = 0
+            self._workers.append(worker)
+            if self._closed:
+                worker.kill()
         outcome = worker.ask(arguments).value
         if trials + 1 == self._trials_per_worker:
             worker.end()
         else:
             self._idle.append((worker, trials + 1))
         return outcome
-
-    def _start(self) -> WorkerProcess:
-        worker = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup)
-        self._workers.append(worker)
-        if self._closed:
-            worker.kill()
-        return worker
 
     def close(self) -> None:
         """Ends all processes, busy ones included."""

@@ -1,4 +1,4 @@
-"""What a worker does with a trial, and the program of a worker process on this machine."""
+"""Runs a trial in a worker; also the program of a worker process on this machine."""
 
 import os
 import pickle

@@ -25,7 +25,7 @@ def figures(path):
 
 
 class Study(NamedTuple):
-    """A study by two workers: its trials, its folder, and what it printed."""
+    """A study by two workers: its trials, its folder, and its output."""
 
     trials: list[ControlTrial]
     folder: Path

@@ -111,7 +111,7 @@ class Arena:
         task: The object, the scene and the demonstration.
         policy: The controller.
         intended_contact: See `ContactMonitor`.
-        tracker: Stands between the true points and the policy; None shows it the true points.
+        tracker: Tracks the points for the policy; without one it observes the true points.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Arena:
         PlaceModel(self._plant, plant_context, self._body, X_WO, shape)
 
     def shape(self, context: Context) -> np.ndarray:
-        """Returns the positions of the object's joints besides its pose."""
+        """Returns the positions of the object's joints, without its pose."""
         plant_context = self._plant.GetMyContextFromRoot(context)
         return self._plant.GetPositions(plant_context, self._body.model_instance())[7:]
 

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 _TOLERANCE = 0.01
-"""Mean distance of the points from intended contact up to which contact is intended [m]."""
+"""Contact is intended up to this mean distance of the points from an intended configuration [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class CollisionThreshold:
     Attributes:
         impulse: Impulse of all contacts of a trial together [N s]. 0.02 stops a mug of 0.25 kg from
             8 cm/s.
-        depth: Deepest penetration [m], which 1 N between the mug's handle and the rod causes.
+        depth: Deepest penetration [m]. 1 N between the mug's handle and the rod causes 1 mm.
     """
 
     impulse: float = 0.02

@@ -1,4 +1,4 @@
-"""Trained policies, cached by what they were trained on."""
+"""Trained policies, cached by their demonstrations and settings."""
 
 import hashlib
 import json
