@@ -48,8 +48,7 @@ class ProcessWorkers:
         try:
             worker, trials = self._idle.pop()
         except IndexError:
-            worker = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup)
-            trials = 0
+            worker, trials = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup), 0
             self._workers.append(worker)
             if self._closed:
                 worker.kill()
