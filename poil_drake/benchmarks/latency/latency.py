@@ -77,6 +77,10 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
         ticks: Number of times that each subject is timed.
         json_path: File for the figures.
     """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
     subjects = _subjects()
     _time(subjects, _WARM_UP)
     gc.collect()
@@ -86,6 +90,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
             durations = _time(subjects, ticks, bar)
     finally:
         gc.unfreeze()
+        torch.set_num_threads(threads)
     rows = summarize([subject.name for subject in subjects], durations)
     figures = {"ticks": ticks, "machine": _machine(), "rows": [asdict(row) for row in rows]}
     write_json(figures, json_path)
@@ -143,7 +148,6 @@ def _subjects() -> list[Subject]:
     poses = np.random.default_rng(0).permutation(poses)
     pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
     numpy_field = partial(se3_bcsdm, reference=pose_reference, config=config)
-    torch.set_num_threads(1)
     torch_field, batches = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
     path = ControlPath(num_points=_POINTS, num_samples=_SAMPLES)
     return [

@@ -19,7 +19,7 @@ def train_point_policy(
 
     Minimises the mean squared error of the normalised future positions, as published: the network
     learns where the points were in the world, not how they moved. The same demonstrations and
-    settings give the same weights on the same machine with the same number of threads.
+    settings give the same weights on the same machine.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], finite, one sample each `config.period`, the
@@ -67,16 +67,20 @@ def _optimize(
         parts = zip(first.items(), flat.split(sizes), strict=True)
         return {name: part.view(w.shape) for (name, w), part in parts}
 
-    optimizer = Adam([flat], learning_rate=config.learning_rate)
     bar = tqdm(batches, total=config.steps, desc="training Point Policy", leave=False, disable=None)
-    for step, (inputs, targets) in enumerate(bar):
-        outputs = forward(weights(), torch.as_tensor(inputs), config)
-        loss = (outputs - torch.as_tensor(targets)).square().mean()
-        optimizer.zero_grad()
-        loss.backward()
-        before = flat.detach().clone()
-        optimizer.step()
-        # Adam's step is proportional to its rate, so a share of the step is a lower rate.
-        with torch.no_grad():
-            flat.lerp_(before, 1.0 - learning_rate_factor(step, config))
+    optimizer, threads = Adam([flat], learning_rate=config.learning_rate), torch.get_num_threads()
+    torch.set_num_threads(1)  # More threads do not speed up so small a network.
+    try:
+        for step, (inputs, targets) in enumerate(bar):
+            outputs = forward(weights(), torch.as_tensor(inputs), config)
+            loss = (outputs - torch.as_tensor(targets)).square().mean()
+            optimizer.zero_grad()
+            loss.backward()
+            before = flat.detach().clone()
+            optimizer.step()
+            # Adam's step is proportional to its rate, so a share of the step is a lower rate.
+            with torch.no_grad():
+                flat.lerp_(before, 1.0 - learning_rate_factor(step, config))
+    finally:
+        torch.set_num_threads(threads)
     return {name: part.detach().numpy().copy() for name, part in weights().items()}

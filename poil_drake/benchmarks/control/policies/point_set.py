@@ -4,11 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import (
-    CONTROL_PERIOD,
-    CommandedTwist,
-    Observation,
-)
+from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
 from poil_drake.control.entry.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
 from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import (
@@ -28,7 +24,7 @@ class FieldPolicy:
         config: Parameters of the field.
     """
 
-    period = CONTROL_PERIOD
+    period = STEP_PERIOD
 
     def __init__(self, reference: PointTrajectory, config: BcsdmConfig):
         self._reference, self._config = reference, config
@@ -73,7 +69,7 @@ class SafeEntryPolicy:
         config: When to plan again.
     """
 
-    period = CONTROL_PERIOD
+    period = STEP_PERIOD
 
     def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig):
         self._planner, self._config = planner, config

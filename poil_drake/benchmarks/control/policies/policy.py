@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-CONTROL_PERIOD = 1 / 64
+STEP_PERIOD = 1 / 64
 """Time between two steps of the analytic policies [s]."""
 
 

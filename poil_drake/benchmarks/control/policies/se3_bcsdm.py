@@ -14,11 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import (
-    CONTROL_PERIOD,
-    CommandedTwist,
-    Observation,
-)
+from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
 from poil_drake.geometry.rigid_transform import rotation_exp, rotation_log
 
 
@@ -112,7 +108,7 @@ class Se3BcsdmPolicy:
         config: Parameters of the field.
     """
 
-    period = CONTROL_PERIOD
+    period = STEP_PERIOD
 
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
         self._reference, self._config = reference, config

@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.policy import PointPolicy
@@ -60,6 +61,8 @@ def test_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> None
     assert distances.min(axis=0).max() < 0.01
     assert distances.min(axis=1).max() < 0.01
     assert distances[-16:, -1].max() < 0.005
+    chunk = trained.predict(demonstration[5:15])
+    assert np.linalg.norm(chunk[:18] - demonstration[15:], axis=-1).mean() < 0.02
 
 
 @pytest.mark.parametrize("offset", [[0.05, 0.0, 0.0], [0.0, -0.05, 0.0], [0.0, 0.0, 0.05]], ids=str)
@@ -83,15 +86,6 @@ def test_policy_recovers_from_a_slip(trained: TrainedPointPolicy) -> None:
     assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
 
 
-def test_predictions_are_chunks_of_positions(trained: TrainedPointPolicy) -> None:
-    demonstration = arc()
-
-    chunk = trained.predict(demonstration[5:15])
-
-    assert chunk.shape == (20, 10, 3)
-    assert np.linalg.norm(chunk[:18] - demonstration[15:], axis=-1).mean() < 0.02
-
-
 def test_training_follows_the_seed() -> None:
     first = train_point_policy([arc()], TINY)
     again = train_point_policy([arc()], TINY)
@@ -108,6 +102,16 @@ def test_demonstrations_may_differ_in_length() -> None:
     dut = train_point_policy(demonstrations, TINY)
 
     assert all(np.isfinite(values).all() for values in dut.weights.values())
+
+
+def test_training_restores_the_threads_of_torch() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        train_point_policy([arc()], TINY)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_learning_rate_rises_then_falls_to_zero() -> None:

@@ -22,9 +22,8 @@ TASK = "mug_insertion"
 
 
 def observation(points, time=0.0, confidence=None):
-    seen = np.ones(len(points)) if confidence is None else confidence
-    unknown = np.full((4, 4), np.nan)
-    return Observation(time, points, seen, unknown, unknown)
+    confidence = np.ones(len(points)) if confidence is None else confidence
+    return Observation(time, points, confidence, *np.full((2, 4, 4), np.nan))
 
 
 def test_field_policy_commands_the_field():
