@@ -77,11 +77,11 @@ class FaultyRobot(StandInRobot):
                 print(json.dumps(self.seen()), flush=True)
                 os.kill(os.getpid(), signal.SIGKILL)
 
-    def wanted(self, now: float) -> np.ndarray:
+    def desired_velocity(self, now: float) -> np.ndarray:
         if self.in_reflex:
             return np.zeros(7)
         if not self.faulty("packets_lost") or len(self.commanded) % 3 == 0:
-            self.obeyed = super().wanted(now)
+            self.obeyed = super().desired_velocity(now)
         return self.obeyed
 
     def status(self, stamp: float) -> PandaStatus:
@@ -101,7 +101,7 @@ class FaultyRobot(StandInRobot):
             success_rate=0.3 if self.faulty("packets_lost") else status.success_rate,
         )
 
-    def say(self, now: float) -> None:
+    def send_status(self, now: float) -> None:
         message = encode_panda_status(self.status(now), self.velocity)
         channel = self.channels.status
         if self.faulty("status_stopped"):
@@ -120,7 +120,7 @@ class FaultyRobot(StandInRobot):
             self.lcm.Publish(channel, message)
             self.last_message = message
 
-    def show(self) -> None:
+    def send_images(self) -> None:
         stamp = self.now()
         first = next(iter(self.pictures))
         for name in self.pictures:

@@ -19,22 +19,22 @@ from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 
 RECORDING_PERIOD = 1 / 16
-"""Between two samples of a demonstration [s]."""
+"""Time between two samples of a demonstration [s]."""
 
-_SETTLING_TIME = 1.0  # A hanging strap comes to rest within this [s].
-_RIGID = 0.001  # What deforms less than this is rigid [m].
+_SETTLING_TIME = 1.0  # A hanging strap comes to rest within this time [s].
+_RIGID = 0.001  # An object that deforms less than this is rigid [m].
 _TURNING_SPEED, _MOVING_SPEED = 1.2, 0.1  # Mean speeds to a demonstration's start [rad/s, m/s].
-_BLEND = 0.2  # Of the movements between keyframes [s]; people hardly stop in between.
+_BLEND = 0.2  # Blending time between keyframes [s]; people hardly stop in between.
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedDemonstration:
-    """What a demonstration leaves behind.
+    """The record of a demonstration.
 
     Attributes:
         times: (T,) [s], from 0.
-        points: (T, N, 3) where the points were [m, world].
-        X_WO: (T, 4, 4) where the driven body was.
+        points: (T, N, 3) the points [m, world].
+        X_WO: (T, 4, 4) poses of the driven body.
         touching: (T,) bool, whether the object touched the scene.
         shape: Positions of the object's other joints at the start, at rest.
     """
@@ -55,9 +55,9 @@ def TaskDemonstration(name: str) -> RecordedDemonstration:
 
 @cache
 def TaskDeformation(name: str) -> float:
-    """Returns how far the points get from their shape at the start in the demonstration [m].
+    """Returns how far the points deform from their shape at the start of the demonstration [m].
 
-    The mean distance from where the best rigid motion puts them, at its largest.
+    It is the largest mean distance of the points from their best rigid motion.
     """
     points = TaskDemonstration(name).points
     start = np.broadcast_to(points[0], points.shape)
@@ -67,15 +67,14 @@ def TaskDeformation(name: str) -> float:
 
 @cache
 def TaskReference(name: str) -> PointTrajectory:
-    """Returns the reference that follows from a task's one demonstration."""
+    """Returns the reference made from a task's one demonstration."""
     return ReferenceAlong(name, TaskDemonstration(name).points)
 
 
 def ReferenceAlong(name: str, positions: np.ndarray) -> PointTrajectory:
     """Returns the reference along the positions (T, M, 3) [m] of a task's one demonstration.
 
-    Where the object's points keep their shape, one shape is fitted to them; where they do not, they
-    are taken as they moved.
+    One shape is fitted to the points of a rigid object; those of a deforming one are kept.
     """
     times = TaskDemonstration(name).times
     if TaskDeformation(name) < _RIGID:
@@ -88,18 +87,17 @@ def Demonstrate(
 ) -> RecordedDemonstration:
     """Simulates a demonstration.
 
-    The object is held still until it has come to rest, and then led smoothly through keyframes.
+    The object is held still until it has come to rest, and then moved smoothly through keyframes.
 
     Args:
-        task: Whose object and scene.
+        task: The object and the scene.
         times: (K,) [s].
         keyframes: (K, 4, 4) poses of the driven body.
     """
     motion = KeyframeMotion(times, keyframes, blend=_BLEND)
     period = RECORDING_PERIOD / 4
-    waiting = round(_SETTLING_TIME / period)
-    count = round(motion.duration / period)
-    poses = [motion.pose(max(k - waiting, 0) * period) for k in range(waiting + count + 1)]
+    waiting, moving = round(_SETTLING_TIME / period), round(motion.duration / period)
+    poses = [motion.pose(max(k - waiting, 0) * period) for k in range(waiting + moving + 1)]
     arena = Arena(task, ScriptedPolicy(np.array(poses), period=period))
     simulator = Simulator(arena.diagram)
     context = simulator.get_mutable_context()
@@ -120,14 +118,11 @@ def Demonstrate(
     )
 
 
-def NearDemonstrations(name: str, count: int) -> list[RecordedDemonstration]:
-    """Returns demonstrations that start anywhere in the Near region.
+@cache
+def NearDemonstrations(name: str, count: int) -> tuple[RecordedDemonstration, ...]:
+    """Returns demonstrations of a task that start anywhere in the Near region.
 
-    Each moves the object to where the task's one demonstration starts, and goes on as that does.
-
-    Args:
-        name: Of the task.
-        count: How many.
+    Each moves the object to the start of the task's one demonstration, and continues as that does.
     """
     task, shown = MakeTask(name), TaskDemonstration(name)
     arena = Arena(task, ScriptedPolicy(task.keyframes, period=RECORDING_PERIOD))
@@ -139,10 +134,8 @@ def NearDemonstrations(name: str, count: int) -> list[RecordedDemonstration]:
         difference = pose_difference(start, task.keyframes[1])
         turn, shift = np.linalg.norm(difference[:3]), np.linalg.norm(difference[3:])
         way = max(turn / _TURNING_SPEED, shift / _MOVING_SPEED)
-        times = np.concatenate([[0.0], task.times[1:] + way])
-        keyframes = np.concatenate([start[None], task.keyframes[1:]])
-        # The rest before the motion stays; the way to the demonstration's start comes after it.
-        times = np.insert(times, 1, task.times[1])
-        keyframes = np.insert(keyframes, 1, start, axis=0)
+        # The rest before the motion, then the way to the demonstration's start.
+        times = np.concatenate([task.times[:2], task.times[1:] + way])
+        keyframes = np.concatenate([[start, start], task.keyframes[1:]])
         recorded.append(Demonstrate(task, times, keyframes))
-    return recorded
+    return tuple(recorded)

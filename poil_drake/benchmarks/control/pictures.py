@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from poil_drake.benchmarks.control.arena.task import NEAR_HALF
 from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
@@ -15,23 +18,21 @@ from poil_drake.benchmarks.control.trial import ControlTrial
 _BIN = 0.08  # Width of a bin of distances [m].
 _SHOWN_PATHS = 40
 
+_Groups = dict[tuple[str, str], list[ControlTrial]]
+"""Trials by task and policy, without those in hard mode or without a start."""
 
-def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> list[Path]:
-    """Draws success against distance, and the ways that objects took, as PNG.
 
-    Args:
-        trials: Of the whole study.
-        folder: Where the pictures go.
-    """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    folder.mkdir(parents=True, exist_ok=True)
-    drawn = []
+def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
+    """Writes PNGs of success against distance and of the objects' paths to a folder."""
+    groups: _Groups = {}
+    for trial in trials:
+        group = groups.setdefault((trial.task, trial.policy), [])
+        if trial.region != "hard" and np.isfinite(trial.distance):
+            group.append(trial)
+    tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
     if any(trial.region == "far" for trial in trials):
-        drawn.append(_draw_distances(trials, folder / "control_distance.png"))
-    drawn.append(_draw_paths(trials, folder / "control_paths.png"))
-    return drawn
+        _draw_distances(groups, tasks, folder / "control_distance.png")
+    _draw_paths(groups, tasks, folder / "control_paths.png")
 
 
 def success_by_distance(
@@ -39,43 +40,32 @@ def success_by_distance(
 ) -> list[tuple[float, float, tuple[float, float]]]:
     """Returns bins of the start's distance to the Near region: middle [m], rate, interval.
 
-    Starts within the region are a bin of their own, at half a bin before 0.
+    Starts in the region have a separate bin, half a bin before 0.
     """
     bins: dict[int, list[bool]] = {}
     for trial in trials:
-        if np.isfinite(trial.distance):
-            k = -1 if trial.region == "near" else int(trial.distance / _BIN)
-            bins.setdefault(k, []).append(trial.success)
+        k = -1 if trial.region == "near" else int(trial.distance / _BIN)
+        bins.setdefault(k, []).append(trial.success)
     return [
         ((k + 0.5) * _BIN, float(np.mean(one)), wilson_interval(sum(one), len(one)))
         for k, one in sorted(bins.items())
     ]
 
 
-def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
-    from matplotlib import pyplot
-
-    tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
-    figure, axes = pyplot.subplots(
-        1, len(tasks), figsize=(3.6 * len(tasks), 3.4), sharey=True, squeeze=False
-    )
-    for axis, task in zip(axes[0], tasks, strict=True):
+def _draw_distances(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
+    figure = Figure(figsize=(3.6 * len(tasks), 3.4))
+    axes = figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
+    for axis, task in zip(axes, tasks, strict=True):
         axis.axvspan(-_BIN, 0.0, color="0.9")
         for k, row in enumerate(ROWS):
-            own = [
-                trial
-                for trial in trials
-                if trial.task == task and trial.policy == row.name and trial.region != "hard"
-            ]
-            if not own:
+            trials = groups.get((task, row.name))
+            if not trials:
                 continue
-            middles, rates, intervals = zip(*success_by_distance(own), strict=True)
-            bounds = np.array(intervals).T
-            errors = np.abs(bounds - np.array(rates)) * 100
+            middles, rates, intervals = zip(*success_by_distance(trials), strict=True)
             axis.errorbar(
                 np.array(middles) + 0.004 * (k - 3),
                 100 * np.array(rates),
-                yerr=errors,
+                yerr=100 * np.abs(np.array(intervals).T - rates),
                 label=f"{row.title} ({row.demonstrations} demo)",
                 color=_COLORS[row.name],
                 marker="o",
@@ -84,67 +74,45 @@ def _draw_distances(trials: Sequence[ControlTrial], path: Path) -> Path:
                 capsize=2,
             )
         axis.set_title(MakeTask(task).title)
-        axis.set_xlabel("distance to the Near region [m]")
-        axis.set_ylim(-3, 103)
+        axis.set(xlabel="distance to the Near region [m]", ylim=(-3, 103))
         axis.set_xticks([-0.5 * _BIN, 0.1, 0.2, 0.3, 0.4], ["Near", "0.1", "0.2", "0.3", "0.4"])
         axis.grid(alpha=0.3)
-    axes[0][0].set_ylabel("success [%]")
-    handles, labels = axes[0][0].get_legend_handles_labels()
+    axes[0].set_ylabel("success [%]")
+    handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=9)
     figure.tight_layout(rect=(0, 0.16, 1, 1))
     figure.savefig(path, dpi=110)
-    pyplot.close(figure)
-    return path
 
 
-def _draw_paths(trials: Sequence[ControlTrial], path: Path) -> Path:
-    """Draws a row for each task and a column for each policy: some paths, seen from above."""
-    from matplotlib import pyplot
-
-    tasks = [name for name in TASKS if any(trial.task == name for trial in trials)]
-    rows = [row for row in ROWS if any(trial.policy == row.name for trial in trials)]
-    figure, axes = pyplot.subplots(
-        len(tasks),
-        len(rows),
-        figsize=(2.7 * len(rows), 2.7 * len(tasks)),
-        squeeze=False,
-        sharex="row",
-        sharey="row",
-    )
+def _draw_paths(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
+    """Draws a row for each task and a column for each policy: some paths in a top view."""
+    rows = [row for row in ROWS if any(policy == row.name for _, policy in groups)]
+    figure = Figure(figsize=(2.7 * len(rows), 2.7 * len(tasks)))
+    axes = figure.subplots(len(tasks), len(rows), squeeze=False, sharex="row", sharey="row")
     for number, (line, task) in enumerate(zip(axes, tasks, strict=True)):
         for axis, row in zip(line, rows, strict=True):
-            own = [
-                trial
-                for trial in trials
-                if (trial.task, trial.policy) == (task, row.name) and trial.region != "hard"
-            ]
-            _draw_task_paths(axis, task, own)
+            _draw_task_paths(axis, task, groups.get((task, row.name), []))
             if number == 0:
                 title = row.title.replace(", ", ",\n")
                 axis.set_title(f"{title}\n({row.demonstrations} demo)", fontsize=9)
         line[0].set_ylabel(f"{MakeTask(task).title}\ny [m]", fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel("x [m]", fontsize=9)
-    handles = [pyplot.Line2D([], [], color=color, label=label) for label, color in _PATHS.items()]
+    handles = [Line2D([], [], color=color, label=label) for label, color in _PATHS.items()]
     for style, label in (
         ({"linestyle": "--"}, "demonstration"),
         ({"linestyle": "none", "marker": "*", "markersize": 8}, "its goal"),
         ({"linestyle": ":"}, "Near region"),
     ):
-        handles.append(pyplot.Line2D([], [], color="black", label=label, **style))
+        handles.append(Line2D([], [], color="black", label=label, **style))
     figure.legend(handles=handles, loc="lower center", ncols=6, frameon=False, fontsize=9)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     figure.savefig(path, dpi=110)
-    pyplot.close(figure)
-    return path
 
 
 def _draw_task_paths(axis: Axes, task: str, trials: Sequence[ControlTrial]) -> None:
     made = MakeTask(task)
-    start = made.start[:2, 3]
-    corner = start - NEAR_HALF
-    from matplotlib.patches import Rectangle
-
+    corner = made.start[:2, 3] - NEAR_HALF
     axis.add_patch(Rectangle(corner, 2 * NEAR_HALF[0], 2 * NEAR_HALF[1], fill=False, ls=":"))
     far = [trial for trial in trials if trial.region == "far"][:_SHOWN_PATHS]
     near = [trial for trial in trials if trial.region == "near"][: _SHOWN_PATHS // 4]
@@ -169,8 +137,4 @@ _COLORS = {
     "safe_entry": "tab:blue",
 }
 
-_PATHS = {
-    "arrived": "tab:blue",
-    "arrived after a collision": "tab:orange",
-    "failed": "tab:red",
-}
+_PATHS = {"arrived": "tab:blue", "arrived after a collision": "tab:orange", "failed": "tab:red"}

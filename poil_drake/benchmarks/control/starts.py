@@ -1,4 +1,4 @@
-"""Where the trials of the control study start."""
+"""Start poses of the trials of the control study."""
 
 import zlib
 from typing import Literal
@@ -15,36 +15,36 @@ from poil_drake.geometry.rigid_transform import make_transform
 Region = Literal["near", "far", "hard"]
 
 CLEARANCE = 0.01
-"""A start must be this far from all that stands on the table [m]."""
+"""Smallest distance of a start from all fixtures but the table [m]."""
 
 _ABOVE_TABLE = 0.002  # [m]
-_HARD_HEIGHTS = (0.12, 0.35)  # Of the object's frame above the table [m].
+_HARD_HEIGHTS = (0.12, 0.35)  # Heights of the object's frame above the table [m].
 _ATTEMPTS = 1000
 
 
 def trial_generator(task: str, region: str, trial: int, *, seed: int = 0) -> np.random.Generator:
-    """Returns the generator that all randomness of a trial is drawn from."""
+    """Returns the generator for all randomness of a trial."""
     return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial, seed])
 
 
 def sample_start(
     arena: Arena, context: Context, shape: np.ndarray, region: Region, rng: np.random.Generator
 ) -> np.ndarray:
-    """Returns a pose (4, 4) of the object that touches nothing.
+    """Returns a pose (4, 4) of the object in which it touches nothing.
 
     Near draws x and y from a box around the demonstration's start, Far from a larger box without
-    the Near one; both turn the object by any yaw (POIL, section IV-B). Hard draws from the larger
-    box, any orientation, and a height above the table.
+    the Near one; both draw any yaw (POIL, section IV-B). Hard draws from the larger box, with any
+    orientation and a height above the table.
 
     Args:
-        arena: To look for collisions in.
-        context: Of its diagram; the object is moved about in it.
-        shape: Of the object.
-        region: Where from.
-        rng: What to draw with.
+        arena: The arena to check for collisions.
+        context: The context of its diagram, in which the object is moved.
+        shape: Positions of the object's joints.
+        region: The region to draw from.
+        rng: The generator to draw with.
 
     Raises:
-        InvalidValueError: if there is hardly any free place in the region.
+        InvalidValueError: if no free start is found in the region.
     """
     for _ in range(_ATTEMPTS):
         X_WO = _draw(arena.task, region, rng)
@@ -75,6 +75,6 @@ def _draw(task: ControlTask, region: Region, rng: np.random.Generator) -> np.nda
 
 
 def distance_to_near(task: ControlTask, position: np.ndarray) -> float:
-    """Returns how far a position (3,) lies outside of the Near box, in x and y [m]."""
+    """Returns the distance of a position (3,) from the Near box, in x and y [m]."""
     outside = np.abs(position[:2] - task.start[:2, 3]) - NEAR_HALF
     return float(np.linalg.norm(np.maximum(outside, 0.0)))

@@ -1,23 +1,60 @@
-"""What the control study tries."""
+"""The settings of the control study."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numpy as np
+
+from poil_drake.benchmarks.control.arena.delayed_tracking import TrackingConfig
 from poil_drake.benchmarks.control.arena.tasks import TASKS
-from poil_drake.benchmarks.control.policies.policies import ROWS
+from poil_drake.benchmarks.control.policies.policies import OURS, ROWS
+from poil_drake.benchmarks.control.trial import TrialConfig
 from poil_drake.errors import InvalidValueError
+
+HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
+"""The policies in hard mode, in which the pose that `se3_bcsdm` is granted is exact, too.
+
+The learned ones are left out: their demonstrations show no orientations but yaws.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardMode:
+    """The difficulties of hard mode, in addition to a start in any orientation.
+
+    Attributes:
+        slip_start: Earliest and latest time at which the object begins to slip in the hand [s].
+        slip_duration: Duration of the slip [s].
+        slip_distance: Shift of the object [m].
+        slip_angle: Rotation of the object [rad].
+        tracking: Delay and noise of the points.
+        trial: When a trial ends: later than usual, since noise can make the object rest briefly.
+    """
+
+    slip_start: tuple[float, float] = (1.0, 3.0)
+    slip_duration: float = 0.25
+    slip_distance: float = 0.03
+    slip_angle: float = np.radians(20.0)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    trial: TrialConfig = field(
+        default_factory=lambda: TrialConfig(settled_time=5.0, settled_motion=(0.4, 0.01))
+    )
+
+
+HARD = HardMode()
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControlStudyConfig:
-    """What is tried.
+    """The trials of the study.
 
     Attributes:
         tasks: Names of tasks.
         policies: Names of policies.
-        trials: Of each policy in each region of each task.
-        hard: Whether hard mode is tried, too: any orientation, a tracker of 8 Hz that is 0.1 s late
-            and has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
-        seed: Of starts, slips and noise; policies are trained on the same demonstrations always.
+        trials: Number of trials of each policy in each region of each task.
+        hard: Whether to add hard mode: any orientation, a tracker of 8 Hz that is 0.1 s late and
+            has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
+        seed: Seed of starts, slips and noise. Policies are always trained on the same
+            demonstrations.
     """
 
     tasks: tuple[str, ...] = TASKS

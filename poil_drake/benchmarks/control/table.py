@@ -15,21 +15,21 @@ _WIDTH = 13
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One policy in one region of one task.
+    """The figures of one policy in one region of one task.
 
     Attributes:
-        task: Its name.
-        region: Where the trials started.
-        policy: Who was in control.
-        trials: How many.
-        successes: By the paper's criterion.
-        clean: Of these, without a collision.
+        task: Name of the task.
+        region: Region of the starts.
+        policy: Name of the policy.
+        trials: Number of trials.
+        successes: Number of successes by the paper's criterion.
+        clean: Number of successes without a collision.
         success_interval: 95 % Wilson interval of the rate of success.
-        clean_interval: The same of success without a collision.
-        error: Median of what the criterion looks at, in the end [m].
+        clean_interval: 95 % Wilson interval of the rate of success without a collision.
+        error: Median of the final distance from the goal, by the criterion [m].
         time: Median of the simulated time [s].
         strains: Largest strain between two points, 5th, 50th and 95th percentile of the successes.
-        typical_strain: Median over the successes of the median pair's strain, at its largest.
+        typical_strain: Median over the successes of the largest strain of the median pair.
     """
 
     task: str
@@ -42,7 +42,7 @@ class Cell:
     clean_interval: tuple[float, float]
     error: float
     time: float
-    strains: tuple[float, float, float]
+    strains: tuple[float, ...]
     typical_strain: float
 
 
@@ -76,8 +76,8 @@ def summarize(trials: Sequence[ControlTrial]) -> list[Cell]:
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Returns the 95 % Wilson score interval of a rate."""
-    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
+    low, high = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    return float(low), float(high)
 
 
 def print_tables(trials: Sequence[ControlTrial]) -> None:
@@ -89,12 +89,10 @@ def print_tables(trials: Sequence[ControlTrial]) -> None:
         ("Success without any collision on the way", True),
     ):
         print(f"\n{title} [%], 95 % Wilson interval" + ("" if clean else " (paper's figure)"))
-        for line in table_lines(cells, tasks, ("near", "far"), clean=clean):
-            print(line)
+        print("\n".join(table_lines(cells, tasks, ("near", "far"), clean=clean)))
     if any(key[1] == "hard" for key in cells):
         print("\nHard mode, success | without any collision [%], 95 % Wilson interval")
-        for line in table_lines(cells, tasks, ("hard",), clean=False):
-            print(line)
+        print("\n".join(table_lines(cells, tasks, ("hard",), clean=False)))
         for line in table_lines(cells, tasks, ("hard",), clean=True)[1:]:
             print(line + "   collision-free")
     lost = [trial for trial in trials if trial.lost]
@@ -130,10 +128,10 @@ def table_lines(
     """Returns the lines of a table with a row for each policy.
 
     Args:
-        cells: By task, region and policy.
-        tasks: In the order of the columns.
-        regions: Of each task.
-        clean: Whether collisions count as failures; the paper has no such figures.
+        cells: Figures by task, region and policy.
+        tasks: Names of the tasks, in the order of the columns.
+        regions: Regions of each task.
+        clean: Whether collisions count as failures. The paper has no such figures.
     """
     columns = [(task, region) for task in tasks for region in regions]
     heads = [f"{MakeTask(task).title} {region}" for task, region in columns]
@@ -165,11 +163,9 @@ def _entry(cell: Cell, clean: bool) -> str:
 
 
 def _median(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else float("nan")
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.median(finite)) if finite else np.nan
 
 
-def _percentiles(values: Sequence[float]) -> tuple[float, float, float]:
-    known = [value for value in values if np.isfinite(value)]
-    low, middle, high = np.percentile(known, (5, 50, 95)) if known else [np.nan] * 3
-    return float(low), float(middle), float(high)
+def _percentiles(values: Sequence[float]) -> tuple[float, ...]:
+    return tuple(np.percentile(values, (5, 50, 95)).tolist()) if values else (np.nan,) * 3

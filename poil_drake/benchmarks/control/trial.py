@@ -1,6 +1,6 @@
 """One trial of the control study."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -10,7 +10,6 @@ from poil_drake.benchmarks.control.arena.contact_monitor import CollisionThresho
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.task import SUCCESS_DISTANCE
 from poil_drake.benchmarks.control.demonstration import RecordedDemonstration
-from poil_drake.benchmarks.control.starts import Region, distance_to_near
 from poil_drake.geometry.rigid_transform import rotation_angle
 
 
@@ -19,13 +18,13 @@ class TrialConfig:
     """When a trial ends.
 
     Attributes:
-        max_time: At the latest [s]: three demonstrations.
-        look_period: Between two looks at the state [s].
-        settled_time: A trial ends once the object has hardly moved for so long [s]; longer than
-            it takes safe entry to see that it is blocked.
-        settled_motion: What is hardly moving: a turn [rad] and a shift [m] over that time. At the
-            reference's slowest, 2 cm/s, it moves 5 cm.
-        threshold: From when on contact is a collision.
+        max_time: Time limit [s]: three demonstrations.
+        look_period: Time between two checks of the state [s].
+        settled_time: A trial ends when the object has hardly moved for this time [s], which is
+            longer than safe entry takes to notice that it is blocked.
+        settled_motion: The rotation [rad] and shift [m] in that time below which the object hardly
+            moves. At the reference's lowest speed, 2 cm/s, it moves 5 cm.
+        threshold: The contact above which a trial has a collision.
     """
 
     max_time: float = 24.0
@@ -37,42 +36,42 @@ class TrialConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTrial:
-    """How a trial went.
+    """A trial and its result; without one, it is a failure.
 
     Attributes:
-        task: Its name.
-        region: Where it started.
-        policy: Who was in control.
-        trial: Its number, which draws the start.
-        success: By the paper's criterion.
+        task: Name of the task.
+        region: Region of the start.
+        policy: Name of the policy.
+        trial: Number of the trial, which determines the start.
+        success: Whether it succeeded by the paper's criterion.
         collision_free: Whether no contact exceeded the threshold.
-        error: What the criterion looks at, in the end [m].
-        impulse: Of all contacts that were not meant [N s].
+        error: Final distance from the goal, by the criterion [m].
+        impulse: Impulse of all contacts that were not intended [N s].
         depth: Deepest such penetration [m].
-        time: Simulated [s].
+        time: Simulated time [s].
         strain: Largest change of a distance between two points over all pairs and times, relative
             to that at the start.
         typical_strain: Largest over all times of the median over all pairs.
-        distance: Of the start from the Near region in x and y [m].
-        path: (K, 3) of the object's frame [m], one each `look_period`.
-        note: What the policy had to say in the end, or what ended the trial.
-        lost: Whether something went wrong that ended it: it counts as a failure.
+        distance: Distance of the start from the Near region in x and y [m].
+        path: (K, 3) positions of the object's frame [m], one per `look_period`.
+        note: A remark of the policy, or the error that ended the trial.
+        lost: Whether an error ended the trial, which then counts as a failure.
     """
 
     task: str
     region: str
     policy: str
     trial: int
-    success: bool
-    collision_free: bool
-    error: float
-    impulse: float
-    depth: float
-    time: float
-    strain: float
-    typical_strain: float
-    distance: float
-    path: np.ndarray
+    success: bool = False
+    collision_free: bool = False
+    error: float = np.nan
+    impulse: float = np.nan
+    depth: float = np.nan
+    time: float = np.nan
+    strain: float = np.nan
+    typical_strain: float = np.nan
+    distance: float = np.nan
+    path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     note: str = ""
     lost: bool = False
 
@@ -80,38 +79,33 @@ class ControlTrial:
 def goal_error(
     criterion: str, points: np.ndarray, X_WO: np.ndarray, shown: RecordedDemonstration
 ) -> float:
-    """Returns how far the object is from the demonstration's end [m], by the task's criterion."""
+    """Returns the object's distance from the demonstration's end [m], by the task's criterion."""
     if criterion == "center":
         return float(np.linalg.norm(X_WO[:3, 3] - shown.X_WO[-1, :3, 3]))
     return float(np.linalg.norm(points - shown.points[-1], axis=1).mean())
 
 
 def RunTrial(
+    trial: ControlTrial,
     arena: Arena,
     shown: RecordedDemonstration,
     start: np.ndarray,
     *,
-    policy: str,
-    region: Region,
-    trial: int,
     slip: Slip | None = None,
     noise_seed: int = 0,
-    config: TrialConfig | None = None,
+    config: TrialConfig,
 ) -> ControlTrial:
-    """Simulates one trial.
+    """Simulates a trial, and returns it with its result.
 
     Args:
-        arena: With the policy.
+        trial: The trial.
+        arena: The arena with the policy.
         shown: The task's demonstration.
-        start: (4, 4) pose of the driven body.
-        policy: Name of the policy.
-        region: Where the start is from.
-        trial: Number of the trial.
-        slip: How the object slips in the hand; None for not at all.
-        noise_seed: Of the tracker's noise, where there is a tracker.
-        config: When it ends.
+        start: (4, 4) start pose of the driven body.
+        slip: How the object slips in the hand; None for no slip.
+        noise_seed: Seed of the tracker's noise, where there is a tracker.
+        config: When the trial ends.
     """
-    config = config or TrialConfig()
     simulator = Simulator(arena.diagram)
     context = simulator.get_mutable_context()
     arena.place(context, start, shown.shape)
@@ -123,11 +117,8 @@ def RunTrial(
     error = goal_error(arena.task.criterion, points[-1], poses[-1], shown)
     impulse, depth = arena.contact(context)
     strains = pair_strains(points)
-    return ControlTrial(
-        task=arena.task.name,
-        region=region,
-        policy=policy,
-        trial=trial,
+    return replace(
+        trial,
         success=error < SUCCESS_DISTANCE,
         collision_free=impulse <= config.threshold.impulse and depth <= config.threshold.depth,
         error=error,
@@ -136,7 +127,6 @@ def RunTrial(
         time=context.get_time(),
         strain=float(strains.max()),
         typical_strain=float(np.median(strains, axis=1).max()),
-        distance=distance_to_near(arena.task, start[:3, 3]),
         path=poses[:, :3, 3],
         note=str(getattr(arena.policy_state(context), "note", "")),
     )
@@ -160,18 +150,14 @@ def _watch(
 
 
 def pair_strains(points: np.ndarray) -> np.ndarray:
-    """Returns by how much the distances between points have changed since the start (K, P).
-
-    Args:
-        points: (K, N, 3) [m].
-    """
+    """Returns the strain (K, P) since the start of each pair of points (K, N, 3) [m]."""
     first, second = np.triu_indices(points.shape[1], 1)
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     return np.abs(lengths / lengths[0] - 1.0)
 
 
 def _is_settled(poses: list[np.ndarray], config: TrialConfig) -> bool:
-    """Returns whether an object hardly moves from the first pose (4, 4) to any of the others."""
+    """Returns whether an object hardly moves from the first pose (4, 4) to all others."""
     X = np.array(poses)
     turns = rotation_angle(X[1:, :3, :3] @ X[0, :3, :3].T)
     shifts = np.linalg.norm(X[1:, :3, 3] - X[0, :3, 3], axis=1)

@@ -1,1 +1,1 @@
-"""The main job on the hardware path, and a stand-in robot."""
+"""The main job through the real robot's interface, and a stand-in robot."""

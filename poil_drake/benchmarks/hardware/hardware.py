@@ -1,7 +1,6 @@
 """The main job on the hardware path: run and simulated driver as two processes, over LCM."""
 
 import json
-import signal
 import subprocess
 import sys
 import tempfile
@@ -18,29 +17,29 @@ from tqdm import tqdm
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.errors import StationError
-from poil_drake.recording.mcap.plain_json import plain_json, write_json
+from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
 
 _START = 60.0
-"""How long a driver may take to listen [s]."""
+"""Time limit for the start of a driver [s]."""
 
 _END = 15.0
-"""How long it may take to end [s]."""
+"""Time limit for its end [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardwareTrial:
-    """How one trial went.
+    """The result of a trial.
 
     Attributes:
-        seed: Draws the trial.
-        success: Whether the run said that it has done all, and the driver saw the object hang.
-        reason: What the run said.
-        hanging_time: For how long the object hung when the driver ended [s].
-        run_time: The run's closed loop [s of the robot's time].
-        run_figures: Of the run's loop.
-        driver_figures: Of the driver's loop.
-        largest_lag: How far the simulated driver fell behind at worst [s].
+        seed: Seed of object, pose and noise.
+        success: Whether the run reported success, and the object hung in the driver's physics.
+        reason: The run's reason for its end.
+        hanging_time: Time for which the object had hung when the driver ended [s].
+        run_time: Duration of the run's closed loop [s of the robot's time].
+        run_figures: Figures of the run's loop.
+        driver_figures: Figures of the driver's loop.
+        largest_lag: Largest delay of the simulated driver behind the clock [s].
     """
 
     seed: int
@@ -59,43 +58,31 @@ def run_hardware_benchmark(
     """Runs `poil run --hardware` against `poil driver` with one seed after the other.
 
     Args:
-        trials: Seeds 0 to trials - 1.
+        trials: Number of trials, with seeds 0 to trials - 1.
         speed: Share of the usual speed.
         time_scale: Seconds of the robot's time per second, in both processes.
-        json_path: Where the figures go.
+        json_path: File for the figures.
 
     Raises:
         StationError: if a driver does not start.
     """
-    found: list[HardwareTrial] = []
+    results: list[HardwareTrial] = []
+    options = {"speed": speed, "time_scale": time_scale}
     with tempfile.TemporaryDirectory() as folder, OneLineTqdm(total=trials, desc="trials") as bar:
         demonstration = Path(folder) / "demo.mcap"
         RecordScenarioDemonstration(ChooseScenario(), demonstration)
         for seed in range(trials):
-            trial = run_trial(
-                seed,
-                demonstration,
-                speed=speed,
-                time_scale=time_scale,
-                folder=Path(folder) / f"seed_{seed}",
-            )
-            found.append(trial)
+            trial_folder = Path(folder) / f"seed_{seed}"
+            trial_folder.mkdir()
+            trial = run_trial(seed, demonstration, folder=trial_folder, **options)
+            results.append(trial)
             tqdm.write(_row(trial))
             bar.update()
-            write_json(
-                plain_json(
-                    {
-                        "speed": speed,
-                        "time_scale": time_scale,
-                        "summary": summarize(found),
-                        "trials": [asdict(one) for one in found],
-                    }
-                ),
-                json_path,
-            )
-    for name, value in summarize(found).items():
+            figures = {"summary": summarize(results), "trials": [asdict(one) for one in results]}
+            write_json(options | figures, json_path)
+    for name, value in summarize(results).items():
         print(f"{name.replace('_', ' '):36s} {value:.3f}")
-    return found
+    return results
 
 
 def run_trial(
@@ -104,16 +91,15 @@ def run_trial(
     """Runs both processes once.
 
     Args:
-        seed: Draws object, pose and noise.
-        demonstration: What to do.
+        seed: Seed of object, pose and noise.
+        demonstration: File of the demonstration.
         speed: Share of the usual speed.
         time_scale: Seconds of the robot's time per second.
-        folder: For what they write.
+        folder: Folder for the files of both processes.
 
     Raises:
         StationError: if the driver does not start.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     shared = ["--seed", str(seed), "--time-scale", str(time_scale)]
     text = json.dumps({"poil": {"demonstration": str(demonstration)}})
     with simulated_driver([*shared, "--json", "driver.json"], folder):
@@ -141,22 +127,22 @@ def run_trial(
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Returns the figures in a file; none where a process has left none."""
+    """Returns the figures in a file; none if the process did not write it."""
     return json.loads(path.read_text()) if path.exists() else {}
 
 
 def _last_line(log: Path) -> str:
     lines = log.read_text(errors="replace").strip().splitlines()
-    return lines[-1] if lines else "no word"
+    return lines[-1] if lines else "no output"
 
 
 @contextmanager
 def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
-    """Runs `poil driver` beside a block, and ends it after that.
+    """Runs `poil driver` during a block.
 
     Args:
         arguments: Its options.
-        folder: Where it runs, and writes "driver.log".
+        folder: Its working directory, in which it also writes "driver.log".
 
     Raises:
         StationError: if it does not start.
@@ -172,37 +158,37 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
             if process.poll() is not None or time.monotonic() > deadline:
                 raise StationError(
                     f"The simulated driver did not start: {_last_line(log)}",
-                    remedy="Try poil driver by hand.",
+                    remedy="Run poil driver by hand to see why.",
                 )
             time.sleep(0.1)
         yield
     finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(_END)
-            except subprocess.TimeoutExpired:
-                process.kill()
-        process.wait()
+        process.terminate()
+        try:
+            process.wait(_END)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def summarize(trials: Sequence[HardwareTrial]) -> dict[str, float]:
     """Returns the figures over all trials."""
+    runs = [trial.run_figures for trial in trials]
+    drivers = [trial.driver_figures for trial in trials]
     return {
         "trials": float(len(trials)),
         "successes": float(sum(trial.success for trial in trials)),
-        "missed_ticks_of_run": _share(trials, "run_figures", "missed_ticks"),
-        "missed_ticks_of_driver": _share(trials, "driver_figures", "missed_ticks"),
-        "largest_lag_of_driver_s": max((trial.largest_lag for trial in trials), default=0.0),
+        "missed_ticks_of_run": _share(runs, "missed_ticks"),
+        "missed_ticks_of_driver": _share(drivers, "missed_ticks"),
+        "largest_lag_of_driver_s": max(trial.largest_lag for trial in trials),
         "run_tick_period_p999_ms": float(
-            np.median([t.run_figures.get("tick_period_p999_ms", np.nan) for t in trials])
+            np.median([one.get("tick_period_p999_ms", np.nan) for one in runs])
         ),
     }
 
 
-def _share(trials: Sequence[HardwareTrial], of: str, name: str) -> float:
-    """Returns the share of all ticks to which something happened."""
-    figures: list[dict[str, float]] = [getattr(trial, of) for trial in trials]
+def _share(figures: Sequence[dict[str, float]], name: str) -> float:
+    """Returns the share of all ticks that a figure counts."""
     ticks = sum(one.get("ticks", 0.0) for one in figures)
     return sum(one.get(name, 0.0) for one in figures) / ticks if ticks else float("nan")
 

@@ -1,11 +1,11 @@
-"""Stands for a Franka, its driver and its cameras, in a process of its own that costs little.
+"""A stand-in for a Franka, its driver and its cameras, in a separate, inexpensive process.
 
-It speaks the driver's messages at the driver's rates, but has no dynamics: joints follow velocity
-commands through a low pass, the hand stops at the width of what it is told to hold, and the cameras
-show one picture for ever. `poil driver` is the one with physics.
+It sends the driver's messages at the driver's rates, but has no dynamics: joints follow velocity
+commands through a low-pass filter, the hand stops at the width of the object it holds, and each
+camera sends the same image forever. `poil driver` simulates the physics, too.
 
-Run as `python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json`, it says "ready", works
-until its standard input is closed, and then writes what it saw as JSON.
+Run as `python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json`, it prints "ready", runs
+until its standard input is closed, and then prints its records as JSON.
 """
 
 import json
@@ -28,12 +28,12 @@ from poil_drake.perception.images import RgbdImage
 from poil_drake.robots.panda import MAX_HAND_WIDTH, NUM_JOINTS
 from poil_drake.runtime.real_time import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
-from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmNetwork
 from poil_drake.systems.panda.lcm_messages import (
     HAND_PERIOD,
     HandOpening,
     PandaChannels,
+    PandaCommand,
     PandaStatus,
     decode_hand_command,
     decode_panda_command,
@@ -46,32 +46,32 @@ if TYPE_CHECKING:
     from poil_drake.diagrams.scenario.scenario import Scenario  # Slow to import.
 
 PERIOD = 0.001
-"""Of the driver's loop [s]."""
+"""Period of the driver's loop [s]."""
 
 _EXPIRY = 0.1  # [s], the driver's --expire_sec
-_SMOOTHING = PERIOD * 2.0 * np.pi * 30.0  # its low pass of 30 Hz
+_SMOOTHING = PERIOD * 2.0 * np.pi * 30.0  # the driver's low-pass filter of 30 Hz
 _HAND_SPEED = 0.1  # [m/s]
 _PRIORITY = 30
-_KEPT = 200_000
+_KEPT = 200_000  # latest rows of each record
 _READY = "ready\n"
 _RECEIVE_BUFFER = 4_194_304  # [bytes], for images
 
 
 @dataclass(frozen=True, kw_only=True)
 class StandInSetup:
-    """What a stand-in robot is told.
+    """The setup of a stand-in robot.
 
     Attributes:
-        robot_url: The driver's LCM network.
-        image_url: The cameras'.
-        position: Where the arm stands (7,) [rad].
-        holds: Width of what is between the fingers [m].
-        pictures: What the cameras show: an npz with "<camera>.rgb", ".depth" and ".label".
-        cameras: Their names.
-        image_period: Between two pictures [s].
+        robot_url: LCM network of the driver.
+        image_url: LCM network of the cameras.
+        position: Joint positions of the arm (7,) [rad].
+        holds: Width of the object between the fingers [m].
+        pictures: Images of the cameras: an npz with "<camera>.rgb", ".depth" and ".label".
+        cameras: Names of the cameras.
+        image_period: Time between two images [s].
         time_scale: Seconds of the robot's time per second; all other times are the robot's.
-        fault: For those that misbehave: how.
-        after: And when [s], counted from the arm's first motion.
+        fault: Name of a fault, for stand-ins that simulate faults.
+        after: Time of the fault [s] after the arm's first motion.
     """
 
     robot_url: str
@@ -90,25 +90,25 @@ class StandInRobot:
     """The arm, the hand and the cameras.
 
     Attributes:
-        setup: What it was told.
-        position: Of the joints (7,) [rad].
-        velocity: Of the joints (7,) [rad/s].
-        width: Of the hand [m].
-        commands: What comes for the arm.
-        hand_commands: What comes for the hand.
-        speeds: Rows of our time and the largest joint speed then.
-        commanded: The stamps of the commands that came.
-        told: Rows of our time and the largest joint speed that a command then asked for.
-        hand_told: Rows of our time and the opening that the hand was then told [m].
+        setup: The setup.
+        position: Joint positions (7,) [rad].
+        velocity: Joint velocities (7,) [rad/s].
+        width: Opening of the hand [m].
+        command: Last command for the arm; None before the first.
+        hand_command: Last command for the hand; None before the first.
+        speeds: Record of our time and the largest joint speed.
+        commanded: Record of the stamps of received commands.
+        told: Record of our time and the largest joint speed of a received command.
+        hand_told: Record of our time and the opening of a received command [m].
     """
 
     def __init__(self, setup: StandInSetup):
-        """Opens the networks and reads the pictures."""
+        """Opens the networks and reads the images."""
         self.setup, self.channels = setup, PandaChannels()
         self.lcm = LcmNetwork(setup.robot_url, realtime_priority=_PRIORITY)
         self.images = LcmNetwork(setup.image_url)
-        self.commands = LcmMailbox(self.lcm, self.channels.command, decode_panda_command)
-        self.hand_commands = LcmMailbox(self.lcm, self.channels.hand_command, decode_hand_command)
+        self.command: PandaCommand | None = None
+        self.hand_command: HandOpening | None = None
         self.position, self.velocity = np.array(setup.position), np.zeros(NUM_JOINTS)
         self.width = MAX_HAND_WIDTH
         self.speeds: list[tuple[float, float]] = []
@@ -124,40 +124,41 @@ class StandInRobot:
         }
 
     def _hear(self, message: bytes) -> None:
-        command = decode_panda_command(message)
-        self.commanded.append(command.stamp)
-        self.told.append((self.clock(), float(np.abs(command.velocity).max())))
+        self.command = decode_panda_command(message)
+        self.commanded.append(self.command.stamp)
+        self.told.append((self.clock(), float(np.abs(self.command.velocity).max())))
 
     def _hear_hand(self, message: bytes) -> None:
-        self.hand_told.append((self.clock(), decode_hand_command(message).width))
+        self.hand_command = decode_hand_command(message)
+        self.hand_told.append((self.clock(), self.hand_command.width))
 
     def clock(self) -> float:
-        """Returns the time [s since the epoch, scaled]."""
+        """Returns our time [s since the epoch, scaled]."""
         return self.setup.time_scale * time.time()
 
     def now(self) -> float:
-        """Returns the driver's time [s since the epoch, scaled], which a faulty one shifts."""
+        """Returns the driver's time [s since the epoch, scaled], which a fault can shift."""
         return self.clock()
 
-    def wanted(self, now: float) -> np.ndarray:
-        """Returns the velocity (7,) [rad/s] that the arm shall have."""
-        command = self.commands.newest
-        fresh = command is not None and abs(now - command.stamp) <= _EXPIRY
-        return command.velocity if command is not None and fresh else np.zeros(NUM_JOINTS)
+    def desired_velocity(self, now: float) -> np.ndarray:
+        """Returns the commanded velocity (7,) [rad/s]; zero if the last command has expired."""
+        if self.command is None or abs(now - self.command.stamp) > _EXPIRY:
+            return np.zeros(NUM_JOINTS)
+        return self.command.velocity
 
     def step(self, tick: int) -> None:
-        """Does what the driver does in a millisecond."""
+        """Simulates the driver for a millisecond."""
         self.lcm.HandleSubscriptions(0)
         now = self.now()
-        self.velocity = self.velocity + _SMOOTHING * (self.wanted(now) - self.velocity)
+        self.velocity = self.velocity + _SMOOTHING * (self.desired_velocity(now) - self.velocity)
         self.position = self.position + PERIOD * self.velocity
         self.speeds.append((self.clock(), float(np.abs(self.velocity).max())))
-        self.say(now)
+        self.send_status(now)
         if tick % round(HAND_PERIOD / PERIOD) == 0:
             self.move_hand(now)
 
     def status(self, stamp: float) -> PandaStatus:
-        """Returns what the driver reports."""
+        """Returns the arm's status."""
         return PandaStatus(
             stamp=stamp,
             position=self.position,
@@ -167,59 +168,58 @@ class StandInRobot:
             success_rate=1.0,
         )
 
-    def say(self, now: float) -> None:
+    def send_status(self, now: float) -> None:
         """Sends the arm's status."""
         message = encode_panda_status(self.status(now), self.velocity)
         self.lcm.Publish(self.channels.status, message)
 
     def move_hand(self, now: float) -> None:
         """Moves the hand, and sends its status."""
-        command = self.hand_commands.newest
-        if command is not None:
-            step, goal = _HAND_SPEED * HAND_PERIOD, max(command.width, self.setup.holds)
+        if self.hand_command is not None:
+            step, goal = _HAND_SPEED * HAND_PERIOD, max(self.hand_command.width, self.setup.holds)
             self.width += min(max(goal - self.width, -step), step)
         status = HandOpening(stamp=now, width=self.width)
         self.lcm.Publish(self.channels.hand_status, encode_hand_status(status, False))
 
-    def show(self) -> None:
-        """Sends a picture of each camera."""
+    def send_images(self) -> None:
+        """Sends an image of each camera."""
         stamp = self.now()
         for name in self.pictures:
             self.images.Publish(self.image_channel(name), self.picture(name, stamp))
 
     def image_channel(self, camera: str) -> str:
-        """Returns where a camera's pictures go."""
+        """Returns the LCM channel of a camera's images."""
         return f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
 
     def picture(self, camera: str, stamp: float) -> bytes:
-        """Returns a camera's picture as a message."""
+        """Returns a camera's image as a message."""
         rgb, depth, label = self.pictures[camera]
         image = RgbdImage(rgb=rgb, depth=depth, stamp=stamp, label=label)
         return encode_images(image, camera=camera)
 
     def seen(self) -> dict[str, Any]:
-        """Returns what it saw, as JSON can hold it."""
+        """Returns the latest rows of all records."""
         kept = ("speeds", "commanded", "told", "hand_told")
         return {name: getattr(self, name)[-_KEPT:] for name in kept}
 
     def run(self) -> None:
-        """Works until standard input is closed."""
+        """Runs until standard input is closed."""
         ended = threading.Event()
 
-        def wait() -> None:
+        def wait_for_end() -> None:
             sys.stdin.read()
             ended.set()
 
-        def show_for_ever() -> None:
+        def send_images_periodically() -> None:
             while not ended.wait(self.setup.image_period / self.setup.time_scale):
-                self.show()
+                self.send_images()
 
-        sys.setswitchinterval(1e-4)  # A picture must not hold up the statuses.
-        for work in (wait, show_for_ever):
+        sys.setswitchinterval(1e-4)  # An image must not delay the statuses.
+        for work in (wait_for_end, send_images_periodically):
             threading.Thread(target=work, daemon=True).start()
         print(_READY, end="", flush=True)
         period, start, tick = PERIOD / self.setup.time_scale, time.monotonic(), 0
-        # What stands for a robot must not be late, whatever else this machine does.
+        # A robot is never late, so its stand-in takes precedence on a busy machine.
         with RealTimeScheduling(_PRIORITY):
             while not ended.is_set():
                 elapsed = time.monotonic() - start
@@ -231,7 +231,7 @@ class StandInRobot:
 
 
 def with_own_networks(scenario: "Scenario") -> "Scenario":
-    """Returns a scenario with LCM networks on this machine that nobody else uses."""
+    """Returns a scenario with LCM networks on this machine that no other process uses."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
     for one in sockets:
         one.bind(("", 0))
@@ -252,14 +252,17 @@ def with_own_networks(scenario: "Scenario") -> "Scenario":
 def running_stand_in(
     setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
 ) -> Iterator[subprocess.Popen[str]]:
-    """Runs a stand-in robot in a process beside a block, once it is ready.
+    """Runs the process of a stand-in robot during a block, which begins when the robot is ready.
 
-    Closing its standard input ends it; what it saw is the last line it says.
+    Closing its standard input ends it; its records are the last line of its output.
 
     Args:
-        setup: What it is told.
-        folder: For its setup.
-        program: What Python is to run: this module, or one whose robot misbehaves.
+        setup: The setup.
+        folder: Folder for the file of the setup.
+        program: Arguments of Python: this module, or a program whose robot simulates faults.
+
+    Raises:
+        StationError: if it does not start.
     """
     path = folder / "stand_in.json"
     path.write_text(json.dumps(asdict(setup)))
@@ -273,12 +276,11 @@ def running_stand_in(
         assert process.stdout is not None
         if process.stdout.readline() != _READY:
             raise StationError(
-                "The stand-in robot did not start.", remedy="See what it wrote to standard error."
+                "The stand-in robot did not start.", remedy="See its messages on standard error."
             )
         yield process
     finally:
-        if process.poll() is None:
-            process.kill()
+        process.kill()
         process.wait()
 
 

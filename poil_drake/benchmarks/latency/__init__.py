@@ -1,1 +1,1 @@
-"""How long a control tick takes."""
+"""Durations and periods of control ticks."""

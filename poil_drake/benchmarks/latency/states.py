@@ -1,6 +1,6 @@
-"""A moving body, and states near and far from its motion, for timing controllers."""
+"""A moving body, and states near and far from its motion, to time controllers with."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
-_COUNT = 64
-_OUTLIERS = 2
+_COUNT, _OUTLIERS = 64, 2
 _NOISE = 1e-3
 """Standard deviation of a tracker's points [m]."""
 
@@ -17,13 +16,13 @@ _NOISE = 1e-3
 def moving_body(
     *, num_points: int, num_samples: int
 ) -> tuple[np.ndarray, np.ndarray, PointTrajectory, np.ndarray]:
-    """Returns 4 s of a body that turns by 115 degrees on a bent path half a metre long.
+    """Returns 4 s of motion of a body: a rotation by 115 degrees on a curved path of half a metre.
 
     Returns:
         times: (T,) [s].
         X_WO: (T, 4, 4) its poses.
         reference: The motion of its points.
-        points: (N, 3) these in the body's frame [m], within 4 cm.
+        points: (N, 3) the points in the body's frame [m], within 4 cm.
     """
     times = np.linspace(0.0, 4.0, num_samples)
     s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
@@ -37,49 +36,41 @@ def moving_body(
     return times, X_WO, PointTrajectory(times, positions, velocities), points
 
 
-@dataclass(frozen=True, eq=False)
-class States:
+class States(NamedTuple):
     """S states of the body.
 
     Attributes:
         poses: (S, 4, 4).
         clean: (S, N, 3) its points with a tracker's noise [m].
-        spoilt: (S, N, 3) the same, two of which are 5 to 10 cm off.
+        spoilt: (S, N, 3) the same, but two of the points are 5 to 10 cm off.
     """
 
     poses: np.ndarray
     clean: np.ndarray
     spoilt: np.ndarray
 
-    @classmethod
-    def near(cls, X_WO: np.ndarray, points: np.ndarray) -> "States":
-        """Returns states 5 mm and 3 degrees off a motion X_WO (T, 4, 4)."""
-        return cls._off(X_WO, points, distance=0.005, lowest=3.0, highest=3.0)
 
-    @classmethod
-    def far(cls, X_WO: np.ndarray, points: np.ndarray) -> "States":
-        """Returns states 0.3 m and 60 to 150 degrees off a motion X_WO (T, 4, 4)."""
-        return cls._off(X_WO, points, distance=0.3, lowest=60.0, highest=150.0)
+OFFSETS = {"near": (0.005, 3.0, 3.0), "far": (0.3, 60.0, 150.0)}
+"""Offsets from the motion: distance [m], smallest and largest angle [deg]."""
 
-    @classmethod
-    def _off(
-        cls, X_WO: np.ndarray, points: np.ndarray, *, distance: float, lowest: float, highest: float
-    ) -> "States":
-        random = np.random.default_rng(2)
-        base = X_WO[random.integers(len(X_WO), size=_COUNT)]
-        angles = np.radians(random.uniform(lowest, highest, (_COUNT, 1)))
-        turns = Rotation.from_rotvec(angles * _directions(random, _COUNT)).as_matrix()
-        shifts = distance * _directions(random, _COUNT)
-        poses = make_transform(turns @ base[:, :3, :3], base[:, :3, 3] + shifts)
-        clean = transform_points(poses, points)
-        clean = clean + random.normal(scale=_NOISE, size=clean.shape)
-        spoilt = clean.copy()
-        for state in spoilt:
-            which = random.choice(len(points), _OUTLIERS, replace=False)
-            state[which] += random.uniform(0.05, 0.1, (_OUTLIERS, 1)) * _directions(
-                random, _OUTLIERS
-            )
-        return cls(poses, clean, spoilt)
+
+def make_states(X_WO: np.ndarray, points: np.ndarray, where: str) -> States:
+    """Returns states of points (N, 3) off a motion X_WO (T, 4, 4), by one of `OFFSETS`."""
+    distance, smallest, largest = OFFSETS[where]
+    random = np.random.default_rng(2)
+    base = X_WO[random.integers(len(X_WO), size=_COUNT)]
+    angle = np.radians(random.uniform(smallest, largest, (_COUNT, 1)))
+    turns = Rotation.from_rotvec(angle * _directions(random, _COUNT)).as_matrix()
+    shifts = distance * _directions(random, _COUNT)
+    poses = make_transform(turns @ base[:, :3, :3], base[:, :3, 3] + shifts)
+    clean = transform_points(poses, points)
+    clean = clean + random.normal(scale=_NOISE, size=clean.shape)
+    spoilt = clean.copy()
+    for state in spoilt:
+        which = random.choice(len(points), _OUTLIERS, replace=False)
+        offsets = random.uniform(0.05, 0.1, (_OUTLIERS, 1))
+        state[which] += offsets * _directions(random, _OUTLIERS)
+    return States(poses, clean, spoilt)
 
 
 def _directions(random: np.random.Generator, count: int) -> np.ndarray:

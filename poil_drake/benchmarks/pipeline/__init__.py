@@ -1,1 +1,1 @@
-"""The main job over many randomised trials."""
+"""The main job over many random trials."""

@@ -1,10 +1,13 @@
-"""The main job over many randomised trials: success, causes of failure, errors, speed."""
+"""The main job over many random trials: success, causes of failure, errors, speed."""
 
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -27,18 +30,18 @@ def run_pipeline_benchmark(
     json_path: Path,
     ray_address: str | None = None,
 ) -> list[Trial]:
-    """Runs the trials, prints a table and writes every figure as JSON.
+    """Runs the trials, prints a table and writes all figures as JSON.
 
-    Each trial runs in a process of its own, so that none can disturb the next. The trials are
-    returned and written in the order of tasks and seeds.
+    Each trial runs in a new process, so that it cannot disturb the next. The trials are returned
+    and written in the order of tasks and seeds.
 
     Args:
         tasks: Names in `TASKS`.
-        trials: Seeds 0 to trials - 1.
-        jobs: Trials run side by side; speeds are only comparable with one.
-        tracker: In place of the scenario's.
-        json_path: Where the figures go.
-        ray_address: Of the Ray cluster that runs them, see `run_trials`; None: this machine.
+        trials: Number of trials, with seeds 0 to trials - 1.
+        jobs: Number of trials that run at the same time; speeds are comparable only for one.
+        tracker: Name of the tracker; None for the scenario's.
+        json_path: File for the figures; an interrupted benchmark leaves those it has.
+        ray_address: Address of a Ray cluster, see `run_trials`; None for this machine.
 
     Raises:
         InvalidValueError: if a task is unknown.
@@ -50,30 +53,32 @@ def run_pipeline_benchmark(
         )
     arguments = [(task, seed, tracker) for task in tasks for seed in range(trials)]
     results: dict[int, Trial] = {}
-    ends = run_trials(
-        run_recorded_trial,
-        arguments,
-        shared=({task: _demonstration(task) for task in tasks},),
-        jobs=jobs,
-        ray_address=ray_address,
-        trials_per_worker=1,
-    )
-    with OneLineTqdm(total=len(arguments), desc="trials") as bar:
+    in_order: list[Trial] = []
+    with (
+        closing(
+            run_trials(
+                run_recorded_trial,
+                arguments,
+                shared=({task: _demonstration(task) for task in tasks},),
+                jobs=jobs,
+                ray_address=ray_address,
+                trials_per_worker=1,
+            )
+        ) as ends,
+        OneLineTqdm(total=len(arguments), desc="trials") as bar,
+    ):
         for index, end in ends:
             results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
             tqdm.write(_row(results[index]))
             bar.update()
-            _write(_in_order(results), json_path)
-    print(_table(summarize(_in_order(results))))
-    return _in_order(results)
-
-
-def _in_order(results: Mapping[int, Trial]) -> list[Trial]:
-    return [results[index] for index in sorted(results)]
+            in_order = [results[index] for index in sorted(results)]
+            _write(in_order, json_path)
+    print(_table(summarize(in_order)))
+    return in_order
 
 
 def _demonstration(task: str) -> bytes:
-    """Returns a recorded demonstration of a task, which workers on other machines get, too."""
+    """Returns the file of a demonstration of a task, for workers on any machine."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{task}.mcap"
         RecordScenarioDemonstration(ChooseScenario(scenario_name=TASKS[task]), path)
@@ -81,60 +86,52 @@ def _demonstration(task: str) -> bytes:
 
 
 def _write(trials: Sequence[Trial], path: Path) -> None:
-    """Writes what is known so far, so that an interrupted benchmark loses nothing."""
-    figures = {"summary": summarize(trials), "trials": [asdict(trial) for trial in trials]}
-    write_json(figures, path)
+    write_json({"summary": summarize(trials), "trials": [asdict(one) for one in trials]}, path)
 
 
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:
     """Returns the figures over all trials.
 
-    Errors are [m]; percentiles of the trials' own medians and 95th percentiles are given beside
-    the largest, so that one bad trial cannot hide.
+    Errors are in metres. Maxima of the trials' medians and 95th percentiles reveal a bad trial.
     """
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
-    medians = [trial.tracking_errors[0] for trial in finished]
-    p95s = [trial.tracking_errors[1] for trial in finished]
-    carried = np.array([trial.carried_tracking_errors for trial in finished]).reshape(-1, 2)
-    factors = [trial.real_time_factor for trial in finished]
+
+    def percentile(name: str, percent: float, column: int = 0) -> float:
+        values = [np.atleast_1d(getattr(trial, name))[column] for trial in finished]
+        return _finite(partial(np.percentile, q=percent), values)
+
     return {
         "trials": len(trials),
         "successes": sum(trial.success for trial in trials),
         "causes": dict(Counter(trial.cause for trial in trials if not trial.success)),
-        "final_error_median": _percentile([t.final_error for t in finished], 50),
-        "tracking_error_median": _percentile(medians, 50),
-        "tracking_error_median_worst_trial": _percentile(medians, 100),
-        "tracking_error_p95_median_trial": _percentile(p95s, 50),
-        "tracking_error_p95_worst_trial": _percentile(p95s, 100),
-        "carried_tracking_error_median": _percentile(carried[:, 0], 50),
-        "carried_tracking_error_p95_median_trial": _percentile(carried[:, 1], 50),
-        "carried_tracking_error_p95_worst_trial": _percentile(carried[:, 1], 100),
-        "unobserved_mean": _mean([trial.unobserved for trial in finished]),
-        "unobserved_worst_trial": _percentile([t.unobserved for t in finished], 100),
-        "carried_unobserved_worst_trial": _percentile(
-            [t.carried_unobserved for t in finished], 100
-        ),
-        "real_time_factor_median": _percentile(factors, 50),
-        "real_time_factor_p5": _percentile(factors, 5),
+        "final_error_median": percentile("final_error", 50),
+        "tracking_error_median": percentile("tracking_errors", 50),
+        "tracking_error_median_worst_trial": percentile("tracking_errors", 100),
+        "tracking_error_p95_median_trial": percentile("tracking_errors", 50, 1),
+        "tracking_error_p95_worst_trial": percentile("tracking_errors", 100, 1),
+        "carried_tracking_error_median": percentile("carried_tracking_errors", 50),
+        "carried_tracking_error_p95_median_trial": percentile("carried_tracking_errors", 50, 1),
+        "carried_tracking_error_p95_worst_trial": percentile("carried_tracking_errors", 100, 1),
+        "unobserved_mean": _finite(np.mean, [trial.unobserved for trial in finished]),
+        "unobserved_worst_trial": percentile("unobserved", 100),
+        "carried_unobserved_worst_trial": percentile("carried_unobserved", 100),
+        "real_time_factor_median": percentile("real_time_factor", 50),
+        "real_time_factor_p5": percentile("real_time_factor", 5),
         "split": _mean_shares([trial.split or {} for trial in finished]),
         "concurrent": _mean_shares([trial.concurrent or {} for trial in finished]),
     }
 
 
 def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Returns the mean of each share; one that is missing is 0."""
+    """Returns the mean of each share; a missing share is 0."""
     names = sorted({name for one in shares for name in one})
     return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
 
 
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
-
-
-def _percentile(values: Sequence[float] | np.ndarray, percent: float) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.percentile(known, percent)) if known else float("nan")
+def _finite(statistic: Callable[..., Any], values: Sequence[float]) -> float:
+    """Returns a statistic of the finite values; NaN if there are none."""
+    finite = [value for value in values if np.isfinite(value)]
+    return float(statistic(finite)) if finite else np.nan
 
 
 def _row(trial: Trial) -> str:

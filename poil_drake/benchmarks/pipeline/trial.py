@@ -1,4 +1,4 @@
-"""One randomised run of the main job, as the benchmark counts it."""
+"""One random run of the main job."""
 
 import tempfile
 from collections.abc import Mapping
@@ -18,30 +18,30 @@ from poil_drake.errors import PoilError
 from poil_drake.reports.run_summary import ErrorStatistics
 
 TASKS = {"hang_mug": None}
-"""Task -> scenario name in the package's scenario file; None is the default."""
+"""Scenario name by task, in the package's scenario file; None is the default scenario."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One randomised run.
+    """The result of a random run.
 
     Attributes:
-        task: The task.
-        seed: Drew object, pose and noise.
-        object_model: The object's model file.
+        task: Name of the task.
+        seed: Seed of object, pose and noise.
+        object_model: Name of the object's model file.
         success: Whether the object hung at the end.
-        cause: Why it did not; empty on success.
+        cause: Cause of the failure; empty on success.
         final_error: Mean distance of the points to the reference's end at release [m].
         tracking_errors: Median and 95th percentile of the distance of tracked points from the
             truth [m]; NaN without tracks.
-        worst_tracking_error: The largest of them [m].
-        carried_tracking_errors: Median and 95th percentile while the object is carried [m].
-        unobserved: Share of the points that the tracker did not see; most are missed after the
+        worst_tracking_error: Largest such distance [m].
+        carried_tracking_errors: `tracking_errors` while the object is carried [m].
+        unobserved: Share of the points that the tracker did not observe; most of them after the
             release, while the object drops and swings.
-        carried_unobserved: The same while the object is carried.
+        carried_unobserved: `unobserved` while the object is carried.
         real_time_factor: Simulated over wall-clock time of the closed loop.
-        split: Share of that wall-clock time by what it went to.
-        concurrent: Share of it during which another process rendered or tracked.
+        split: Shares of that wall-clock time by activity.
+        concurrent: Shares of it in which another process rendered or tracked.
         simulated: Simulated time [s].
     """
 
@@ -63,7 +63,7 @@ class Trial:
 
 
 def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
-    """Runs one trial with a demonstration's file; what goes wrong in it is its cause of failure."""
+    """Runs one trial with a demonstration's file; an error in it is its cause of failure."""
     scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
     model = _object_model(scenario)
     try:
@@ -75,7 +75,7 @@ def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> 
         problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
         cause = f"{type(error).__name__}: {problem}"
         return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
-    nothing = ErrorStatistics.of(np.zeros(0))
+    timing, nothing = summary.timing, ErrorStatistics.of(np.zeros(0))
     tracking = summary.tracking_error or nothing
     carried = summary.carried_tracking_error or nothing
     return Trial(
@@ -90,22 +90,17 @@ def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> 
         carried_tracking_errors=(carried.median, carried.percentile_95),
         unobserved=tracking.missing,
         carried_unobserved=carried.missing,
-        real_time_factor=summary.timing.real_time_factor,
-        split=_shares(summary.timing.parts, summary.timing.wall),
-        concurrent=_shares(summary.timing.concurrent, summary.timing.wall),
-        simulated=summary.timing.simulated,
+        real_time_factor=timing.real_time_factor,
+        split={name: part / timing.wall for name, part in timing.parts.items()},
+        concurrent={name: part / timing.wall for name, part in timing.concurrent.items()},
+        simulated=timing.simulated,
     )
-
-
-def _shares(parts: Mapping[str, float], whole: float) -> dict[str, float]:
-    """Returns which share of the whole each part is."""
-    return {name: part / whole for name, part in parts.items()}
 
 
 def run_recorded_trial(
     demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
 ) -> Trial:
-    """Runs one trial with its task's demonstration, of which only the contents (MCAP) are here."""
+    """Runs one trial with the contents of a demonstration's file (MCAP), by task."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{task}.mcap"
         path.write_bytes(demonstrations[task])
@@ -113,7 +108,7 @@ def run_recorded_trial(
 
 
 def lost_trial(lost: LostTrial) -> Trial:
-    """Returns the failure of a trial, of `run_recorded_trial`, that lost all its workers."""
+    """Returns the failure of a trial of `run_recorded_trial` that lost all its workers."""
     task, seed, tracker = lost.arguments
     model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
     return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))

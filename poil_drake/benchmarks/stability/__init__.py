@@ -1,1 +1,1 @@
-"""The theory of the field beside simulation."""
+"""The theory of the field, compared with simulation."""

@@ -1,10 +1,10 @@
-"""What delay and held twists do to the field at rest, simulated beside the closed forms."""
+"""The effect of delay and held twists on the field at rest: simulation and closed forms."""
 
 from typing import Any
 
 import numpy as np
 
-from poil_drake.benchmarks.stability.measures import COMPACT_MOMENTS, StabilityStudyConfig
+from poil_drake.benchmarks.stability.measures import COMPACT_MOMENTS
 from poil_drake.control.theory.delay_stability import (
     LARGEST_DELAY_GAIN,
     LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT,
@@ -14,29 +14,32 @@ from poil_drake.control.theory.delay_stability import (
 from poil_drake.control.theory.stability import rotation_potential, rotation_velocity
 from poil_drake.geometry.rigid_transform import rotation_exp
 
+_GRID, _PERIODS = 44, 500
+"""Points along each axis of the map of delay and period, and periods simulated for each."""
 
-def measure_delay(config: StabilityStudyConfig) -> dict[str, Any]:
-    """Returns where delay and period let the flow fall, settle with overshoot, or neither."""
+_ETA, _TRACKER_PERIOD, _TRACKER_LATENCY = 3.0, 0.125, 0.1875
+"""Gain [1/s], and period and latency of the paper's tracker [s]."""
+
+
+def measure_delay() -> dict[str, Any]:
+    """Returns for which delays and periods the flow decreases, overshoots, or does not settle."""
     W = np.diag(COMPACT_MOMENTS)
-    # The middles of cells that fill the map.
-    middles = (np.arange(config.delay_grid) + 0.5) / config.delay_grid
+    # The centres of cells that fill the map.
+    middles = (np.arange(_GRID) + 0.5) / _GRID
     delays, periods = np.meshgrid(1.8 * middles, 2.2 * middles)
-    # Near the goal, so that what grows has room to grow.
+    # Near the goal, so that the potential can grow.
     start = rotation_exp(np.array([0.02, -0.03, 0.025]))
-    potentials = delayed_flow(
-        W, start, delays.ravel(), periods.ravel(), count=config.delay_periods
-    ).reshape(config.delay_periods + 1, *delays.shape)
-    quarter = config.delay_periods // 4
-    settles = potentials[-quarter:].max(axis=0) < potentials[0]
-    # Below that D is rounding: it is the difference of two traces.
+    potentials = delayed_flow(W, start, delays.ravel(), periods.ravel(), count=_PERIODS)
+    potentials = potentials.reshape(-1, *delays.shape)
+    settles = potentials[-_PERIODS // 4 :].max(axis=0) < potentials[0]
+    # Below 1e-12, D is rounding error: it is the difference of two traces.
     rises = np.any((np.diff(potentials, axis=0) > 0.0) & (potentials[:-1] > 1e-12), axis=0)
     ratios = np.concatenate([np.linspace(0.0, 4.0, 81), np.geomspace(4.2, 60.0, 25)])
     limits = np.array([delayed_loop_limits(ratio) for ratio in ratios])
-    waited = config.tracker_latency / config.tracker_period
-    gain = config.eta * config.tracker_period
-    tracker_potentials = delayed_flow(
-        W, start, np.array([waited * gain]), np.array([gain]), count=100
-    )[:, 0]
+    waited = _TRACKER_LATENCY / _TRACKER_PERIOD
+    gain = _ETA * _TRACKER_PERIOD
+    tracker_delays, tracker_periods = np.array([waited * gain]), np.array([gain])
+    tracker_potentials = delayed_flow(W, start, tracker_delays, tracker_periods, count=100)[:, 0]
     return {
         "delays": delays[0],
         "periods": periods[:, 0],
@@ -59,19 +62,20 @@ def measure_delay(config: StabilityStudyConfig) -> dict[str, Any]:
 def delayed_flow(
     W: np.ndarray, start: np.ndarray, delays: np.ndarray, periods: np.ndarray, *, count: int
 ) -> np.ndarray:
-    """Returns the potentials (count + 1, K) of K rotations under old, held twists, at eta = 1.
+    """Returns the potentials (count + 1, K) of K rotations under delayed, held twists, at eta = 1.
 
-    Rotations are sampled at the start of each period, and act `delays` later, in the world frame
-    that they were measured in, until the next act. All were at rest at `start` before.
+    Rotations are sampled at the start of each period. The twist of a sample acts `delays` later, in
+    the world frame in which it was measured, until the next one acts. Before, all rotations rest at
+    `start`.
 
     Args:
         W: (3, 3) moments.
         start: (3, 3) rotation.
         delays: (K,) [s].
         periods: (K,) [s].
-        count: Periods.
+        count: Number of periods.
     """
-    # Of whole periods and the rest, robust to rounding.
+    # Whole periods and the remainder, robust to rounding.
     whole = np.floor(delays / periods + 1e-9).astype(int)
     rest = np.clip(delays - whole * periods, 0.0, None)
     rows = np.arange(len(delays))
@@ -91,7 +95,7 @@ def delayed_flow(
 
 
 def delayed_offsets(gain: float, periods: float, count: int) -> np.ndarray:
-    """Returns a unit offset (count + 1,) under old, held velocities, at the samples."""
+    """Returns a unit offset (count + 1,) under delayed, held velocities, at the samples."""
     whole = int(periods)
     rest = periods - whole
     offsets = [1.0] * (whole + 2)

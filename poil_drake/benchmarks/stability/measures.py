@@ -1,6 +1,6 @@
-"""What simulation of the field at rest does, beside what theory says of it."""
+"""Simulations of the field at rest, and the predictions of theory."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,47 +27,25 @@ from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
 COMPACT_MOMENTS = (1.0, 2.0, 3.0)
 ELONGATED_MOMENTS = (0.001, 0.03, 1.0)
-"""Eigenvalues of W of the sets that are tried: the condition of A is 1.7 and 33."""
+"""Eigenvalues of W of two point sets, for which the condition of A is 1.7 and 33."""
+
+_CONDITIONS = 13
+"""Number of point sets from compact to elongated."""
+
+_POINT_NOISE = 0.001
+"""Standard deviation of each coordinate of a point [m]."""
+
+_MIN_ROTATION_SPREAD = 0.002
+"""`min_rotation_spread` of the field that limits noise [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StabilityStudyConfig:
-    """How finely the study looks. The defaults take a few seconds.
-
-    Attributes:
-        distances: Starts beside each saddle.
-        rotations: Random rotations whose largest eta dt is drawn.
-        conditions: Point sets from compact to elongated.
-        delay_grid: Points along each axis of the map of delay and period.
-        delay_periods: Periods that each of them is simulated for.
-        noise_draws: Draws of the noise for each point set.
-        eta: Gain for the figures of the paper's tracker [1/s].
-        tracker_period: Of that tracker [s].
-        tracker_latency: From capture to tracks [s].
-        point_noise: Of each coordinate of a point [m].
-        min_rotation_spread: Of the field where noise is limited [m].
-    """
-
-    distances: int = 7
-    rotations: int = 4000
-    conditions: int = 13
-    delay_grid: int = 44
-    delay_periods: int = 500
-    noise_draws: int = 200
-    eta: float = 3.0
-    tracker_period: float = 0.125
-    tracker_latency: float = 0.1875
-    point_noise: float = 0.001
-    min_rotation_spread: float = 0.002
-
-
-def measure_escape(config: StabilityStudyConfig) -> dict[str, Any]:
-    """Returns how long the flow takes to be 1 rad off each saddle, along each way out of it.
+def measure_escape() -> dict[str, Any]:
+    """Returns the times in which the flow gets 1 rad away from each saddle, along each way out.
 
     The flow is integrated by the midpoint rule at eta = 1.
     """
     W, end, step = np.diag(COMPACT_MOMENTS), 1.0, 0.02
-    distances = np.geomspace(1e-3, 1e-1, config.distances)
+    distances = np.geomspace(1e-3, 1e-1, 7)
     ways = []
     for k, (saddle, rates) in enumerate(zip(critical_rotations(W), escape_rates(W), strict=True)):
         for i in np.flatnonzero(rates > 0.0):
@@ -96,10 +74,10 @@ def measure_escape(config: StabilityStudyConfig) -> dict[str, Any]:
     return {"moments": COMPACT_MOMENTS, "distances": distances, "end": end, "ways": ways}
 
 
-def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
-    """Returns what holding the twist does: single runs, single rotations, and whole point sets."""
+def measure_sampling() -> dict[str, Any]:
+    """Returns the effect of holding the twist: on single runs, single rotations, and point sets."""
     rng = np.random.default_rng(0)
-    R = Rotation.random(config.rotations, rng=rng).as_matrix()
+    R = Rotation.random(4000, rng=rng).as_matrix()
     angles = rotation_angle(R)
     sets = {}
     for name, moments in (("compact", COMPACT_MOMENTS), ("elongated", ELONGATED_MOMENTS)):
@@ -119,34 +97,31 @@ def measure_sampling(config: StabilityStudyConfig) -> dict[str, Any]:
             potentials.append(rotation_potential(W, turned))
             turned = turned @ rotation_exp(gain * rotation_velocity(W, turned))
         runs[str(gain)] = np.array(potentials) / potentials[0]
-    conditions = np.geomspace(2.0, 1000.0, config.conditions)
-    curves: dict[str, list[float]] = {"flat": [], "round": [], "flat_proven": []}
-    for condition in conditions:
-        # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
-        flat = np.diag([0.0, 1.0 / (condition - 1.0), 1.0])
-        round_ = np.diag([*[1.0 / (2.0 * condition - 1.0)] * 2, 1.0])
-        curves["flat"].append(largest_sampling_gain(flat))
-        curves["flat_proven"].append(proven_sampling_gain(flat))
-        curves["round"].append(largest_sampling_gain(round_))
+    conditions = np.geomspace(2.0, 1000.0, _CONDITIONS)
+    # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
+    flat = [np.diag([0.0, 1.0 / (c - 1.0), 1.0]) for c in conditions]
+    round_ = [np.diag([*[1.0 / (2.0 * c - 1.0)] * 2, 1.0]) for c in conditions]
     return {
         "runs": runs,
         "sets": sets,
         "conditions": conditions,
-        "curves": curves,
+        "curves": {
+            "flat": [largest_sampling_gain(W) for W in flat],
+            "round": [largest_sampling_gain(W) for W in round_],
+            "flat_proven": [proven_sampling_gain(W) for W in flat],
+        },
         "worst": WORST_SAMPLING_GAIN,
     }
 
 
-def measure_noise(config: StabilityStudyConfig) -> dict[str, Any]:
-    """Returns how far noise in the points turns the field, for sets from compact to a line."""
+def measure_noise() -> dict[str, Any]:
+    """Returns the noise of the field due to noise in the points, from compact sets to a line."""
     rng = np.random.default_rng(0)
-    spreads = np.geomspace(0.0012, 0.03, config.conditions)
-    noise = config.point_noise * rng.normal(size=(config.noise_draws, 8, 3))
+    spreads = np.geomspace(0.0012, 0.03, _CONDITIONS)
+    noise = _POINT_NOISE * rng.normal(size=(200, 8, 3))
     plain = BcsdmConfig(eta=1.0, outlier_test="none")
-    limited = BcsdmConfig(
-        eta=1.0, outlier_test="none", min_rotation_spread=config.min_rotation_spread
-    )
-    # Eight points along 10 cm, off their line on alternating sides.
+    limited = replace(plain, min_rotation_spread=_MIN_ROTATION_SPREAD)
+    # Eight points along 10 cm, off their line on different sides.
     along = np.array([-1.0, -0.7, -0.4, -0.1, 0.1, 0.4, 0.7, 1.0]) * 0.05
     side = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
     rows: dict[str, list[float]] = {
@@ -159,17 +134,16 @@ def measure_noise(config: StabilityStudyConfig) -> dict[str, Any]:
             np.array([0.0, 1.0]), np.stack([body, body]), np.zeros((2, *body.shape))
         )
         rows["condition"].append(condition.condition)
-        rows["predicted"].append(config.point_noise * condition.noise_per_error[2])
-        rows["across"].append(config.point_noise * condition.noise_per_error[0])
+        rows["predicted"].append(_POINT_NOISE * condition.noise_per_error[2])
+        rows["across"].append(_POINT_NOISE * condition.noise_per_error[0])
         for name, field in (("measured", plain), ("limited", limited)):
             turns = [point_set_bcsdm(body + e, reference, field).omega[0] for e in noise]
             rows[name].append(float(np.std(turns)))
-    floor = config.min_rotation_spread
-    slowed = np.minimum(1.0, (spreads / floor) ** 2) * np.array(rows["predicted"])
+    slowdown = np.minimum(1.0, (spreads / _MIN_ROTATION_SPREAD) ** 2)
     return {
         **rows,
         "spreads": spreads,
-        "predicted_limited": slowed,
-        "point_noise": config.point_noise,
-        "min_rotation_spread": floor,
+        "predicted_limited": slowdown * np.array(rows["predicted"]),
+        "point_noise": _POINT_NOISE,
+        "min_rotation_spread": _MIN_ROTATION_SPREAD,
     }

@@ -1,50 +1,33 @@
-"""The theory of the field, drawn beside simulation: saddles, sampling, delay and noise."""
+"""Compares the theory of the field with simulation: saddles, sampling, delay and noise."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from poil_drake.benchmarks.stability.delay import measure_delay
-from poil_drake.benchmarks.stability.measures import (
-    StabilityStudyConfig,
-    measure_escape,
-    measure_noise,
-    measure_sampling,
-)
-from poil_drake.benchmarks.stability.pictures import (
-    draw_delay,
-    draw_escape,
-    draw_noise,
-    draw_sampling,
-)
+from poil_drake.benchmarks.stability import delay, drawing, measures
 from poil_drake.recording.mcap.plain_json import write_json
 
 
-def run_stability_study(
-    *, pictures: Path, json_path: Path, config: StabilityStudyConfig | None = None
-) -> dict[str, Any]:
-    """Measures what the theory predicts, draws both, and writes every figure as JSON.
+def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
+    """Compares predictions with simulations, draws both, and writes all figures as JSON.
 
     Args:
         pictures: Folder for `control_escape.png`, `control_sampling.png`, `control_delay.png` and
             `control_noise.png`.
-        json_path: Where the figures go.
-        config: None for the defaults.
+        json_path: File for the figures.
 
     Returns:
         The figures by study: "escape", "sampling", "delay" and "noise".
     """
-    config = config or StabilityStudyConfig()
-    studies: dict[str, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
-        "escape": (measure_escape, draw_escape),
-        "sampling": (measure_sampling, draw_sampling),
-        "delay": (measure_delay, draw_delay),
-        "noise": (measure_noise, draw_noise),
+    studies = {
+        "escape": (measures.measure_escape, drawing.draw_escape),
+        "sampling": (measures.measure_sampling, drawing.draw_sampling),
+        "delay": (delay.measure_delay, drawing.draw_delay),
+        "noise": (measures.measure_noise, drawing.draw_noise),
     }
     pictures.mkdir(parents=True, exist_ok=True)
     figures = {}
     for name, (measure, draw) in studies.items():
-        figures[name] = measure(config)
+        figures[name] = measure()
         draw(figures[name], pictures / f"control_{name}.png")
     write_json(figures, json_path)
     return figures

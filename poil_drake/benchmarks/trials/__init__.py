@@ -1,1 +1,1 @@
-"""Runs independent trials side by side."""
+"""Runs independent trials in parallel."""

@@ -1,6 +1,7 @@
 import contextlib
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from poil_drake.benchmarks.control.arena.direct_actuation import NO_SLIP
 from poil_drake.benchmarks.control.arena.tasks import TASKS
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial
+from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
@@ -24,7 +25,7 @@ def figures(path):
 
 
 class Study(NamedTuple):
-    """A study by two workers: its trials, its folder, and what it printed."""
+    """A study by two workers: its trials, its folder, and its output."""
 
     trials: list[ControlTrial]
     folder: Path
@@ -62,7 +63,7 @@ def test_study_covers_every_cell_and_prints_the_tables(study):
     assert len(figures(study.folder / "study.json")["trials"]) == len(study.trials)
 
 
-def test_figures_say_what_made_hard_mode_hard(study):
+def test_figures_hold_the_settings_of_hard_mode(study):
     hard = figures(study.folder / "study.json")["hard"]
     assert hard["slip_distance"] == 0.03
     assert hard["tracking"]["noise"] == 0.003
@@ -84,9 +85,7 @@ def test_trial_is_the_same_alone_and_after_others(task, region, policy):
 
 
 def test_study_runs_the_trials_of_its_seed(tmp_path):
-    config = dut.ControlStudyConfig(
-        tasks=("pnp_cube",), policies=("field",), trials=1, hard=False, seed=3
-    )
+    config = replace(SMALL, policies=("field",), hard=False, seed=3)
 
     near, _ = dut.run_control_study(config, json_path=tmp_path / "control.json")
 
@@ -122,12 +121,11 @@ def test_every_policy_repeats_the_demonstration_from_its_start(task, policy):
     shown = TaskDemonstration(task)
 
     trial = RunTrial(
-        dut._arena({}, task, policy, False),
+        ControlTrial(task=task, region="near", policy=policy, trial=0),
+        dut._arena(task, policy, False, None),
         shown,
         shown.X_WO[0],
-        policy=policy,
-        region="near",
-        trial=0,
+        config=TrialConfig(),
     )
 
     assert trial.success
@@ -147,7 +145,7 @@ def test_learned_policy_goes_through_the_study(tmp_path, monkeypatch):
     assert trial.note == ""
 
 
-def test_trial_that_fails_counts_as_no_success():
+def test_trial_that_an_error_ends_is_a_failure():
     # No policy was trained.
     trial = dut.run_control_trial({}, "pnp_cube", "near", "pp_1", 0)
 
@@ -157,7 +155,7 @@ def test_trial_that_fails_counts_as_no_success():
     assert trial.lost
 
 
-def test_trial_that_fails_on_its_way_is_where_it_started_in_the_pictures(monkeypatch):
+def test_trial_that_an_error_ends_keeps_the_distance_of_its_start(monkeypatch):
     expected = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
     monkeypatch.setattr(dut, "RunTrial", lambda *_, **__: 1 / 0)
 
@@ -167,27 +165,24 @@ def test_trial_that_fails_on_its_way_is_where_it_started_in_the_pictures(monkeyp
     assert trial.distance == expected.distance > 0.0
 
 
-def test_what_is_known_is_written_from_time_to_time(tmp_path, monkeypatch):
+def test_figures_so_far_are_written_periodically(tmp_path, monkeypatch):
     path = tmp_path / "study.json"
-    seen = []
+    counts = []
 
-    def looked_at(function, arguments, *, shared, **options):
+    def inspect(function, arguments, *, shared, **options):
         for index, one in enumerate(arguments):
-            seen.append(len(figures(path)["trials"]) if path.exists() else 0)
+            counts.append(len(figures(path)["trials"]) if path.exists() else 0)
             yield index, function(*shared, *one)
 
-    monkeypatch.setattr(dut, "run_trials", looked_at)
+    monkeypatch.setattr(dut, "run_trials", inspect)
     monkeypatch.setattr(dut, "_WRITING_PERIOD", 0.0)
-    config = dut.ControlStudyConfig(
-        tasks=("pnp_cube",), policies=("open_loop",), trials=1, hard=False
-    )
 
-    dut.run_control_study(config, json_path=path)
+    dut.run_control_study(replace(SMALL, policies=("field",), hard=False), json_path=path)
 
-    assert seen == [0, 1]
+    assert counts == [0, 1]
 
 
-def test_interrupted_study_leaves_what_it_knows(tmp_path, monkeypatch):
+def test_interrupted_study_leaves_the_figures_so_far(tmp_path, monkeypatch):
     def interrupted(function, arguments, *, shared, **options):
         yield 0, function(*shared, *arguments[0])
         raise KeyboardInterrupt
@@ -202,17 +197,17 @@ def test_interrupted_study_leaves_what_it_knows(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["study.json"]
 
 
-def test_trial_whose_workers_died_is_a_failure_in_the_table(tmp_path, monkeypatch):
+def test_trial_that_lost_its_workers_is_a_failure(tmp_path, monkeypatch):
     def dying(function, arguments, *, shared, **options):
         for index, one in enumerate(arguments):
-            yield index, LostTrial(index, one, 3, "was killed by SIGKILL")
+            yield index, LostTrial(index, one, 3, "status -9")
 
     monkeypatch.setattr(dut, "run_trials", dying)
 
     trials = dut.run_control_study(SMALL, json_path=tmp_path / "study.json")
 
     assert not any(trial.success for trial in trials)
-    assert "SIGKILL" in trials[0].note
+    assert "status -9" in trials[0].note
 
 
 @pytest.mark.parametrize(
@@ -223,6 +218,6 @@ def test_trial_whose_workers_died_is_a_failure_in_the_table(tmp_path, monkeypatc
         ({"policies": ("field", "field")}, "policy is named twice"),
     ],
 )
-def test_unknown_names_are_refused_with_those_there_are(changes, words):
+def test_unknown_or_repeated_names_are_rejected(changes, words):
     with pytest.raises(InvalidValueError, match=words):
         dut.ControlStudyConfig(**changes)

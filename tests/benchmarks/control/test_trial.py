@@ -7,13 +7,13 @@ from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
 from poil_drake.benchmarks.control.policies.policy import CommandedTwist
 from poil_drake.benchmarks.control.policies.scripted import pose_difference
-from poil_drake.benchmarks.control.trial import RunTrial, TrialConfig, pair_strains
+from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig, pair_strains
 
 SHOWN = TaskDemonstration("pnp_cube")
 
 
 class Straight:
-    """Goes straight to a pose that it knows."""
+    """Moves straight to a known pose."""
 
     period = 1 / 64
 
@@ -28,20 +28,12 @@ class Straight:
         return state, CommandedTwist(V, observation.X_WO[:3, 3])
 
 
-def run(goal, *, gain=3.0, slip=None, config=None):
+def run(goal, *, gain=3.0, slip=None, **config):
     arena = Arena(MakeTask("pnp_cube"), Straight(goal, gain))
     start = SHOWN.X_WO[0].copy()
     start[:2, 3] += [0.03, -0.04]
-    return RunTrial(
-        arena,
-        SHOWN,
-        start,
-        policy="straight",
-        region="near",
-        trial=3,
-        slip=slip,
-        config=config,
-    )
+    trial = ControlTrial(task="pnp_cube", region="near", policy="straight", trial=3)
+    return RunTrial(trial, arena, SHOWN, start, slip=slip, config=TrialConfig(**config))
 
 
 def test_reaching_the_goal_is_a_success():
@@ -53,7 +45,7 @@ def test_reaching_the_goal_is_a_success():
     assert trial.strain < 1e-9
 
 
-def test_just_beyond_a_centimetre_is_none():
+def test_ending_more_than_a_centimetre_away_is_a_failure():
     beside = SHOWN.X_WO[-1].copy()
     beside[0, 3] += 0.0105
 
@@ -63,7 +55,7 @@ def test_just_beyond_a_centimetre_is_none():
     assert trial.error == pytest.approx(0.0105, abs=0.0005)
 
 
-def test_orientation_does_not_count_where_the_centre_does():
+def test_orientation_does_not_count_by_the_criterion_of_the_centre():
     turned = SHOWN.X_WO[-1].copy()
     turned[:3, :3] = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
@@ -71,16 +63,14 @@ def test_orientation_does_not_count_where_the_centre_does():
 
 
 def test_trial_ends_when_the_object_has_come_to_rest():
-    config = TrialConfig(settled_time=0.5)
-
-    resting = run(SHOWN.X_WO[-1], gain=0.0, config=config)
+    resting = run(SHOWN.X_WO[-1], gain=0.0, settled_time=0.5)
 
     assert resting.time == pytest.approx(0.5)
     assert not resting.success
     assert len(resting.path) == 5  # The start, and one each eighth of a second.
 
 
-def test_slow_progress_is_no_rest():
+def test_slow_progress_does_not_end_the_trial():
     trial = run(SHOWN.X_WO[-1], gain=0.4)
 
     assert trial.error < 0.01
@@ -88,7 +78,7 @@ def test_slow_progress_is_no_rest():
 
 
 def test_trial_ends_at_its_time_limit():
-    trial = run(SHOWN.X_WO[-1], gain=0.05, config=TrialConfig(max_time=2.0))
+    trial = run(SHOWN.X_WO[-1], gain=0.05, max_time=2.0)
 
     assert trial.time == pytest.approx(2.0)
 
@@ -104,10 +94,10 @@ def test_pressing_on_the_table_is_a_collision():
     assert trial.impulse > 0.02
 
 
-def test_object_that_slips_is_waited_for():
+def test_trial_does_not_end_before_the_slip():
     slip = Slip(4.0, 0.25, np.array([0.0, 0.0, 0.03]), np.zeros(3))
 
-    trial = run(SHOWN.X_WO[-1], slip=slip, config=TrialConfig(settled_time=0.5))
+    trial = run(SHOWN.X_WO[-1], slip=slip, settled_time=0.5)
 
     assert trial.time >= 4.75
     heights = trial.path[:, 2]

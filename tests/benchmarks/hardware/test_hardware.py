@@ -22,7 +22,7 @@ def trial(*, success: bool, missed: float, lag: float) -> HardwareTrial:
     )
 
 
-def test_figures_are_over_all_trials() -> None:
+def test_figures_cover_all_trials() -> None:
     summary = summarize(
         [trial(success=True, missed=2.0, lag=0.01), trial(success=False, missed=4.0, lag=0.03)]
     )
@@ -35,7 +35,7 @@ def test_figures_are_over_all_trials() -> None:
     assert summary["run_tick_period_p999_ms"] == pytest.approx(7.0)
 
 
-def test_a_driver_that_does_not_start_is_told_with_its_last_word(
+def test_driver_that_does_not_start_is_reported_with_its_last_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = "print('first'); print('no such file'); raise SystemExit(1)"

@@ -10,23 +10,23 @@ import numpy as np
 from poil_drake.errors import DetectionError
 
 
-def drawn(offset: float, seed: int) -> tuple[int, float]:
-    """Returns what depends on its arguments alone."""
+def draw(offset: float, seed: int) -> tuple[int, float]:
+    """Returns a value that depends on the arguments only."""
     return seed, offset + np.random.default_rng(seed).normal()
 
 
-def process(seed: int) -> int:
-    """Returns which process it ran in."""
+def get_process(seed: int) -> int:
+    """Returns the id of the worker's process."""
     return os.getpid()
 
 
-def threads(seed: int) -> str:
-    """Returns on how many cores linear algebra computes."""
+def get_threads(seed: int) -> str:
+    """Returns the number of cores that linear algebra uses."""
     return os.environ["OMP_NUM_THREADS"]
 
 
-def killed(folder: Path, seed: int, times: int) -> int:
-    """Kills its worker, the first `times` times that it is run with this seed."""
+def kill(folder: Path, seed: int, times: int) -> int:
+    """Kills its worker in the first `times` runs with this seed."""
     with open(folder / f"{seed}.runs", "a") as file:
         file.write("x")
     if len((folder / f"{seed}.runs").read_text()) <= times:
@@ -34,34 +34,17 @@ def killed(folder: Path, seed: int, times: int) -> int:
     return seed
 
 
-def undetected(seed: int) -> int:
+def fail(seed: int) -> int:
     """Raises an error of this package."""
     raise DetectionError(f"No mug in trial {seed}.", remedy="Look elsewhere.")
 
 
-class UnreadableError(Exception):
-    """An exception that pickle writes and cannot read back."""
-
-    def __init__(self, first: str, second: str):
-        super().__init__(f"{first} {second}")
-
-
-def unreadable(seed: int) -> int:
-    """Raises an error that does not cross to another process."""
-    raise UnreadableError("strange", "trouble")
-
-
-def unwritable(seed: int) -> object:
-    """Returns what pickle cannot carry."""
+def make_lock(seed: int) -> object:
+    """Returns an object that pickle cannot carry."""
     return threading.Lock()
 
 
-def blocked(seed: int) -> set[int]:
-    """Returns which signals do not reach its worker."""
-    return set(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-
-
-def endless(seed: int) -> None:
-    """Tells that it has begun, and never ends."""
+def run_forever(seed: int) -> None:
+    """Prints that it has begun, and never ends."""
     os.write(1, b"begun\n")
     threading.Event().wait()

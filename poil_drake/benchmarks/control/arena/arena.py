@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.geometry import SceneGraph, SceneGraphConfig
+from pydrake.geometry import DefaultProximityProperties, SceneGraph, SceneGraphConfig
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
 from poil_drake.benchmarks.control.arena.contact_monitor import ContactMonitor
 from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking
@@ -23,7 +23,7 @@ from poil_drake.benchmarks.control.policies.policy import Policy
 from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
 
 _MODULUS = 1e7  # [Pa], of hard rubber: 5 N press boxes together by micrometres, a rod by 3 mm.
-_RESOLUTION = 0.01  # Of round shapes' meshes [m].
+_RESOLUTION = 0.01  # Of the meshes of round shapes [m].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,9 +31,10 @@ class ArenaConfig:
     """The physics, the same for all policies.
 
     Attributes:
-        time_step: Of the plant [s]. At the speed limits the far side of an object moves 4 mm.
-        max_angular_speed: Of commanded twists [rad/s].
-        max_linear_speed: Of commanded twists [m/s].
+        time_step: Time step of the plant [s]. At the speed limits the far side of an object moves
+            4 mm in it.
+        max_angular_speed: Limit of commanded twists [rad/s].
+        max_linear_speed: Limit of commanded twists [m/s].
         actuation: The hand that moves the object.
     """
 
@@ -48,8 +49,8 @@ def AddTaskPlant(
 ) -> tuple[MultibodyPlant, SceneGraph, RigidBody]:
     """Adds the task's object and fixtures.
 
-    Weight is compensated where the object is rigid; a deforming one hangs in the hand. Contact is
-    hydroelastic: where two boxes meet, a single point of contact lets one turn into the other.
+    The weight of a rigid object is compensated; a deforming one hangs in the hand. Contact is
+    hydroelastic: with a single point of contact between two boxes, one can turn into the other.
 
     Returns:
         The finalized plant, its scene graph, and the driven body.
@@ -60,18 +61,12 @@ def AddTaskPlant(
         discrete_contact_approximation="lagged",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    scene_config = SceneGraphConfig()
-    properties = scene_config.default_proximity_properties
-    properties.compliance_type = "compliant"
-    properties.hydroelastic_modulus = _MODULUS
-    properties.resolution_hint = _RESOLUTION
-    scene_config.default_proximity_properties = properties
-    scene_graph.set_config(scene_config)
+    properties = DefaultProximityProperties(
+        compliance_type="compliant", hydroelastic_modulus=_MODULUS, resolution_hint=_RESOLUTION
+    )
+    scene_graph.set_config(SceneGraphConfig(default_proximity_properties=properties))
     parser = Parser(plant)
-    for fixture in task.fixtures:
-        (instance,) = parser.AddModels(str(MODELS / fixture.file))
-        frame = plant.GetBodyByName(fixture.link, instance).body_frame()
-        plant.WeldFrames(plant.world_frame(), frame, RigidTransform(np.array(fixture.position)))
+    AddFixtures(plant, parser, task)
     (instance,) = parser.AddModels(str(MODELS / task.object_file))
     if task.rigid:
         plant.set_gravity_enabled(instance, False)
@@ -79,37 +74,63 @@ def AddTaskPlant(
     return plant, scene_graph, plant.get_body(plant.GetBodyIndices(instance)[0])
 
 
+def AddFixtures(plant: MultibodyPlant, parser: Parser, task: ControlTask) -> None:
+    """Adds the task's fixtures, welded to the world."""
+    for fixture in task.fixtures:
+        (instance,) = parser.AddModels(str(MODELS / fixture.file))
+        frame = plant.GetBodyByName(fixture.link, instance).body_frame()
+        plant.WeldFrames(plant.world_frame(), frame, RigidTransform(np.array(fixture.position)))
+
+
+def PlaceModel(
+    plant: MultibodyPlant, context: Context, body: RigidBody, X_WO: np.ndarray, shape: np.ndarray
+) -> None:
+    """Sets the positions of a free-floating model.
+
+    Args:
+        plant: The plant.
+        context: Its context.
+        body: The model's first body.
+        X_WO: (4, 4) pose of that body.
+        shape: Positions of the model's joints.
+    """
+    q = plant.GetPositions(context, body.model_instance())
+    q[7:] = shape
+    plant.SetPositions(context, body.model_instance(), q)
+    plant.SetFreeBodyPose(context, body, RigidTransform(X_WO))
+
+
 class Arena:
-    """A diagram of plant, policy, hand, observer and contact monitor."""
+    """A diagram of plant, policy, hand, observer and contact monitor.
+
+    Attributes:
+        task: The task.
+        diagram: The diagram.
+
+    Args:
+        task: The object, the scene and the demonstration.
+        policy: The controller.
+        intended_contact: See `ContactMonitor`.
+        tracker: Tracks the points for the policy; without one it observes the true points.
+    """
 
     def __init__(
         self,
         task: ControlTask,
         policy: Policy,
         *,
-        config: ArenaConfig | None = None,
         intended_contact: np.ndarray | None = None,
         tracker: DelayedTracking | None = None,
     ):
-        """Builds the diagram.
-
-        Args:
-            task: What is moved where.
-            policy: Who moves it.
-            config: The physics.
-            intended_contact: See `ContactMonitor`.
-            tracker: What stands between the true points and the policy; None shows it the truth.
-        """
-        config = config or ArenaConfig()
+        config = ArenaConfig()
         self.task, self._tracker = task, tracker
         builder = DiagramBuilder()
-        self.plant, self._scene_graph, self.body = AddTaskPlant(builder, task, config.time_step)
-        plant, n = self.plant, len(task.link_points)
-        instance = self.body.model_instance()
+        self._plant, scene_graph, self._body = AddTaskPlant(builder, task, config.time_step)
+        plant, n, model = self._plant, len(task.link_points), self._body.model_instance()
         self._observer = PointObserver(
             plant=plant,
-            body=self.body,
-            carriers=[plant.GetBodyByName(name, instance) for name in task.carriers],
+            body=self._body,
+            carriers=[plant.GetBodyByName(name, model) for name in task.carriers],
             p_BP=task.link_points,
         )
         self._policy = PolicySystem(
@@ -118,62 +139,52 @@ class Arena:
             max_angular_speed=config.max_angular_speed,
             max_linear_speed=config.max_linear_speed,
         )
-        self._hand = DirectActuation(plant=plant, body=self.body, config=config.actuation)
+        self._hand = DirectActuation(plant=plant, body=self._body, config=config.actuation)
         self._monitor = ContactMonitor(
-            plant=plant, body=self.body, num_points=n, intended=intended_contact
+            plant=plant, body=self._body, num_points=n, intended=intended_contact
         )
-        self._connect(builder)
-        builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
-        self.diagram: Diagram = builder.Build()
-
-    def _connect(self, builder: DiagramBuilder) -> None:
-        """Adds the systems and connects each of their inputs to the output of the same name."""
         systems = [self._observer, self._policy, self._hand, self._monitor]
         for system in systems:
             builder.AddSystem(system)
-        sources = _outputs(*systems)
-        sources |= {
-            "body_poses": self.plant.get_body_poses_output_port(),
-            "body_spatial_velocities": self.plant.get_body_spatial_velocities_output_port(),
-            "contact_results": self.plant.get_contact_results_output_port(),
-            "query_object": self._scene_graph.get_query_output_port(),
+        sources = _outputs(*systems) | {
+            "body_poses": plant.get_body_poses_output_port(),
+            "body_spatial_velocities": plant.get_body_spatial_velocities_output_port(),
+            "contact_results": plant.get_contact_results_output_port(),
+            "query_object": scene_graph.get_query_output_port(),
         }
-        seen = dict(sources)
-        if self._tracker is not None:
-            builder.AddSystem(self._tracker)
-            _connect(builder, self._tracker, sources)
-            seen |= _outputs(self._tracker)
+        observed = sources
+        if tracker is not None:
+            builder.AddSystem(tracker)
+            _connect(builder, tracker, sources)
+            observed = sources | _outputs(tracker)
         for system in systems:
-            _connect(builder, system, seen if system is self._policy else sources)
+            _connect(builder, system, observed if system is self._policy else sources)
         builder.Connect(
             self._hand.GetOutputPort("applied_spatial_force"),
-            self.plant.get_applied_spatial_force_input_port(),
+            plant.get_applied_spatial_force_input_port(),
         )
+        builder.ExportOutput(scene_graph.get_query_output_port(), "query_object")
+        self.diagram: Diagram = builder.Build()
 
     def points(self, context: Context) -> np.ndarray:
-        """Returns where the points truly are, (N, 3) [m, world]."""
-        own = self._observer.GetMyContextFromRoot(context)
-        return self._observer.GetOutputPort("points").Eval(own).reshape(-1, 3)
+        """Returns the true points, (N, 3) [m, world]."""
+        return _evaluate(self._observer, "points", context).reshape(-1, 3)
 
     def pose(self, context: Context) -> np.ndarray:
         """Returns X_WO (4, 4) of the driven body."""
-        own = self._observer.GetMyContextFromRoot(context)
-        return self._observer.GetOutputPort("object_pose").Eval(own).reshape(4, 4)
+        return _evaluate(self._observer, "object_pose", context).reshape(4, 4)
 
     def contact(self, context: Context) -> tuple[float, float]:
         """Returns impulse [N s] and deepest penetration [m] so far."""
-        own = self._monitor.GetMyContextFromRoot(context)
-        impulse, depth = (
-            float(self._monitor.GetOutputPort(name).Eval(own)[0]) for name in ("impulse", "depth")
-        )
-        return impulse, depth
+        impulse, depth = (_evaluate(self._monitor, name, context) for name in ("impulse", "depth"))
+        return float(impulse[0]), float(depth[0])
 
     def policy_state(self, context: Context) -> object:
         """Returns the policy's state."""
         return self._policy.GetPolicyState(self._policy.GetMyContextFromRoot(context))
 
     def SetSlip(self, context: Context, slip: Slip) -> None:
-        """Says how the object will slip in the hand."""
+        """Sets how the object will slip in the hand."""
         self._hand.SetSlip(self._hand.GetMyMutableContextFromRoot(context), slip)
 
     def SetNoiseSeed(self, context: Context, seed: int) -> None:
@@ -182,53 +193,40 @@ class Arena:
             self._tracker.SetSeed(self._tracker.GetMyMutableContextFromRoot(context), seed)
 
     def place(self, context: Context, X_WO: np.ndarray, shape: np.ndarray) -> None:
-        """Puts the object somewhere, at rest.
-
-        Args:
-            context: The diagram's.
-            X_WO: (4, 4) pose of the driven body.
-            shape: Positions of the object's joints besides that pose.
-        """
-        plant_context = self.plant.GetMyMutableContextFromRoot(context)
-        instance = self.body.model_instance()
-        q = self.plant.GetPositions(plant_context, instance)
-        q[7:] = shape
-        self.plant.SetPositions(plant_context, instance, q)
-        self.plant.SetFreeBodyPose(plant_context, self.body, RigidTransform(X_WO))
+        """Places the object at rest; see `PlaceModel`, but for the diagram's context."""
+        plant_context = self._plant.GetMyMutableContextFromRoot(context)
+        PlaceModel(self._plant, plant_context, self._body, X_WO, shape)
 
     def shape(self, context: Context) -> np.ndarray:
-        """Returns the positions of the object's joints besides its pose."""
-        plant_context = self.plant.GetMyContextFromRoot(context)
-        return self.plant.GetPositions(plant_context, self.body.model_instance())[7:]
+        """Returns the positions of the object's joints, without its pose."""
+        plant_context = self._plant.GetMyContextFromRoot(context)
+        return self._plant.GetPositions(plant_context, self._body.model_instance())[7:]
 
     def clearance(self, context: Context, reach: float) -> dict[str, float]:
         """Returns the distance of the object to each fixture that is within `reach` [m]."""
         query = self.diagram.GetOutputPort("query_object").Eval(context)
         inspector = query.inspector()
-        own = self.body.model_instance()
-        found: dict[str, float] = {}
+        distances: dict[str, float] = {}
         for pair in query.ComputeSignedDistancePairwiseClosestPoints(reach):
-            bodies = [
-                self.plant.GetBodyFromFrameId(inspector.GetFrameId(g))
-                for g in (pair.id_A, pair.id_B)
-            ]
-            others = [body for body in bodies if body.model_instance() != own]
-            if len(others) != 1:
-                continue
-            name = self.plant.GetModelInstanceName(others[0].model_instance())
-            found[name] = min(found.get(name, reach), pair.distance)
-        return found
+            frames = [inspector.GetFrameId(geometry) for geometry in (pair.id_A, pair.id_B)]
+            models = [self._plant.GetBodyFromFrameId(frame).model_instance() for frame in frames]
+            others = [model for model in models if model != self._body.model_instance()]
+            if len(others) == 1:
+                name = self._plant.GetModelInstanceName(others[0])
+                distances[name] = min(distances.get(name, reach), pair.distance)
+        return distances
 
 
-def _outputs(*systems: LeafSystem) -> dict:
-    return {
-        system.get_output_port(k).get_name(): system.get_output_port(k)
-        for system in systems
-        for k in range(system.num_output_ports())
-    }
+def _evaluate(system: LeafSystem, port: str, context: Context) -> np.ndarray:
+    return system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(context))
 
 
-def _connect(builder: DiagramBuilder, system: LeafSystem, sources: dict) -> None:
+def _outputs(*systems: LeafSystem) -> dict[str, OutputPort]:
+    ports = [s.get_output_port(k) for s in systems for k in range(s.num_output_ports())]
+    return {port.get_name(): port for port in ports}
+
+
+def _connect(builder: DiagramBuilder, system: LeafSystem, sources: dict[str, OutputPort]) -> None:
     """Connects each input port to the output port of the same name."""
     for k in range(system.num_input_ports()):
         port = system.get_input_port(k)

@@ -1,4 +1,4 @@
-"""A point tracker that is slow, late and noisy, carried along with the hand in between."""
+"""A slow, delayed and noisy point tracker whose points follow the hand between its results."""
 
 import math
 from dataclasses import dataclass
@@ -6,21 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.systems.propagation.motion_history import empty_history, motion_at, record_motion
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingConfig:
-    """How good the tracker is.
+    """The quality of the tracker.
 
     Attributes:
-        period: Between two captures [s].
-        latency: From a capture until its result is there [s]; rounded up to the control period, and
-            shorter than `period`.
+        period: Time between two captures [s].
+        latency: Time from a capture to its result [s], shorter than `period`; rounded up to the
+            control period.
         noise: Standard deviation of each coordinate [m].
-        control_period: Of the propagation [s].
+        control_period: Period of the propagation [s].
     """
 
     period: float = 1 / 8
@@ -28,16 +26,9 @@ class TrackingConfig:
     noise: float = 0.003
     control_period: float = 1 / 64
 
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.latency < self.period:
-            raise InvalidValueError(
-                f"TrackingConfig.latency is {self.latency} s, the period {self.period} s.",
-                remedy="Pass a latency that is not negative and shorter than the period.",
-            )
-
 
 class DelayedTracking(LeafSystem):
-    """Shows the points as a tracker would, brought up to now by the hand's motion.
+    """Tracks points like a real tracker, and propagates them to now with the hand's motion.
 
     .. pydrake_system::
 
@@ -49,35 +40,31 @@ class DelayedTracking(LeafSystem):
         - points
         - confidence
 
-    Inputs: the true `points` (3N,) row-major [m, world] and `hand_pose` (16,) X_WH row-major, which
-    is what forward kinematics says. Outputs are discrete state: `points` (3N,), NaN before the
-    first result; `confidence` (N,), zero until then, one after that. The propagation is that of
-    `FkPropagator`: points captured at t_c are at X_WH(t) X_WH(t_c)^-1 p(t_c), so a slip in the hand
-    shows with the tracker's delay only.
+    Inputs: the true `points` (3N,) row-major [m, world] and `hand_pose` (16,) X_WH row-major, as
+    forward kinematics gives it. Outputs are discrete state: `points` (3N,), NaN before the first
+    result; `confidence` (N,), zero before the first result, one after it. The propagation is that
+    of `FkPropagator`: points captured at t_c are at X_WH(t) X_WH(t_c)^-1 p(t_c), so a slip in the
+    hand shows with the tracker's delay only.
 
     The parameter of index 0 (1,) seeds the noise.
+
+    Args:
+        num_points: N, number of points.
+        config: Rate, latency, noise.
     """
 
-    def __init__(self, *, num_points: int, config: TrackingConfig | None = None):
-        """Constructs the tracker.
-
-        Args:
-            num_points: N.
-            config: Rate, latency, noise.
-        """
+    def __init__(self, *, num_points: int, config: TrackingConfig):
         super().__init__()
-        self._config = c = config or TrackingConfig()
+        self._config = c = config
         n = 3 * num_points
         self._points = self.DeclareVectorInputPort("points", n)
         self._hand = self.DeclareVectorInputPort("hand_pose", 16)
-        history = empty_history(c.period + c.latency, c.control_period)
         initial = {
             "points": np.full(n, np.nan),
             "confidence": np.zeros(num_points),
-            # Captured, and not yet there; then the same with the hand's motion undone.
+            # The last capture and the last result, both in the frame of the hand at the capture.
             "captured": np.full(n, np.nan),
             "track": np.full(n, np.nan),
-            "history": history.ravel(),
         }
         self._state = {name: self.DeclareDiscreteState(value) for name, value in initial.items()}
         for name in ("points", "confidence"):
@@ -95,21 +82,16 @@ class DelayedTracking(LeafSystem):
         def state(name: str) -> np.ndarray:
             return discrete_state.get_mutable_value(self._state[name])
 
-        c, time = self._config, context.get_time()
-        tick = round(time / c.control_period)
+        c = self._config
+        tick = round(context.get_time() / c.control_period)
         X_WH = self._hand.Eval(context).reshape(4, 4)
-        history = state("history").reshape(-1, 17)
-        record_motion(history, time, X_WH, c.control_period)
-        since = (tick - self._delay) % self._ticks
-        if since == 0 and tick >= self._delay:
-            then = motion_at(history, time - self._delay * c.control_period, c.control_period)
-            if then is not None:
-                captured = state("captured").reshape(-1, 3)
-                state("track")[:] = transform_points(inverse(then), captured).ravel()
-                state("confidence")[:] = 1.0
+        if tick >= self._delay and (tick - self._delay) % self._ticks == 0:
+            state("track")[:] = state("captured")
+            state("confidence")[:] = 1.0
         if tick % self._ticks == 0:
             seed = int(context.get_numeric_parameter(self._seed).value()[0])
             rng = np.random.default_rng([seed, tick])
             true = self._points.Eval(context)
-            state("captured")[:] = true + c.noise * rng.standard_normal(true.size)
+            points = true + c.noise * rng.standard_normal(true.size)
+            state("captured")[:] = transform_points(inverse(X_WH), points.reshape(-1, 3)).ravel()
         state("points")[:] = transform_points(X_WH, state("track").reshape(-1, 3)).ravel()

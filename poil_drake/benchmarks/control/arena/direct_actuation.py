@@ -1,4 +1,4 @@
-"""Drives an object by itself, as if by a hand of limited strength, along a commanded twist."""
+"""Moves an object without an arm, as if by a hand of limited strength, along a commanded twist."""
 
 import math
 from dataclasses import dataclass
@@ -13,19 +13,18 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from poil_drake.control.field.twist_fit import shift_twist
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActuationConfig:
-    """How strong and how stiff the hand is.
+    """Strength and stiffness of the hand.
 
     Attributes:
-        gain: The object takes on the commanded velocity at this rate [1/s]. At 1/128 s a step it
-            must stay well below 128 / s.
-        max_force: Largest force besides that which carries the weight [N]; what blocks the object
-            with more than this stops it.
+        gain: Rate at which the object takes on the commanded velocity [1/s]. With a time step of
+            1/128 s it must stay well below 128 / s.
+        max_force: Largest force in addition to the weight [N]; an obstacle that resists it stops
+            the object.
         max_torque: Largest torque [N m].
     """
 
@@ -35,13 +34,13 @@ class ActuationConfig:
 
 
 class Slip(NamedTuple):
-    """How an object slips in the hand: evenly, over a short time.
+    """How an object slips in the hand: at constant speed, over a short time.
 
     Attributes:
         start: When it begins [s]; infinite for never.
-        duration: How long it lasts [s].
-        shift: (3,) how far the object moves relative to the hand [m, object frame].
-        turn: (3,) how far it turns, as a rotation vector [rad, object frame].
+        duration: Its duration [s].
+        shift: (3,) shift of the object relative to the hand [m, object frame].
+        turn: (3,) rotation vector of the object relative to the hand [rad, object frame].
     """
 
     start: float
@@ -50,38 +49,38 @@ class Slip(NamedTuple):
     turn: np.ndarray
 
     def share(self, time: float) -> float:
-        """Returns which part of the slip has happened at a time [s], in [0, 1]."""
+        """Returns the share of the slip that has happened at a time [s], in [0, 1]."""
         return float(np.clip((time - self.start) / self.duration, 0.0, 1.0))
-
-    def flat(self) -> np.ndarray:
-        """Returns the numbers in one row (8,)."""
-        return np.array([self.start, self.duration, *self.shift, *self.turn])
 
 
 NO_SLIP = Slip(np.inf, 1.0, np.zeros(3), np.zeros(3))
 
 
 def servo_wrench(
-    wanted: np.ndarray, measured: np.ndarray, mass: float, inertia: np.ndarray, c: ActuationConfig
+    commanded: np.ndarray,
+    measured: np.ndarray,
+    mass: float,
+    inertia: np.ndarray,
+    c: ActuationConfig,
 ) -> np.ndarray:
-    """Returns the bounded wrench (6,) [N m, N] that turns one velocity into another.
+    """Returns the bounded wrench (6,) [N m, N] that drives a measured velocity to a commanded one.
 
     Args:
-        wanted: (6,) (omega [rad/s], v [m/s]) of the centre of mass, world.
-        measured: (6,) the same, as it is.
+        commanded: (6,) (omega [rad/s], v [m/s]) of the centre of mass, world.
+        measured: (6,) the same.
         mass: [kg].
         inertia: (3, 3) about the centre of mass [kg m^2, world].
-        c: Gain and limits. A wrench beyond them keeps its direction.
+        c: Gain and limits. A torque or force beyond its limit keeps its direction.
     """
-    missing = c.gain * (wanted - measured)
-    torque, force = inertia @ missing[:3], mass * missing[3:]
+    acceleration = c.gain * (commanded - measured)
+    torque, force = inertia @ acceleration[:3], mass * acceleration[3:]
     torque *= min(1.0, c.max_torque / max(math.hypot(*torque), 1e-12))
     force *= min(1.0, c.max_force / max(math.hypot(*force), 1e-12))
     return np.concatenate([torque, force])
 
 
 class DirectActuation(LeafSystem):
-    """Moves a body with a bounded wrench; what stands in its way really stops it.
+    """Moves a body with a bounded wrench, so that obstacles stop it.
 
     .. pydrake_system::
 
@@ -95,33 +94,25 @@ class DirectActuation(LeafSystem):
         - applied_spatial_force
         - hand_pose
 
-    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of the place `point` (3,) [m, world]; NaN counts
-    as standing still. The others are the plant's. Outputs, both functions of the inputs and time:
+    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of `point` (3,) [m, world]; the other inputs are
+    the plant's. Outputs, both functions of the inputs and time:
 
-    - `applied_spatial_force`: a list with one force at the object's centre of mass, what
-      `servo_wrench` says plus what carries the weight.
+    - `applied_spatial_force`: a list with one force at the object's centre of mass, that of
+      `servo_wrench` and the one that carries the weight.
     - `hand_pose` (16,): X_WH row-major of the hand, a frame that coincides with the driven body
       until the object slips.
 
-    The parameter of index 0 (8,) is a `Slip`, by default none.
+    The abstract parameter of index 0 is a `Slip`, by default `NO_SLIP`.
+
+    Args:
+        plant: The finalized plant.
+        body: The driven body. The mass and inertia of its whole model instance count.
+        config: Strength and stiffness.
     """
 
-    def __init__(
-        self,
-        *,
-        plant: MultibodyPlant,
-        body: RigidBody,
-        config: ActuationConfig | None = None,
-    ):
-        """Constructs the hand.
-
-        Args:
-            plant: The finalized plant.
-            body: The driven body; its model instance moves as a whole.
-            config: Strength and stiffness.
-        """
+    def __init__(self, *, plant: MultibodyPlant, body: RigidBody, config: ActuationConfig):
         super().__init__()
-        self._config = config or ActuationConfig()
+        self._config = config
         self._body = body.index()
         context = plant.CreateDefaultContext()
         bodies = plant.GetBodyIndices(body.model_instance())
@@ -137,7 +128,7 @@ class DirectActuation(LeafSystem):
         self._velocities = self.DeclareAbstractInputPort(
             "body_spatial_velocities", Value([SpatialVelocity()] * n)
         )
-        self._slip = self.DeclareNumericParameter(BasicVector(NO_SLIP.flat()))
+        self._slip = self.DeclareAbstractParameter(Value(NO_SLIP))
         always = {self.time_ticket(), self._poses.ticket(), self.all_parameters_ticket()}
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
@@ -148,12 +139,11 @@ class DirectActuation(LeafSystem):
         self.DeclareVectorOutputPort("hand_pose", 16, self._calc_hand, always)
 
     def SetSlip(self, context: Context, slip: Slip) -> None:
-        """Says how the object will slip in this system's context."""
-        context.get_mutable_numeric_parameter(self._slip).SetFromVector(slip.flat())
+        """Sets how the object will slip in this system's context."""
+        context.get_mutable_abstract_parameter(self._slip).set_value(slip)
 
     def _get_slip(self, context: Context) -> Slip:
-        values = context.get_numeric_parameter(self._slip).value()
-        return Slip(float(values[0]), float(values[1]), values[2:5], values[5:8])
+        return context.get_abstract_parameter(self._slip).get_value()
 
     def _calc_force(self, context: Context, output: AbstractValue) -> None:
         X_WB = self._poses.Eval(context)[self._body]
@@ -162,12 +152,10 @@ class DirectActuation(LeafSystem):
         p_BoCo = R @ self._center
         measured = velocity.Shift(p_BoCo).get_coeffs()
         twist, point = self._twist.Eval(context), self._point.Eval(context)
-        wanted = np.zeros(6)
-        if all_finite(twist) and all_finite(point):
-            wanted = shift_twist(twist, X_WB.translation() + p_BoCo - point)
-        wanted += self._slipping(context, R, p_BoCo)
+        commanded = shift_twist(twist, X_WB.translation() + p_BoCo - point)
+        commanded += self._slip_velocity(context, R, p_BoCo)
         inertia = R @ self._inertia @ R.T
-        wrench = servo_wrench(wanted, measured, self._mass, inertia, self._config)
+        wrench = servo_wrench(commanded, measured, self._mass, inertia, self._config)
         wrench[5] += self._weight
         applied = ExternallyAppliedSpatialForce()
         applied.body_index = self._body
@@ -175,8 +163,8 @@ class DirectActuation(LeafSystem):
         applied.F_Bq_W = SpatialForce(tau=wrench[:3], f=wrench[3:])
         output.set_value([applied])
 
-    def _slipping(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
-        """Returns how fast the object's centre of mass moves out of the hand (6,), world.
+    def _slip_velocity(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
+        """Returns the velocity (6,) of the object's centre of mass relative to the hand, world.
 
         X_HO = (exp(s turn), s shift) with the share s of the slip, and X_WH at rest.
         """

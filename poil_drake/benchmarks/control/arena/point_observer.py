@@ -1,4 +1,4 @@
-"""Reads out of the simulator where the functional part's points truly are."""
+"""Reads the true points of the functional part from the simulator."""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class PointObserver(LeafSystem):
-    """The ground truth that the study gives to every policy.
+    """The ground truth that every policy of the study observes.
 
     .. pydrake_system::
 
@@ -23,30 +23,20 @@ class PointObserver(LeafSystem):
 
     All outputs follow the plant's `body_poses` directly: `points` (3N,) row-major [m, world],
     `confidence` (N,) all one, `object_pose` (16,) X_WO row-major of the driven body.
+
+    Args:
+        plant: The finalized plant.
+        body: The driven body.
+        carriers: N bodies, one per point: the body that carries it.
+        p_BP: (N, 3) the points in these bodies' frames [m].
     """
 
     def __init__(
-        self,
-        *,
-        plant: MultibodyPlant,
-        body: RigidBody,
-        carriers: list[RigidBody],
-        p_BP: np.ndarray,
+        self, *, plant: MultibodyPlant, body: RigidBody, carriers: list[RigidBody], p_BP: np.ndarray
     ):
-        """Constructs the observer.
-
-        Args:
-            plant: The finalized plant.
-            body: The driven body.
-            carriers: N bodies, that to which each point belongs.
-            p_BP: (N, 3) the points in these bodies' frames [m].
-        """
         super().__init__()
         self._body = body.index()
-        indices = [carrier.index() for carrier in carriers]
-        self._bodies = list(dict.fromkeys(indices))
-        self._groups = [np.flatnonzero([index == one for index in indices]) for one in self._bodies]
-        self._p_BP = p_BP
+        self._points = [(body.index(), p) for body, p in zip(carriers, p_BP, strict=True)]
         poses = [RigidTransform()] * plant.num_bodies()
         self._poses = self.DeclareAbstractInputPort("body_poses", Value(poses))
         ticket = {self._poses.ticket()}
@@ -62,10 +52,7 @@ class PointObserver(LeafSystem):
 
     def _calc_points(self, context: Context, output: BasicVector) -> None:
         poses = self._poses.Eval(context)
-        points = np.empty_like(self._p_BP)
-        for body, members in zip(self._bodies, self._groups, strict=True):
-            points[members] = (poses[body] @ self._p_BP[members].T).T
-        output.SetFromVector(points.ravel())
+        output.SetFromVector(np.concatenate([poses[body] @ p for body, p in self._points]))
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._poses.Eval(context)[self._body].GetAsMatrix4().ravel())

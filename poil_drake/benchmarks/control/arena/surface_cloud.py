@@ -1,7 +1,7 @@
-"""Points on the surfaces of collision geometries: what perfect cameras all around would see."""
+"""Points on the surfaces of collision geometries, as perfect cameras all around would see them."""
 
 import numpy as np
-from pydrake.geometry import Box, Capsule, Cylinder, GeometryId, SceneGraphInspector, Shape, Sphere
+from pydrake.geometry import Box, Capsule, Cylinder, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context
@@ -20,8 +20,8 @@ def ModelCloud(
 
     Args:
         plant: The finalized plant.
-        context: Its context: where the model is.
-        inspector: Of the scene graph.
+        context: Its context.
+        inspector: Inspector of the scene graph.
         model: The model.
         spacing: Distance between neighbouring points [m].
     """
@@ -30,16 +30,9 @@ def ModelCloud(
         body = plant.get_body(index)
         X_WB = plant.EvalBodyPoseInWorld(context, body)
         for geometry in plant.GetCollisionGeometriesForBody(body):
-            clouds.append((X_WB @ _geometry_cloud(inspector, geometry, spacing).T).T)
+            points = shape_surface(inspector.GetShape(geometry), spacing).T
+            clouds.append((X_WB @ (inspector.GetPoseInFrame(geometry) @ points)).T)
     return np.concatenate(clouds)
-
-
-def _geometry_cloud(
-    inspector: SceneGraphInspector, geometry: GeometryId, spacing: float
-) -> np.ndarray:
-    """Returns a geometry's points (P, 3) in its body's frame [m]."""
-    points = shape_surface(inspector.GetShape(geometry), spacing)
-    return (inspector.GetPoseInFrame(geometry) @ points.T).T
 
 
 def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
@@ -50,7 +43,7 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         spacing: Distance between neighbouring points [m].
 
     Raises:
-        InvalidValueError: if it is something else.
+        InvalidValueError: if it is another shape.
     """
     if isinstance(shape, Box):
         return _box(np.array(shape.size()), spacing)
@@ -71,7 +64,7 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         heights = np.concatenate([half + above, side, -half - above])
         return _revolved(radii, heights, spacing)
     raise InvalidValueError(
-        f"There are no surface points for a {type(shape).__name__}.",
+        f"Surface points of a {type(shape).__name__} are not supported.",
         remedy="Use boxes, spheres, cylinders and capsules as collision geometries.",
     )
 
@@ -87,7 +80,7 @@ def _arc(radius: float, begin: float, end: float, spacing: float) -> tuple[np.nd
 
 
 def _revolved(radii: np.ndarray, heights: np.ndarray, spacing: float) -> np.ndarray:
-    """Returns points on the surface that an outline makes when it turns about z."""
+    """Returns points on the surface that an outline sweeps as it rotates about z."""
     rings = []
     for r, z in zip(radii, heights, strict=True):
         angle = np.linspace(0.0, 2 * np.pi, max(_count(2 * np.pi * r, spacing) - 1, 1), False)

@@ -1,4 +1,4 @@
-"""What a task of the control study consists of."""
+"""The parts of a task of the control study."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +10,15 @@ import poil_drake.models
 
 MODELS = Path(poil_drake.models.__file__).parent
 
-Criterion = Literal["center", "points"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Fixture:
-    """Something that stands still.
+    """A static model.
 
     Attributes:
         file: SDFormat file, relative to the package's models.
-        link: Which of its links is welded to the world.
-        position: Where [m, world].
+        link: Name of its link that is welded to the world.
+        position: Position of that link [m, world].
     """
 
     file: str
@@ -30,22 +28,22 @@ class Fixture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTask:
-    """A task: an object, what stands around, and how the one demonstration goes.
+    """A task: an object, the fixtures, and the one demonstration.
 
     Attributes:
-        name: In files and on the command line.
-        title: In tables and pictures; the paper's.
+        name: Name in files and on the command line.
+        title: The paper's name, in tables and pictures.
         object_file: SDFormat file of the object, relative to the package's models.
-        fixtures: What stands around.
-        carriers: N names of the object's links, those that the points belong to.
+        fixtures: The static models.
+        carriers: N names of the object's links, one per point: the link that carries it.
         link_points: (N, 3) the points in these links' frames [m].
-        times: (K,) when the demonstration passes its keyframes [s].
-        keyframes: (K, 4, 4) poses of the object's first link there.
-        criterion: "center": success is the object's frame within 1 cm of the demonstration's end;
-            "points": the mean distance of the points to it is below 1 cm (the paper's).
+        times: (K,) times of the demonstration's keyframes [s].
+        keyframes: (K, 4, 4) poses of the object's first link in them.
+        criterion: The paper's criterion of success. "center": the object's frame is within 1 cm of
+            the demonstration's end; "points": the mean distance of the points to it is below 1 cm.
         far_lower: Corner of the Far region in x and y, from the demonstration's start [m].
         far_upper: The opposite corner [m].
-        rigid: Whether it keeps its shape; the weight of what does not is not compensated.
+        rigid: Whether the object keeps its shape; only then its weight is compensated.
         paper: Success of the paper's rows in percent, (near, far) by row (its table II).
     """
 
@@ -57,7 +55,7 @@ class ControlTask:
     link_points: np.ndarray
     times: np.ndarray
     keyframes: np.ndarray
-    criterion: Criterion
+    criterion: Literal["center", "points"]
     far_lower: tuple[float, float] = (-0.40, -0.40)
     far_upper: tuple[float, float] = (0.40, 0.40)
     rigid: bool = True
@@ -65,12 +63,12 @@ class ControlTask:
 
     @property
     def start(self) -> np.ndarray:
-        """(4, 4) where the demonstration starts [m, world]."""
+        """(4, 4) pose at the start of the demonstration [m, world]."""
         return self.keyframes[0]
 
 
 NEAR_HALF = (0.05, 0.05)
-"""Half the size of the Near region along x and y [m]: where demonstrations are collected."""
+"""Half the size along x and y of the Near region, in which demonstrations are collected [m]."""
 
 SUCCESS_DISTANCE = 0.01
 """The paper's limit for success [m]."""

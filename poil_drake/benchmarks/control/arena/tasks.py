@@ -10,7 +10,6 @@ from poil_drake.benchmarks.control.arena.task import ControlTask, Fixture
 from poil_drake.diagrams.demonstration.hanging_motion import hanging_keyframes
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
 from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.models.bag_sdf import BagParameters, handle_vertices
@@ -21,7 +20,7 @@ POINT_COUNT = 10
 """N_k of the paper."""
 
 _ABOVE_TABLE = 0.005
-"""How far above the table, or a board, objects start and end [m]: nothing is put down."""
+"""Height above the table, or a board, at which objects start and end [m]: none is put down."""
 
 _TABLE = Fixture(file="fixtures/table.sdf", link="table")
 _RACK = Fixture(file="fixtures/rack.sdf", link="stand", position=(0.55, 0.30, 0.0))
@@ -30,21 +29,9 @@ _ROD_DIRECTION = np.array([0.0, -math.cos(math.radians(15)), math.sin(math.radia
 _ROD_BASE = np.array([0.55, 0.30, 0.26])
 
 
-def MakeTask(name: str) -> ControlTask:
-    """Returns a task by name.
-
-    Raises:
-        InvalidValueError: naming those that there are.
-    """
-    if name not in _MAKERS:
-        raise InvalidValueError(
-            f"There is no task '{name}'.", remedy=f"Choose from: {', '.join(_MAKERS)}."
-        )
-    return _make(name)
-
-
 @cache
-def _make(name: str) -> ControlTask:
+def MakeTask(name: str) -> ControlTask:
+    """Returns a task by name, one of `TASKS`."""
     return _MAKERS[name]()
 
 
@@ -86,7 +73,7 @@ def _reshelving() -> ControlTask:
         times=times,
         keyframes=keyframes,
         criterion="center",
-        # From the back wall to before the shelf, between its sides.
+        # From the back wall to the front of the shelf, between its sides.
         far_lower=(-0.50, -0.28),
         far_upper=(0.08, 0.28),
         paper={"pp_1": (71, 31), "pp_50": (100, 57), "ip_1": (4, 3), "ours": (100, 100)},
@@ -100,7 +87,7 @@ def _mug_insertion() -> ControlTask:
     keyframes = keyframes.copy()
     keyframes[:3, 2, 3] += _ABOVE_TABLE
     mug = next(mug for mug in NAMED_MUGS if mug.name == "mug_demo")
-    # Of some of the surface only, or all of them would be its outermost points, in one plane.
+    # A sample of the surface. On all of it, the points farthest apart lie in one plane.
     handle = np.random.default_rng(0).permutation(np.asarray(handle_mesh(mug).vertices))[:60]
     return ControlTask(
         name="mug_insertion",
@@ -161,13 +148,13 @@ TASKS = tuple(_MAKERS)
 def _straight_keyframes(
     durations: Sequence[float], positions: Sequence[Sequence[float] | np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns times (K,) and poses (K, 4, 4) without any turn."""
+    """Returns times (K,) and poses (K, 4, 4) without rotation."""
     poses = [make_transform(np.eye(3), np.array(position)) for position in positions]
     return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
 
 
 def _box_points(size: tuple[float, float, float]) -> np.ndarray:
-    """Returns N points (N, 3) on the surface of a box, far from each other, of no symmetry."""
+    """Returns points (N, 3) on the surface of a box, far from each other, without symmetry."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(-0.5, 0.5, size=(600, 3))
     face = rng.integers(0, 3, size=600)
@@ -177,7 +164,7 @@ def _box_points(size: tuple[float, float, float]) -> np.ndarray:
 
 
 def _strap_points(bag: BagParameters) -> tuple[tuple[str, ...], np.ndarray]:
-    """Returns N links and the points (N, 3) in their frames [m], to both sides along the strap."""
+    """Returns N links and the points (N, 3) in their frames [m], on both sides of the strap."""
     lengths = np.linalg.norm(np.diff(handle_vertices(bag), axis=0), axis=1)
     places = np.linspace(0.5, bag.links - 0.5, POINT_COUNT)
     links = np.minimum(places.astype(int), bag.links - 1)

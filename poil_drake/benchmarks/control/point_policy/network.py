@@ -1,9 +1,8 @@
 """The transformer over point tokens: its weights, and its forward pass in NumPy.
 
-Each point is one token. Its history enters through one linear layer, to which a learnt vector is
-added that says which point it is; pre-norm transformer layers without a mask follow; one linear
-layer gives the point's chunk. Layer norms have no gains of their own, since a linear layer follows
-each.
+Each point is one token. One linear layer reads its history, and a learned vector that identifies
+the point is added. Pre-norm transformer layers without a mask follow, and one linear layer writes
+the point's chunk. Layer norms have no gains, since a linear layer follows each.
 """
 
 import math
@@ -11,69 +10,65 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+
 LAYER_NORM_EPSILON = 1e-5
-EXPANSION = 2
-"""Width of the hidden layer between two attentions, in tokens' lengths."""
+
+_EXPANSION = 2
+"""Width of the hidden layer between two attentions, in lengths of a token."""
 
 Weights = Mapping[str, np.ndarray]
 
 
-def weight_shapes(
-    *, inputs: int, outputs: int, points: int, width: int, layers: int
-) -> dict[str, tuple[int, ...]]:
-    """Returns the name and shape of every weight; ".w" are (outputs, inputs), ".b" biases.
+def weight_shapes(config: PointPolicyConfig, points: int) -> dict[str, tuple[int, ...]]:
+    """Returns the name and shape of every weight for a number of points.
 
-    Args:
-        inputs: Numbers in for each point.
-        outputs: Numbers out for each point.
-        points: N.
-        width: D, length of a token.
-        layers: Transformer layers.
+    Names end in ".w" for matrices (outputs, inputs) and in ".b" for biases.
     """
-    linear = {"embed": (width, inputs)}
-    for k in range(layers):
+    width = config.width
+    linear = {"embed": (width, 3 * config.history)}
+    for k in range(config.layers):
         linear |= {
             f"{k}.attend": (3 * width, width),
             f"{k}.mix": (width, width),
-            f"{k}.up": (EXPANSION * width, width),
-            f"{k}.down": (width, EXPANSION * width),
+            f"{k}.up": (_EXPANSION * width, width),
+            f"{k}.down": (width, _EXPANSION * width),
         }
-    linear["head"] = (outputs, width)
+    linear["head"] = (3 * config.chunk, width)
     shapes: dict[str, tuple[int, ...]] = {"identity": (points, width)}
     for name, shape in linear.items():
         shapes |= {f"{name}.w": shape, f"{name}.b": shape[:1]}
     return shapes
 
 
-def initial_weights(shapes: Mapping[str, tuple[int, ...]], seed: int) -> dict[str, np.ndarray]:
+def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndarray]:
     """Returns the first weights: Glorot's for matrices, zero for biases and the head.
 
-    What a layer adds to the tokens starts small, by the square root of the number of such
-    additions, as in GPT-2 (Radford et al., 2019).
+    The additions of a layer to the tokens start small, divided by the square root of the number of
+    such additions, as in GPT-2 (Radford et al., 2019).
     """
-    rng = np.random.default_rng(seed)
-    additions = sum(name.endswith((".mix.w", ".down.w")) for name in shapes)
+    rng = np.random.default_rng(config.seed)
     weights = {}
-    for name, shape in shapes.items():
+    for name, shape in weight_shapes(config, points).items():
         spread = 0.0
         if name == "identity":
             spread = 1.0
         elif name.endswith(".w") and name != "head.w":
             spread = math.sqrt(2.0 / sum(shape))
             if name.endswith((".mix.w", ".down.w")):
-                spread /= math.sqrt(additions)
+                spread /= math.sqrt(2 * config.layers)
         weights[name] = (spread * rng.standard_normal(shape)).astype(np.float32)
     return weights
 
 
-def forward(weights: Weights, inputs: np.ndarray, heads: int) -> np.ndarray:
-    """Returns the outputs (N, O) for inputs (N, F), float32."""
+def forward(weights: Weights, inputs: np.ndarray, config: PointPolicyConfig) -> np.ndarray:
+    """Returns the outputs (N, 3 K) for inputs (N, 3 H), float32."""
     x = inputs @ weights["embed.w"].T + weights["embed.b"] + weights["identity"]
     points, width = x.shape
-    scale = 1.0 / math.sqrt(width // heads)
-    for k in range(count_layers(weights)):
+    scale = 1.0 / math.sqrt(width // config.heads)
+    for k in range(config.layers):
         attend = _normalized(x) @ weights[f"{k}.attend.w"].T + weights[f"{k}.attend.b"]
-        query, key, value = attend.reshape(points, 3, heads, -1).transpose(1, 2, 0, 3)
+        query, key, value = attend.reshape(points, 3, config.heads, -1).transpose(1, 2, 0, 3)
         logits = np.float32(scale) * (query @ key.transpose(0, 2, 1))
         share = np.exp(logits - logits.max(axis=-1, keepdims=True))
         share /= share.sum(axis=-1, keepdims=True)
@@ -83,11 +78,6 @@ def forward(weights: Weights, inputs: np.ndarray, heads: int) -> np.ndarray:
         hidden = hidden / (1.0 + np.exp(-hidden))
         x = x + hidden @ weights[f"{k}.down.w"].T + weights[f"{k}.down.b"]
     return _normalized(x) @ weights["head.w"].T + weights["head.b"]
-
-
-def count_layers(weights: Mapping[str, object]) -> int:
-    """Returns how many transformer layers the weights make."""
-    return sum(name.endswith(".attend.w") for name in weights)
 
 
 def _normalized(x: np.ndarray) -> np.ndarray:

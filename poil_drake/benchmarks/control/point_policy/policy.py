@@ -11,7 +11,7 @@ from poil_drake.geometry.rigid_transform import rotation_log, transform_points
 
 
 class PointPolicyState(NamedTuple):
-    """What the policy remembers. Nobody writes into the arrays.
+    """The policy's memory.
 
     Attributes:
         history: The latest observations (N, 3) [m, world], oldest first; empty at the start.
@@ -24,13 +24,12 @@ class PointPolicyState(NamedTuple):
 
 
 class PointPolicy:
-    """Moves the points where the average of the latest predictions has them in the next step.
+    """Moves the points to the average of the latest predictions for the next step.
 
-    Before the first observation with every point there is no motion. A point that is not observed
-    later goes with the others as on a rigid body or, with fewer than three of them, stays.
+    It needs every point in every observation.
 
     Args:
-        trained: What to predict with.
+        trained: The network that predicts.
     """
 
     def __init__(self, trained: TrainedPointPolicy):
@@ -45,10 +44,7 @@ class PointPolicy:
         self, state: PointPolicyState, observation: Observation
     ) -> tuple[PointPolicyState, CommandedTwist]:
         """Returns the next state and the twist that reaches the predicted points in one period."""
-        config = self._trained.config
-        points = complete_points(observation, state.history[-1] if state.history else None)
-        if points is None:
-            return state, CommandedTwist(np.zeros(6), np.zeros(3))
+        config, points = self._trained.config, observation.points.copy()
         history = (state.history or (points,) * (config.history - 1))[1 - config.history :]
         history = (*history, points)
         chunk = self._trained.predict(np.stack(history))
@@ -72,29 +68,11 @@ def aggregate_chunks(chunks: tuple[np.ndarray, ...], rate: float) -> np.ndarray:
 
 
 def twist_between(points: np.ndarray, target: np.ndarray, period: float) -> CommandedTwist:
-    """Returns the constant twist that best carries points (N, 3) to a target (N, 3) in a period.
+    """Returns the constant twist that best moves points (N, 3) to a target (N, 3) in a period.
 
-    It is that of the points' centroid, which moves straight.
+    It is the twist at the points' centroid, which moves along a straight line.
     """
     X = kabsch(points, target)
     centroid = points.mean(axis=0)
     v = (transform_points(X, centroid) - centroid) / period
     return CommandedTwist(np.concatenate([rotation_log(X[:3, :3]) / period, v]), centroid)
-
-
-def complete_points(observation: Observation, previous: np.ndarray | None) -> np.ndarray | None:
-    """Returns all points (N, 3), or None where they never were.
-
-    Args:
-        observation: What is seen now.
-        previous: (N, 3) all points in the step before, None if there was none.
-    """
-    seen = np.isfinite(observation.points).all(axis=1) & (observation.confidence > 0.0)
-    if seen.all():
-        return np.array(observation.points, dtype=float)
-    if previous is None:
-        return None
-    if seen.sum() < 3:
-        return previous
-    X = kabsch(previous, observation.points, seen.astype(float))
-    return np.where(seen[:, None], observation.points, transform_points(X, previous))

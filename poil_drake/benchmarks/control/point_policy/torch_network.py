@@ -1,4 +1,4 @@
-"""The forward pass of `network` in torch, through which gradients flow.
+"""The forward pass of `network` in torch, for gradients.
 
 Imports torch: import this module inside functions only.
 """
@@ -8,26 +8,28 @@ from collections.abc import Mapping
 import torch
 from torch.nn import functional
 
-from poil_drake.benchmarks.control.point_policy.network import LAYER_NORM_EPSILON, count_layers
+from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import LAYER_NORM_EPSILON
 
 
-def forward(weights: Mapping[str, torch.Tensor], inputs: torch.Tensor, heads: int) -> torch.Tensor:
-    """Returns the outputs (B, N, O) for inputs (B, N, F)."""
-    x = functional.linear(inputs, weights["embed.w"], weights["embed.b"]) + weights["identity"]
+def forward(
+    weights: Mapping[str, torch.Tensor], inputs: torch.Tensor, config: PointPolicyConfig
+) -> torch.Tensor:
+    """Returns the outputs (B, N, 3 K) for inputs (B, N, 3 H)."""
+
+    def linear(x: torch.Tensor, name: str) -> torch.Tensor:
+        return functional.linear(x, weights[f"{name}.w"], weights[f"{name}.b"])
+
+    x = linear(inputs, "embed") + weights["identity"]
     batch, points, width = x.shape
-    for k in range(count_layers(weights)):
-        attend = functional.linear(
-            _normalized(x), weights[f"{k}.attend.w"], weights[f"{k}.attend.b"]
-        )
-        split = attend.view(batch, points, 3, heads, -1).permute(2, 0, 3, 1, 4)
-        query, key, value = split.unbind(0)
-        mixed = functional.scaled_dot_product_attention(query, key, value)
-        mixed = mixed.transpose(1, 2).reshape(batch, points, width)
-        x = x + functional.linear(mixed, weights[f"{k}.mix.w"], weights[f"{k}.mix.b"])
-        hidden = functional.linear(_normalized(x), weights[f"{k}.up.w"], weights[f"{k}.up.b"])
-        hidden = functional.silu(hidden)
-        x = x + functional.linear(hidden, weights[f"{k}.down.w"], weights[f"{k}.down.b"])
-    return functional.linear(_normalized(x), weights["head.w"], weights["head.b"])
+    for k in range(config.layers):
+        attend = linear(_normalized(x), f"{k}.attend")
+        split = attend.view(batch, points, 3, config.heads, -1).permute(2, 0, 3, 1, 4)
+        mixed = functional.scaled_dot_product_attention(*split.unbind(0))
+        x = x + linear(mixed.transpose(1, 2).reshape(batch, points, width), f"{k}.mix")
+        hidden = functional.silu(linear(_normalized(x), f"{k}.up"))
+        x = x + linear(hidden, f"{k}.down")
+    return linear(_normalized(x), "head")
 
 
 def _normalized(x: torch.Tensor) -> torch.Tensor:

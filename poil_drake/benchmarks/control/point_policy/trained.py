@@ -1,108 +1,78 @@
-"""A trained network and what it needs to predict; a file holds all of it."""
+"""A trained network, and the numbers that it reads and writes."""
 
-import json
-import zipfile
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import BinaryIO
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.point_policy.network import forward, weight_shapes
-from poil_drake.benchmarks.control.point_policy.normalization import Normalization
-from poil_drake.errors import InvalidValueError
+from poil_drake.benchmarks.control.point_policy.network import Weights, forward
+
+_SMALLEST_HALF_RANGE = 1e-3
+"""Lower bound of half the box [m]. Without it, an axis along which the data hardly differ would
+divide by zero, and its noise would be magnified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normalization:
+    """The bounding box of the data, which is mapped to the cube from -1 to 1.
+
+    Past and future positions are absolute and share one box: the smallest and largest coordinates
+    of all points in all demonstrations, as published. The published cube goes from 0 to 1. Linear
+    layers with biases read and write the numbers, so both represent the same functions, and with
+    -1 to 1 training starts in the middle of the data.
+
+    Attributes:
+        lower: (3,) smallest coordinates in the data [m, world].
+        upper: (3,) largest coordinates in the data [m, world].
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @classmethod
+    def of(cls, demonstrations: Sequence[np.ndarray]) -> Self:
+        """Returns the bounding box of demonstrations (T_i, N, 3)."""
+        positions = np.concatenate(demonstrations)
+        return cls(positions.min(axis=(0, 1)), positions.max(axis=(0, 1)))
+
+    def numbers(self, positions: np.ndarray) -> np.ndarray:
+        """Returns positions (..., L, N, 3) [m, world] as numbers (..., N, 3 L), float32."""
+        numbers = (positions - self._center()) / self._half_range()
+        per_point = np.swapaxes(numbers, -3, -2)
+        return per_point.reshape(*per_point.shape[:-2], -1).astype(np.float32)
+
+    def positions(self, numbers: np.ndarray) -> np.ndarray:
+        """Returns the positions (L, N, 3) [m, world] that numbers (N, 3 L) stand for."""
+        in_cube = numbers.reshape(len(numbers), -1, 3).swapaxes(0, 1)
+        return self._center() + self._half_range() * in_cube
+
+    def _center(self) -> np.ndarray:
+        return 0.5 * (self.lower + self.upper)
+
+    def _half_range(self) -> np.ndarray:
+        return np.maximum(0.5 * (self.upper - self.lower), _SMALLEST_HALF_RANGE)
 
 
 @dataclass(frozen=True, eq=False)
 class TrainedPointPolicy:
-    """Predicts where points go.
+    """Predicts the motion of points.
 
     Attributes:
         config: How it was trained.
-        normalization: Statistics of the demonstrations.
-        weights: Of `network.forward`, float32.
-        losses: (L,) mean of the loss over equal stretches of the training, first to last.
+        normalization: Bounding box of the demonstrations.
+        weights: Weights of `network.forward`, float32.
     """
 
     config: PointPolicyConfig
     normalization: Normalization
-    weights: Mapping[str, np.ndarray]
-    losses: np.ndarray
-
-    def __post_init__(self) -> None:
-        shapes = network_shapes(self.config, self.points)
-        found = {name: values.shape for name, values in self.weights.items()}
-        if found != shapes or not all(np.isfinite(w).all() for w in self.weights.values()):
-            raise InvalidValueError(
-                "The weights of Point Policy are not those of its settings, or not finite.",
-                remedy="Train it again.",
-            )
-
-    @property
-    def points(self) -> int:
-        """How many points it was trained on."""
-        return len(self.weights["identity"])
+    weights: Weights
 
     def predict(self, history: np.ndarray) -> np.ndarray:
         """Returns the next positions (K, N, 3) after a history (H, N, 3), oldest first [m, world].
 
-        Raises:
-            InvalidValueError: if the history has another shape.
+        H and N are those of the training.
         """
-        wanted = (self.config.history, self.points, 3)
-        if history.shape != wanted:
-            raise InvalidValueError(
-                f"The history has shape {history.shape}, but {wanted} was trained.",
-                remedy="Pass as many observations of the same points.",
-            )
-        outputs = forward(self.weights, self.normalization.inputs(history), self.config.heads)
+        outputs = forward(self.weights, self.normalization.numbers(history), self.config)
         return self.normalization.positions(outputs)
-
-    def save(self, file: BinaryIO) -> None:
-        """Writes an .npz, without pickles."""
-        arrays = {f"weights/{name}": values for name, values in self.weights.items()}
-        arrays |= {f"normalization/{k}": v for k, v in vars(self.normalization).items()}
-        arrays |= {"config": np.array(json.dumps(asdict(self.config))), "losses": self.losses}
-        np.savez(file, allow_pickle=False, **arrays)
-
-    @classmethod
-    def load(cls, path: Path) -> "TrainedPointPolicy":
-        """Returns what `save` wrote.
-
-        Raises:
-            InvalidValueError: if the file is damaged or incomplete.
-            FileNotFoundError: if there is none.
-        """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            return cls(
-                PointPolicyConfig(**json.loads(str(arrays["config"]))),
-                Normalization(**_group(arrays, "normalization/")),
-                _group(arrays, "weights/"),
-                arrays["losses"],
-            )
-        except FileNotFoundError:
-            raise
-        except (OSError, EOFError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
-            raise InvalidValueError(
-                f"{path} is not a trained Point Policy: {error}.", remedy="Train it again."
-            ) from error
-
-
-def network_shapes(config: PointPolicyConfig, points: int) -> dict[str, tuple[int, ...]]:
-    """Returns the shapes of the weights for some number of points."""
-    return weight_shapes(
-        inputs=3 * config.history,
-        outputs=3 * config.chunk,
-        points=points,
-        width=config.width,
-        layers=config.layers,
-    )
-
-
-def _group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
-    """Returns the arrays whose names start with a prefix, by the rest of their names."""
-    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}

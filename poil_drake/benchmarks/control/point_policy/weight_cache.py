@@ -1,61 +1,60 @@
-"""Trained policies kept by what they were trained on."""
+"""Trained policies, cached by their demonstrations and settings."""
 
 import hashlib
 import json
-import sys
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.trained import Normalization, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.training import train_point_policy
 from poil_drake.errors import InvalidValueError
-from poil_drake.runtime.output_files import whole_file
-from poil_drake.runtime.user_cache import user_cache_directory
+from poil_drake.runtime.user_cache import cached_directory
 
-TRAINING_VERSION = 2
-"""Goes up when the same data and settings give other weights."""
+TRAINING_VERSION = 3
+"""To be increased when the same data and settings give other weights or another file."""
 
 
 def load_or_train(
-    demonstrations: Sequence[np.ndarray],
-    config: PointPolicyConfig | None = None,
-    cache_dir: Path | None = None,
+    demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> TrainedPointPolicy:
-    """Returns the policy trained on these demonstrations, from the cache where it is there.
+    """Returns the policy trained on these demonstrations, from the user's cache if it is there.
 
-    A file appears whole or not at all, so that processes may train the same policy at one time. A
-    damaged one is replaced, with a note on stderr.
+    Several processes may train the same policy at the same time.
 
     Args:
         demonstrations: As `train_point_policy` takes them.
-        config: Parameters, None for the defaults.
-        cache_dir: Where the files are, None for "point_policy" in the user's cache.
+        config: Settings of network and training.
 
     Raises:
-        InvalidValueError: if there is no demonstration, shapes disagree or a number is not finite.
+        InvalidValueError: if the file in the cache is damaged.
     """
-    config = config or PointPolicyConfig()
-    folder = cache_dir or user_cache_directory() / "point_policy"
-    path = folder / f"{training_key(demonstrations, config)}.npz"
+
+    def train(folder: Path) -> None:
+        trained = train_point_policy(demonstrations, config)
+        arrays = {**vars(trained.normalization), **trained.weights}
+        np.savez(folder / "policy.npz", allow_pickle=False, **arrays)
+
+    version = training_key(demonstrations, config)
+    path = cached_directory(name="point_policy", version=version, make=train) / "policy.npz"
     try:
-        return TrainedPointPolicy.load(path)
-    except FileNotFoundError:
-        pass
-    except InvalidValueError as error:
-        tqdm.write(f"note: {error.problem} Training it again.", file=sys.stderr)
-    trained = train_point_policy(demonstrations, config)
-    with whole_file(path) as file:
-        trained.save(file)
-    return trained
+        with np.load(path) as file:
+            weights = dict(file)
+        normalization = Normalization(weights.pop("lower"), weights.pop("upper"))
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise InvalidValueError(
+            f"The trained policy {path} is damaged: {error}.",
+            remedy="Delete its folder; the next study trains it again.",
+        ) from error
+    return TrainedPointPolicy(config, normalization, weights)
 
 
 def training_key(demonstrations: Sequence[np.ndarray], config: PointPolicyConfig) -> str:
-    """Returns what tells apart policies by their data and settings: 32 hexadecimal digits."""
+    """Returns a hash of demonstrations and settings: 32 hexadecimal digits."""
     digest = hashlib.sha256()
     settings = {"version": TRAINING_VERSION, **asdict(config)}
     digest.update(json.dumps(settings, sort_keys=True).encode())

@@ -1,99 +1,62 @@
-"""Demonstrations cut into what the network sees and what it shall predict."""
+"""Demonstrations cut into windows: the network's inputs and the positions to predict."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
+from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """Samples to train on.
-
-    Attributes:
-        histories: (S, H, N, 3) observations, oldest first, the last one current [m, world].
-        futures: (S, K, N, 3) the positions that followed [m, world].
-    """
-
-    histories: np.ndarray
-    futures: np.ndarray
-
-
 def cut_windows(
-    demonstrations: Sequence[np.ndarray], *, history: int, chunk: int, rest: int
-) -> Windows:
+    demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns one window for each sample of each demonstration, samples at rest included.
 
-    Before the first sample, the first is repeated, as the policy does before its history is full;
-    behind the last, the last.
+    Before the first sample the first is repeated, as the policy does before its history is full;
+    after the last sample the last is repeated.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], the same N points in all.
-        history: H, observations in a window.
-        chunk: K, positions to predict.
-        rest: Samples at rest appended to each demonstration.
+        config: Lengths of history, chunk and rest.
 
-    Raises:
-        InvalidValueError: if there is no demonstration, shapes disagree or a number is not finite.
+    Returns:
+        histories: (S, H, N, 3) observations, oldest first, the last one current [m, world].
+        futures: (S, K, N, 3) the positions that followed [m, world].
     """
-    if not demonstrations:
-        raise InvalidValueError(
-            "Point Policy got no demonstration.", remedy="Pass one or more, each (T, N, 3)."
-        )
-    points = demonstrations[0].shape[1:2]
     histories, futures = [], []
-    for k, demonstration in enumerate(demonstrations):
-        if demonstration.ndim != 3 or demonstration.shape[1:] != (*points, 3):
-            raise InvalidValueError(
-                f"Demonstration {k} has shape {demonstration.shape}.",
-                remedy="Pass (T, N, 3), the same N points in all demonstrations.",
-            )
-        if len(demonstration) < 2 or not np.isfinite(demonstration).all():
-            raise InvalidValueError(
-                f"Demonstration {k} has {len(demonstration)} samples, or numbers that are not "
-                "finite.",
-                remedy="Pass 2 samples or more with every point in each.",
-            )
-        now = np.arange(len(demonstration) + rest)[:, None]
+    for demonstration in demonstrations:
+        now = np.arange(len(demonstration) + config.rest)[:, None]
         last = len(demonstration) - 1
-        histories.append(demonstration[np.clip(now + np.arange(1 - history, 1), 0, last)])
-        futures.append(demonstration[np.clip(now + np.arange(1, chunk + 1), 0, last)])
-    return Windows(np.concatenate(histories), np.concatenate(futures))
+        past, future = np.arange(1 - config.history, 1), np.arange(1, config.chunk + 1)
+        histories.append(demonstration[np.clip(now + past, 0, last)])
+        futures.append(demonstration[np.clip(now + future, 0, last)])
+    return np.concatenate(histories), np.concatenate(futures)
 
 
 def perturb_histories(
-    histories: np.ndarray,
-    *,
-    translation_noise: float,
-    rotation_noise: float,
-    halt_probability: float,
-    rng: np.random.Generator,
+    histories: np.ndarray, config: PointPolicyConfig, rng: np.random.Generator
 ) -> np.ndarray:
     """Returns histories (B, H, N, 3) [m] as if the motion so far had strayed or stopped.
 
-    The current observation and the one before the oldest are shifted, and turned about their
-    centroids, at random and independently, those in between by interpolation: both where the points
-    are and how they got there are off. Some seem to have been where they are all the time. As the
-    futures stay, the network learns to return and to go on.
+    The current observation and the one before the oldest are shifted, and rotated about their
+    centroids, at random and independently; those in between by interpolation. So both the points
+    and their recent motion are off. In some histories the points seem to have stood still. Since
+    the futures stay the same, the network learns to return and to go on.
 
     Args:
         histories: (B, H, N, 3) [m], oldest first.
-        translation_noise: Standard deviation of the shift along each axis [m].
-        rotation_noise: Standard deviation of the turn about each axis [rad].
-        halt_probability: Of a history that stood still.
-        rng: Where chance comes from.
+        config: Noise and probability of a halt.
+        rng: Source of the noise.
     """
     batch, length = histories.shape[:2]
     blend = (np.arange(length)[:, None] + 1.0) / length
     oldest, current = rng.standard_normal((2, batch, 1, 6))
-    strayed = (1.0 - blend) * oldest + blend * current
-    R = rotation_exp(rotation_noise * strayed[..., :3])
+    noise = (1.0 - blend) * oldest + blend * current
+    R = rotation_exp(config.rotation_noise * noise[..., :3])
     centroids = histories.mean(axis=2, keepdims=True)
-    turned = (histories - centroids) @ np.swapaxes(R, -1, -2)
-    perturbed = centroids + turned + translation_noise * strayed[..., None, 3:]
-    halted = rng.random(batch) < halt_probability
+    rotated = (histories - centroids) @ np.swapaxes(R, -1, -2)
+    perturbed = centroids + rotated + config.translation_noise * noise[..., None, 3:]
+    halted = rng.random(batch) < config.halt_probability
     perturbed[halted] = perturbed[halted, -1:]
     return perturbed

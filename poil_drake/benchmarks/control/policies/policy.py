@@ -1,29 +1,32 @@
-"""What every controller of the control study is: a function of state and observation."""
+"""The interface of the study's controllers: functions of state and observation."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+STEP_PERIOD = 1 / 64
+"""Time between two steps of the analytic policies [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a controller sees at one instant.
+    """The input of a controller at one instant.
 
     Attributes:
-        time: Since the start of the trial [s].
+        time: Time since the start of the trial [s].
         points: (N, 3) the functional part's points [m, world]; NaN where not observed.
         confidence: (N,) in [0, 1].
         X_WO: (4, 4) pose of the object's driven body. Only policies that are granted a known pose
-            may look at it.
-        X_WH: (4, 4) pose of the hand, as any arm knows it from its joints; NaN where not known.
+            may use it.
+        X_WH: (4, 4) pose of the hand, which any arm knows from its joints.
     """
 
     time: float
     points: np.ndarray
     confidence: np.ndarray
     X_WO: np.ndarray
-    X_WH: np.ndarray = field(default_factory=lambda: np.full((4, 4), np.nan))
+    X_WH: np.ndarray
 
 
 class CommandedTwist(NamedTuple):
@@ -31,7 +34,7 @@ class CommandedTwist(NamedTuple):
 
     Attributes:
         V: (6,) (omega [rad/s], v [m/s] of `point`), world.
-        point: (3,) the place that moves with v [m, world].
+        point: (3,) the point that moves with v [m, world].
     """
 
     V: np.ndarray
@@ -39,7 +42,7 @@ class CommandedTwist(NamedTuple):
 
 
 class Policy(Protocol):
-    """A controller. What it remembers between steps is its state, never an attribute.
+    """A controller. Its memory between steps is its state, never an attribute.
 
     Attributes:
         period: Time between two steps [s].
@@ -51,7 +54,8 @@ class Policy(Protocol):
         """Returns the state before the first step."""
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
-        """Returns the next state and the motion wanted until the next step.
+        """Returns the next state and the motion until the next step.
 
-        The state that is passed stays as it was.
+        It does not change the state that is passed. A state with an attribute `note` gives a remark
+        on the trial.
         """

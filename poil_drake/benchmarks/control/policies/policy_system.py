@@ -1,5 +1,7 @@
 """Runs a policy of the control study in a diagram."""
 
+from functools import partial
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
@@ -9,7 +11,7 @@ from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 
 
 class PolicySystem(LeafSystem):
-    """A policy with the speed limits that hold for all of them.
+    """Runs a policy, and limits its speed as that of all policies.
 
     .. pydrake_system::
 
@@ -24,33 +26,26 @@ class PolicySystem(LeafSystem):
         - point
 
     Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO and
-    `hand_pose` (16,) X_WH, both row-major. At each of the policy's periods it takes a step; outputs
-    are what it then commanded, and zero before the first one:
+    `hand_pose` (16,) X_WH, both row-major. The policy takes a step in each of its periods. Outputs
+    are the command of the last step, and zero before the first step:
 
     - `twist` (6,): (omega [rad/s], v [m/s]) of `point`, world, scaled by one factor to the limits.
-      What is not finite counts as zero.
-    - `point` (3,): where the hand was then, whatever place the policy spoke of [m, world]: the
-      limit is of the same place for all policies.
+      A command that is not finite counts as zero.
+    - `point` (3,): where the hand was in the last step [m, world]. The limits hold at the hand for
+      all policies, whichever point a policy commands.
 
     The policy's state is this system's abstract state.
+
+    Args:
+        policy: The policy.
+        num_points: N, number of points.
+        max_angular_speed: Limit of the commanded twist [rad/s].
+        max_linear_speed: Limit of the hand's speed [m/s].
     """
 
     def __init__(
-        self,
-        *,
-        policy: Policy,
-        num_points: int,
-        max_angular_speed: float,
-        max_linear_speed: float,
+        self, *, policy: Policy, num_points: int, max_angular_speed: float, max_linear_speed: float
     ):
-        """Constructs the system.
-
-        Args:
-            policy: The policy.
-            num_points: N.
-            max_angular_speed: Of the commanded twist [rad/s].
-            max_linear_speed: Of the hand [m/s].
-        """
         super().__init__()
         self._policy = policy
         self._limits = (max_angular_speed, max_linear_speed)
@@ -61,8 +56,8 @@ class PolicySystem(LeafSystem):
         at_rest = CommandedTwist(np.zeros(6), np.zeros(3))
         self._state = self.DeclareAbstractState(Value((policy.start(), at_rest)))
         ticket = {self.abstract_state_ticket(self._state)}
-        self.DeclareVectorOutputPort("twist", 6, self._calc_twist, ticket)
-        self.DeclareVectorOutputPort("point", 3, self._calc_point, ticket)
+        for name, size in (("twist", 6), ("point", 3)):
+            self.DeclareVectorOutputPort(name, size, partial(self._calc, name), ticket)
         self.DeclarePeriodicUnrestrictedUpdateEvent(policy.period, 0.0, self._step)
 
     def GetPolicyState(self, context: Context) -> object:
@@ -83,11 +78,6 @@ class PolicySystem(LeafSystem):
         command = CommandedTwist(scale_twist(shift_twist(V, hand - point), *self._limits), hand)
         state.get_mutable_abstract_state(self._state).set_value((after, command))
 
-    def _command(self, context: Context) -> CommandedTwist:
-        return context.get_abstract_state(self._state).get_value()[1]
-
-    def _calc_twist(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command(context).V)
-
-    def _calc_point(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._command(context).point)
+    def _calc(self, port: str, context: Context, output: BasicVector) -> None:
+        _, command = context.get_abstract_state(self._state).get_value()
+        output.SetFromVector(command.V if port == "twist" else command.point)

@@ -1,57 +1,125 @@
-"""Policies that know their whole motion beforehand: for demonstrations, and for blind replay."""
+"""Policies with a known motion: of demonstrations, and of open-loop replay."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
-from poil_drake.geometry.rigid_transform import rotation_log
+from poil_drake.diagrams.demonstration.motion import minimum_jerk
+from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp, rotation_log
+
+_GAIN = 5.0
+"""Gain of the correction of pose errors [1/s]."""
+
+_PEAK = 1.875
+"""Peak over mean speed of a minimum-jerk motion."""
 
 
 class ScriptedPolicy:
-    """Leads the object along known poses in closed loop, as whoever demonstrates does."""
-
-    def __init__(self, poses: np.ndarray, *, period: float, gain: float = 5.0):
-        """Keeps the motion.
-
-        Args:
-            poses: (T, 4, 4) of the object's driven body, one each `period`; it stays at the last.
-            period: [s].
-            gain: Of the correction [1/s].
-        """
-        self.period = period
-        self._poses = poses
-        self._gain = gain
-
-    def start(self) -> None:
-        """Returns None: where it is follows from the time."""
-
-    def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
-        """Returns the motion that reaches the next pose, with the error corrected."""
-        k = round(observation.time / self.period)
-        return state, track_poses(
-            self._poses, k, observation.X_WO, period=self.period, gain=self._gain
-        )
-
-
-def track_poses(
-    poses: np.ndarray, k: int, X: np.ndarray, *, period: float, gain: float = 5.0
-) -> CommandedTwist:
-    """Returns the motion along poses (K, 4, 4) from the k-th to the next, with the error corrected.
+    """Moves the object along known poses in closed loop, as a human demonstrator does.
 
     Args:
-        poses: One each `period`; the last is kept.
-        k: Which of them is now.
-        X: (4, 4) the pose as it is.
-        period: [s].
-        gain: Of the correction [1/s].
+        poses: (T, 4, 4) of the object's driven body, one per `period`; it stays at the last.
+        period: Time between two steps [s].
     """
-    now, then = (poses[min(i, len(poses) - 1)] for i in (k, k + 1))
-    V = pose_difference(now, then) / period + gain * pose_difference(X, now)
-    return CommandedTwist(V, X[:3, 3])
+
+    def __init__(self, poses: np.ndarray, *, period: float):
+        self.period = period
+        self._poses = poses
+
+    def start(self) -> None:
+        """Returns None: the time determines the pose."""
+
+    def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
+        """Returns the motion to the next pose, with the error corrected."""
+        k = round(observation.time / self.period)
+        return None, _track(self._poses, k, observation.X_WO, self.period)
+
+
+class ReplayPlan(NamedTuple):
+    """The planned motion of the hand.
+
+    Attributes:
+        begin: When it begins [s].
+        poses: (K, 4, 4) of the hand, one per period.
+    """
+
+    begin: float
+    poses: np.ndarray
+
+
+class OpenLoopPolicy:
+    """Moves the object straight to the demonstration's start, then repeats the demonstration.
+
+    As in correspondence-based transfer, the points are observed once, at the beginning. Afterwards
+    the hand follows the planned poses in closed loop on its own pose, as an arm does on its joints;
+    the object is not observed again.
+
+    Args:
+        points: (T, N, 3) the demonstrated points, one sample per `period` [m, world].
+        period: Time between two steps [s].
+        max_angular_speed: Upper bound of the hand's speed on the way to the start [rad/s].
+        max_linear_speed: The same [m/s].
+    """
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        *,
+        period: float,
+        max_angular_speed: float,
+        max_linear_speed: float,
+    ):
+        self.period = period
+        # The correction of errors on the way needs a share of the speed.
+        self._speeds = 0.8 * max_angular_speed / _PEAK, 0.8 * max_linear_speed / _PEAK
+        self._first = points[0]
+        self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
+
+    def start(self) -> None:
+        """Returns None: there is no plan before the points are observed."""
+
+    def step(
+        self, state: ReplayPlan | None, observation: Observation
+    ) -> tuple[ReplayPlan | None, CommandedTwist]:
+        """Returns the plan, and the motion to its next pose; zero until the points are observed."""
+        if state is None:
+            if not observation.confidence.all():
+                return None, CommandedTwist(np.zeros(6), observation.X_WH[:3, 3])
+            state = ReplayPlan(observation.time, self._plan(observation))
+        k = round((observation.time - state.begin) / self.period)
+        return state, _track(state.poses, k, observation.X_WH, self.period)
+
+    def _plan(self, observation: Observation) -> np.ndarray:
+        to_start = inverse(kabsch(self._first, observation.points))
+        here, there = observation.X_WH, to_start @ observation.X_WH
+        turn, shift = np.split(pose_difference(here, there), 2)
+        max_angular, max_linear = self._speeds
+        duration = max(np.linalg.norm(turn) / max_angular, np.linalg.norm(shift) / max_linear)
+        count = max(int(np.ceil(duration / self.period)), 1)
+        share = minimum_jerk(np.arange(count) / count)[:, None]
+        approach = make_transform(
+            rotation_exp(share * turn) @ here[:3, :3], here[:3, 3] + share * shift
+        )
+        return np.concatenate([approach, self._motion @ there])
 
 
 def pose_difference(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:
-    """Returns the turn [rad] and shift [m] (6,), world, from one pose (4, 4) to another."""
+    """Returns the rotation [rad] and shift [m] (6,), world, from one pose (4, 4) to another."""
     turn = rotation_log(X_to[:3, :3] @ X_from[:3, :3].T)
     return np.concatenate([turn, X_to[:3, 3] - X_from[:3, 3]])
+
+
+def _track(poses: np.ndarray, k: int, X: np.ndarray, period: float) -> CommandedTwist:
+    """Returns the motion from the k-th to the next pose, with the error corrected.
+
+    Args:
+        poses: (K, 4, 4), one per `period`; the last is kept.
+        k: Index of the present pose.
+        X: (4, 4) the measured pose.
+        period: [s].
+    """
+    now, then = (poses[min(i, len(poses) - 1)] for i in (k, k + 1))
+    V = pose_difference(now, then) / period + _GAIN * pose_difference(X, now)
+    return CommandedTwist(V, X[:3, 3])

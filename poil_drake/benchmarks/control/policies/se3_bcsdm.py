@@ -14,10 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
-from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
-from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
 from poil_drake.geometry.rigid_transform import rotation_exp, rotation_log
 
 
@@ -26,8 +23,8 @@ class Se3BcsdmConfig:
     """Parameters of the field; the metric is the published one.
 
     Attributes:
-        rotation_weight: c, of the squared Frobenius norm of the rotation's logarithm.
-        position_weight: d, of the squared distance [1/m^2].
+        rotation_weight: c, the weight of the squared Frobenius norm of the rotation's logarithm.
+        position_weight: d, the weight of the squared distance [1/m^2].
         rotation_gain: eta_R [1/s].
         position_gain: eta_p [1/s].
     """
@@ -43,40 +40,25 @@ class PoseTrajectory:
     """Poses over T samples, and their velocities.
 
     Attributes:
-        times: (T,) strictly increasing [s].
         X_WO: (T, 4, 4) the object's poses.
         omegas: (T, 3) angular velocities in the object's own frame [rad/s]: forward differences,
             the last one zero.
         velocities: (T, 3) velocities of its origin [m/s, world], likewise.
     """
 
-    times: np.ndarray
     X_WO: np.ndarray
     omegas: np.ndarray
     velocities: np.ndarray
 
     @classmethod
     def of(cls, times: np.ndarray, X_WO: np.ndarray) -> "PoseTrajectory":
-        """Returns the trajectory through poses X_WO (T, 4, 4) at times (T,) [s].
-
-        Raises:
-            InvalidValueError: if the shapes do not fit, or the times do not increase.
-        """
-        times = frozen_array(times, name="PoseTrajectory.times", shape=("T",))
-        X_WO = frozen_array(X_WO, name="PoseTrajectory.X_WO", shape=(times.size, 4, 4))
-        if times.size < 2 or np.any(np.diff(times) <= 0.0):
-            raise InvalidValueError(
-                f"The {times.size} times of a pose trajectory do not increase.",
-                remedy="Pass at least two strictly increasing times.",
-            )
+        """Returns the trajectory through poses X_WO (T, 4, 4) at increasing times (T,) [s]."""
         R, p = X_WO[:, :3, :3], X_WO[:, :3, 3]
         steps = np.diff(times)[:, None]
         omegas, velocities = np.zeros((2, times.size, 3))
         omegas[:-1] = rotation_log(R[:-1].swapaxes(-1, -2) @ R[1:]) / steps
         velocities[:-1] = np.diff(p, axis=0) / steps
-        for array in (omegas, velocities):
-            array.flags.writeable = False
-        return cls(times, X_WO, omegas, velocities)
+        return cls(X_WO, omegas, velocities)
 
 
 def closest_pose(X_WO: np.ndarray, reference: PoseTrajectory, config: Se3BcsdmConfig) -> int:
@@ -100,18 +82,18 @@ def se3_bcsdm(
 
     Args:
         X_WO: (4, 4) the object's pose.
-        reference: Where it should go.
+        reference: The demonstrated motion.
         config: Parameters of the field.
 
     Returns:
         V: (6,) (omega [rad/s], v [m/s] of the object's origin), world.
-        index: The closest sample.
+        index: Index of the closest sample.
     """
     index = closest_pose(X_WO, reference, config)
     X = reference.X_WO[index]
     R = X_WO[:3, :3]
-    # log(R^T R*) = -w. In the object's frame the transported angular velocity is the reference's
-    # turned by exp(-w/2).
+    # log(R^T R*) = -w. In the object's frame the transported angular velocity is that of the
+    # reference, rotated by exp(-w/2).
     toward = rotation_log(R.T @ X[:3, :3])
     omega = rotation_exp(0.5 * toward) @ reference.omegas[index] + config.rotation_gain * toward
     v = reference.velocities[index] + config.position_gain * (X[:3, 3] - X_WO[:3, 3])
@@ -119,40 +101,22 @@ def se3_bcsdm(
 
 
 class Se3BcsdmPolicy:
-    """BCSDM on the object's pose, which is known to it (see `policy.Policy`).
+    """BCSDM on the object's pose, which this policy is granted. It has no state.
 
-    It remembers nothing. Where the pose is not finite the twist is zero.
+    Args:
+        reference: The demonstrated motion.
+        config: Parameters of the field.
     """
 
-    def __init__(
-        self,
-        *,
-        times: np.ndarray,
-        X_WO: np.ndarray,
-        eta: float = 3.0,
-        period: float,
-        config: Se3BcsdmConfig | None = None,
-    ):
-        """Constructs the policy.
+    period = STEP_PERIOD
 
-        Args:
-            times: (T,) of the demonstration [s].
-            X_WO: (T, 4, 4) the object's poses in it.
-            eta: Both gains of the contraction [1/s].
-            period: Time between two steps [s].
-            config: The metric and the gains, in place of `eta`.
-        """
-        self.period = period
-        self._reference = PoseTrajectory.of(times, X_WO)
-        self._config = config or Se3BcsdmConfig(rotation_gain=eta, position_gain=eta)
+    def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
+        self._reference, self._config = reference, config
 
     def start(self) -> None:
-        """Returns the state before the first step: there is none."""
+        """Returns None: there is no state."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
-        """Returns no state, and the field at the object's pose."""
-        X_WO = observation.X_WO
-        if not all_finite(X_WO):
-            return None, CommandedTwist(np.zeros(6), np.zeros(3))
-        V, _ = se3_bcsdm(X_WO, self._reference, self._config)
-        return None, CommandedTwist(V, X_WO[:3, 3].copy())
+        """Returns the field at the object's pose."""
+        V, _ = se3_bcsdm(observation.X_WO, self._reference, self._config)
+        return None, CommandedTwist(V, observation.X_WO[:3, 3].copy())

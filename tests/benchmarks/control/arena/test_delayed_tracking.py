@@ -23,7 +23,7 @@ def points_at(bench, time):
     return bench.read("points").reshape(-1, 3)
 
 
-def test_nothing_is_known_before_the_first_result():
+def test_points_are_nan_before_the_first_result():
     bench = make_bench()
 
     points = points_at(bench, 0.1)
@@ -32,17 +32,17 @@ def test_nothing_is_known_before_the_first_result():
     assert not bench.read("confidence").any()
 
 
-def test_first_result_is_there_after_the_latency():
+def test_first_result_arrives_after_the_latency():
     bench = make_bench()
 
-    # 0.1 s is 6.4 control periods; the event of the seventh is done when time has passed it.
+    # 0.1 s is 6.4 control periods; the event of the seventh takes place when time has passed it.
     points = points_at(bench, 7.5 * CONTROL)
 
     np.testing.assert_allclose(points, POINTS)
     assert bench.read("confidence").all()
 
 
-def test_points_are_carried_along_with_the_hand():
+def test_points_follow_the_hand():
     bench = make_bench()
     bench.advance_to(7.5 * CONTROL)
     X = make_transform(rotation_exp([0.0, 0.0, 0.3]), np.array([0.05, 0.0, 0.02]))

@@ -52,6 +52,6 @@ def test_cylinder_has_a_side_and_two_lids():
     assert np.ptp(points[side, 2]) == pytest.approx(0.1)
 
 
-def test_shapes_without_a_surface_are_refused():
+def test_unsupported_shapes_are_rejected():
     with pytest.raises(InvalidValueError, match="HalfSpace"):
         dut(HalfSpace(), 0.01)

@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 
 from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.policy import PointPolicy
@@ -11,7 +12,6 @@ from poil_drake.benchmarks.control.point_policy.training import (
     train_point_policy,
 )
 from poil_drake.benchmarks.control.policies.policy import Observation
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 SMALL = PointPolicyConfig(width=32, layers=1, steps=1500, learning_rate=4e-3)
@@ -28,7 +28,7 @@ def arc() -> np.ndarray:
 
 
 def run(policy: PointPolicy, points: np.ndarray, steps: int) -> np.ndarray:
-    """Returns where points (N, 3) go (steps + 1, N, 3) when they move as the policy wants."""
+    """Returns the path (steps + 1, N, 3) of points (N, 3) that move as the policy commands."""
     state = policy.start()
     path = [points]
     for k in range(steps):
@@ -51,11 +51,7 @@ def without_noise() -> TrainedPointPolicy:
     return train_point_policy([arc()], CALM)
 
 
-def test_the_loss_falls(trained: TrainedPointPolicy) -> None:
-    assert trained.losses[-1] < 0.1 * trained.losses[0]
-
-
-def test_a_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> None:
+def test_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> None:
     demonstration = arc()
 
     path = run(PointPolicy(trained), demonstration[0], steps=80)
@@ -65,22 +61,24 @@ def test_a_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> No
     assert distances.min(axis=0).max() < 0.01
     assert distances.min(axis=1).max() < 0.01
     assert distances[-16:, -1].max() < 0.005
+    chunk = trained.predict(demonstration[5:15])
+    assert np.linalg.norm(chunk[:18] - demonstration[15:], axis=-1).mean() < 0.02
 
 
 @pytest.mark.parametrize("offset", [[0.05, 0.0, 0.0], [0.0, -0.05, 0.0], [0.0, 0.0, 0.05]], ids=str)
-def test_from_a_start_aside_the_demonstrated_end_is_reached(
+def test_demonstrated_end_is_reached_from_another_start(
     without_noise: TrainedPointPolicy, offset: list[float]
 ) -> None:
     demonstration = arc()
 
     path = run(PointPolicy(without_noise), demonstration[0] + np.array(offset), steps=80)
 
-    # One that had learnt displacements would keep 3 cm or more of the offset of 5 cm. The limit is
-    # that of the study for success.
+    # A policy that learned displacements would keep 3 cm or more of the offset of 5 cm. The limit
+    # is the study's limit for success.
     assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
 
 
-def test_a_slip_is_made_good(trained: TrainedPointPolicy) -> None:
+def test_policy_recovers_from_a_slip(trained: TrainedPointPolicy) -> None:
     demonstration = arc()
 
     path = run(PointPolicy(trained), demonstration[10] + np.array([0.01, 0.0, -0.01]), steps=80)
@@ -88,55 +86,37 @@ def test_a_slip_is_made_good(trained: TrainedPointPolicy) -> None:
     assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
 
 
-def test_predictions_are_chunks_of_positions(trained: TrainedPointPolicy) -> None:
-    demonstration = arc()
-
-    chunk = trained.predict(demonstration[5:15])
-
-    assert chunk.shape == (20, 10, 3)
-    assert np.linalg.norm(chunk[:18] - demonstration[15:], axis=-1).mean() < 0.02
-
-
-def test_another_history_is_refused(trained: TrainedPointPolicy) -> None:
-    with pytest.raises(InvalidValueError, match="history"):
-        trained.predict(arc()[:9])
-
-
 def test_training_follows_the_seed() -> None:
     first = train_point_policy([arc()], TINY)
     again = train_point_policy([arc()], TINY)
-    other = train_point_policy([arc()], PointPolicyConfig(**(vars(TINY) | {"seed": 1})))
+    other = train_point_policy([arc()], dataclasses.replace(TINY, seed=1))
 
     for name, values in first.weights.items():
         np.testing.assert_array_equal(values, again.weights[name])
     assert not np.array_equal(first.weights["head.w"], other.weights["head.w"])
 
 
-def test_many_demonstrations_of_different_lengths_are_taken() -> None:
+def test_demonstrations_may_differ_in_length() -> None:
     demonstrations = [arc()[: 20 + k] + 0.01 * k for k in range(10)]
 
     dut = train_point_policy(demonstrations, TINY)
 
-    assert dut.points == 10
-    assert np.isfinite(dut.losses).all()
+    assert all(np.isfinite(values).all() for values in dut.weights.values())
 
 
-def test_torch_keeps_its_number_of_threads() -> None:
-    import torch
-
+def test_training_restores_the_threads_of_torch() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
         train_point_policy([arc()], TINY)
-        after = torch.get_num_threads()
+        assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
 
-    assert after == 2
 
-
-def test_the_learning_rate_rises_then_falls_to_zero() -> None:
-    factors = [learning_rate_factor(k, steps=100, warm_up=0.2) for k in range(100)]
+def test_learning_rate_rises_then_falls_to_zero() -> None:
+    config = PointPolicyConfig(steps=100, warm_up=0.2)
+    factors = [learning_rate_factor(k, config) for k in range(100)]
 
     np.testing.assert_allclose(np.diff(factors[:20]), 1.0 / 21.0)
     assert factors[20] == 1.0
@@ -146,8 +126,8 @@ def test_the_learning_rate_rises_then_falls_to_zero() -> None:
     assert np.all(np.diff(factors[20:]) < 0.0)
 
 
-def test_a_step_at_the_full_rate_is_that_of_adam() -> None:
-    config = PointPolicyConfig(**(vars(TINY) | {"steps": 1, "warm_up": 0.0, "learning_rate": 0.01}))
+def test_step_at_the_full_rate_is_that_of_adam() -> None:
+    config = dataclasses.replace(TINY, steps=1, warm_up=0.0, learning_rate=0.01)
 
     dut = train_point_policy([arc()], config)
 

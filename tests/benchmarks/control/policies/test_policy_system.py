@@ -65,7 +65,7 @@ def test_command_is_scaled_to_the_limits():
 
     simulator.AdvanceTo(1.1)
 
-    # The fifth step wants 0.5 m/s.
+    # The fifth step commands 0.5 m/s.
     np.testing.assert_allclose(twist(dut, context), [0, 0, 0, 0.25, 0, 0])
 
 
@@ -77,7 +77,7 @@ def test_command_that_is_not_finite_counts_as_zero():
     assert not twist(dut, context).any()
 
 
-def test_limits_are_of_the_hand_whatever_place_the_policy_speaks_of():
+def test_limits_hold_at_the_hand_for_any_commanded_point():
     class Turning(CountingPolicy):
         def step(self, state, observation):
             return state, CommandedTwist(np.array([0, 0, 0.8, 0, 0, 0]), np.zeros(3))
@@ -90,7 +90,7 @@ def test_limits_are_of_the_hand_whatever_place_the_policy_speaks_of():
     np.testing.assert_allclose(twist(dut, context), [0, 0, 0.5, 0, 0.25, 0])
 
 
-def test_each_context_has_a_state_of_its_own():
+def test_each_context_has_its_own_state():
     dut, simulator, _ = make(CountingPolicy())
     simulator.AdvanceTo(0.6)
 

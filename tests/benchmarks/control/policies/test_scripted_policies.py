@@ -3,9 +3,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from poil_drake.benchmarks.control.policies.open_loop import OpenLoopPolicy
 from poil_drake.benchmarks.control.policies.policy import Observation
-from poil_drake.benchmarks.control.policies.scripted import ScriptedPolicy, pose_difference
+from poil_drake.benchmarks.control.policies.scripted import (
+    OpenLoopPolicy,
+    ScriptedPolicy,
+    pose_difference,
+)
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
 BODY = np.array([[0.03, 0, 0], [-0.03, 0.01, 0], [0, 0.02, 0], [0, 0, 0.02], [0, -0.03, 0.01]])
@@ -68,11 +71,11 @@ def replay(poses):
     )
 
 
-def seen(time, X_WO, X_WH):
+def observe(time, X_WO, X_WH):
     return Observation(time, transform_points(X_WO, BODY), np.ones(5), X_WO, X_WH)
 
 
-def test_replay_reaches_the_goal_from_elsewhere_when_nothing_disturbs():
+def test_replay_reaches_the_goal_from_elsewhere_without_disturbance():
     poses = path()
     start = make_transform(rotation_exp([0.0, 0.0, 2.5]), np.array([0.2, -0.3, 0.1]))
 
@@ -86,7 +89,7 @@ def test_way_to_the_start_keeps_the_speed_limits():
     far = make_transform(rotation_exp([0.0, 0.0, 2.5]), np.array([-0.4, -0.6, 0.1]))
     dut = replay(poses)
 
-    planned, _ = dut.step(dut.start(), seen(0.0, far, far))
+    planned, _ = dut.step(dut.start(), observe(0.0, far, far))
 
     approach = planned.poses[: len(planned.poses) - len(poses) + 1]
     V = np.array([pose_difference(a, b) for a, b in pairwise(approach)]) / PERIOD
@@ -94,27 +97,27 @@ def test_way_to_the_start_keeps_the_speed_limits():
     assert 0.15 < np.linalg.norm(V[:, 3:], axis=1).max() < 0.25
 
 
-def test_replay_does_not_see_what_becomes_of_the_object():
+def test_replay_ignores_the_object_after_its_first_look():
     poses = path()
     dut = replay(poses)
-    state, _ = dut.step(dut.start(), seen(0.0, poses[0], poses[0]))
+    state, _ = dut.step(dut.start(), observe(0.0, poses[0], poses[0]))
     slipped = poses[10].copy()
     slipped[:3, 3] += 0.1
 
-    commands = [dut.step(state, seen(1.0, X, poses[10]))[1] for X in (poses[10], slipped)]
+    commands = [dut.step(state, observe(1.0, X, poses[10]))[1] for X in (poses[10], slipped)]
 
     np.testing.assert_array_equal(commands[0].V, commands[1].V)
     assert np.linalg.norm(commands[0].V) > 0.05
 
 
-def test_replay_leads_the_hand_back_onto_its_plan():
+def test_replay_returns_the_hand_to_its_plan():
     poses = path()
     dut = replay(poses)
-    state, _ = dut.step(dut.start(), seen(0.0, poses[0], poses[0]))
+    state, _ = dut.step(dut.start(), observe(0.0, poses[0], poses[0]))
     pushed = state.poses[16].copy()
     pushed[:3, 3] += [0.0, 0.0, 0.05]
 
-    on, off = (dut.step(state, seen(1.0, X, X))[1] for X in (state.poses[16], pushed))
+    on, off = (dut.step(state, observe(1.0, X, X))[1] for X in (state.poses[16], pushed))
 
     assert off.V[5] - on.V[5] == pytest.approx(-5.0 * 0.05)
 
@@ -123,21 +126,21 @@ def test_replay_leads_the_hand_back_onto_its_plan():
 def test_replay_is_at_rest_in_the_end(time, resting):
     poses = path()
     dut = replay(poses)
-    state, _ = dut.step(dut.start(), seen(0.0, poses[0], poses[0]))
+    state, _ = dut.step(dut.start(), observe(0.0, poses[0], poses[0]))
     k = min(round(time / PERIOD), len(state.poses) - 1)
 
-    _, command = dut.step(state, seen(time, state.poses[k], state.poses[k]))
+    _, command = dut.step(state, observe(time, state.poses[k], state.poses[k]))
 
     assert (np.linalg.norm(command.V) < 1e-9) == resting
 
 
-def test_replay_waits_until_all_points_are_seen():
+def test_replay_waits_until_all_points_are_observed():
     poses = path()
     dut = replay(poses)
     hidden = Observation(0.0, np.full((5, 3), np.nan), np.zeros(5), poses[0], poses[0])
 
     waiting, command = dut.step(dut.start(), hidden)
-    begun, _ = dut.step(waiting, seen(0.125, poses[0], poses[0]))
+    begun, _ = dut.step(waiting, observe(0.125, poses[0], poses[0]))
 
     assert waiting is None
     assert not command.V.any()

@@ -1,28 +1,31 @@
-"""BCSDM on poses in PyTorch, written straight from its formulas: the baseline of the latencies.
+"""BCSDM on poses in PyTorch, written directly from its formulas: the baseline of the latencies.
 
 It takes a batch of poses, as the published implementation does, and computes the logarithm of the
 rotation from every sample of the reference by the textbook formula.
+
+Imports torch: import this module inside functions only.
 """
 
+import numpy as np
 import torch
 
 from poil_drake.benchmarks.control.policies.se3_bcsdm import PoseTrajectory, Se3BcsdmConfig
 
 
 class TorchSe3Bcsdm:
-    """The field for batches of poses, in double precision on the CPU."""
+    """The field for batches of poses, in double precision on the CPU.
+
+    Args:
+        reference: The demonstrated motion.
+        config: Parameters of the field.
+    """
 
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
-        """Copies the reference into tensors.
-
-        Args:
-            reference: Where the object should go.
-            config: Parameters of the field.
-        """
         X = torch.tensor(reference.X_WO)
         self._config = config
         self._R, self._p = X[:, :3, :3], X[:, :3, 3]
-        self._R_velocities = self._R @ _skew(torch.tensor(reference.omegas))
+        skew = np.cross(np.eye(3), reference.omegas[:, None])
+        self._R_velocities = self._R @ torch.tensor(skew)
         self._p_velocities = torch.tensor(reference.velocities)
 
     @torch.no_grad()
@@ -62,13 +65,6 @@ def _exp(S: torch.Tensor) -> torch.Tensor:
     first = torch.where(small, 1.0, torch.sin(safe) / safe)
     second = torch.where(small, 0.5, (1.0 - torch.cos(safe)) / safe**2)
     return torch.eye(3, dtype=S.dtype) + first * S + second * (S @ S)
-
-
-def _skew(w: torch.Tensor) -> torch.Tensor:
-    x, y, z = w.unbind(dim=-1)
-    zero = torch.zeros_like(x)
-    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
-    return torch.stack(rows, dim=-1).reshape(*w.shape[:-1], 3, 3)
 
 
 def _vee(S: torch.Tensor) -> torch.Tensor:

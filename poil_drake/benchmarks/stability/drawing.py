@@ -5,7 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 
 _COLORS = ("#1f5fa8", "#c8501e", "#2f8f5b")
 _GREY = "#6b7178"
@@ -23,16 +26,15 @@ _STYLE = {
 
 
 def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how long the flow takes to leave each saddle against where it began."""
-    with _figure(path, width=7.4, height=4.6) as (figure, _):
+    """Draws the time in which the flow leaves each saddle against its start."""
+    with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
-        distances = np.asarray(figures["distances"])
         markers = ("o", "s", "^")
         for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
             color = _COLORS[way["saddle"] - 1]
-            axes.plot(distances, way["predicted"], color=color, linewidth=1.2)
+            axes.plot(figures["distances"], way["predicted"], color=color, linewidth=1.2)
             axes.plot(
-                distances,
+                figures["distances"],
                 way["times"],
                 markers[way["axis"] - 1],
                 color=color,
@@ -43,8 +45,10 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
             )
         axes.set_xscale("log")
         axes.invert_xaxis()
-        axes.set_xlabel("angle from the saddle at the start [rad]")
-        axes.set_ylabel(f"η × time until {figures['end']:g} rad away")
+        axes.set(
+            xlabel="angle from the saddle at the start [rad]",
+            ylabel=f"η × time until {figures['end']:g} rad away",
+        )
         moments = " : ".join(f"{m:g}" for m in figures["moments"])
         axes.set_title(f"Leaving the saddles: eigenvalues of W are {moments}", loc="left")
         axes.plot([], [], color=_GREY, linewidth=1.2, label="lines: closed form, slope 1 / rate")
@@ -53,10 +57,10 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
 
 
 def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how far a twist may be held: runs, rotations and point sets."""
-    with _figure(path, width=13.5, height=4.3) as (figure, colormaps):
+    """Draws the effect of holding a twist: on runs, rotations and point sets."""
+    with _figure(path, width=13.5, height=4.3) as figure:
         left, middle, right = figure.subplots(1, 3)
-        _draw_runs(left, figures["runs"], colormaps["viridis"])
+        _draw_runs(left, figures["runs"], mpl.colormaps["viridis"])
         _draw_rotations(middle, figures["sets"])
         _draw_conditions(right, figures)
 
@@ -65,9 +69,7 @@ def _draw_runs(axes: Any, runs: Mapping[str, Any], colormap: Any) -> None:
     shades = colormap(np.linspace(0.05, 0.85, len(runs)))
     for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
         axes.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
-    axes.set_ylim(1e-9, 5.0)
-    axes.set_xlabel("periods")
-    axes.set_ylabel("D / D at the start")
+    axes.set(ylim=(1e-9, 5.0), xlabel="periods", ylabel="D / D at the start")
     axes.set_title("Runs of the compact set", loc="left")
     axes.legend(title="η dt", loc="lower right", ncols=2)
 
@@ -88,146 +90,117 @@ def _draw_rotations(axes: Any, sets: Mapping[str, Any]) -> None:
             axes.axhline(value, color=color, linestyle=style, linewidth=1.2)
     axes.plot([], [], "-", color=_GREY, label="largest for all (search)")
     axes.plot([], [], "--", color=_GREY, label="proven for all")
-    axes.set_ylim(1.2, 6.0)
-    axes.set_xlabel("angle from the goal [deg]")
-    axes.set_ylabel("largest η dt that lowers D")
+    axes.set(
+        ylim=(1.2, 6.0), xlabel="angle from the goal [deg]", ylabel="largest η dt that lowers D"
+    )
     axes.set_title("Random rotations", loc="left")
     axes.legend(loc="upper left", markerscale=4)
 
 
 def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
     conditions, curves = figures["conditions"], figures["curves"]
-    axes.semilogx(
-        conditions, curves["flat"], "o-", markersize=4, color=_COLORS[0], label="flat sets"
-    )
-    axes.semilogx(
-        conditions, curves["round"], "s-", markersize=4, color=_COLORS[1], label="round rods"
-    )
-    axes.semilogx(
-        conditions, curves["flat_proven"], "--", color=_COLORS[0], label="proven, flat sets"
-    )
+    for name, style, color, label in (
+        ("flat", "o-", _COLORS[0], "flat sets"),
+        ("round", "s-", _COLORS[1], "round rods"),
+        ("flat_proven", "--", _COLORS[0], "proven, flat sets"),
+    ):
+        axes.semilogx(conditions, curves[name], style, markersize=4, color=color, label=label)
     axes.axhline(figures["worst"], color=_GREY, linewidth=1.0, linestyle=":")
     axes.text(conditions[0], figures["worst"] + 0.015, "π / 2", color=_GREY)
-    axes.set_ylim(1.2, 2.1)
-    axes.set_xlabel("condition number of A")
-    axes.set_ylabel("largest η dt for every rotation")
+    axes.set(
+        ylim=(1.2, 2.1), xlabel="condition number of A", ylabel="largest η dt for every rotation"
+    )
     axes.set_title("From compact to a line", loc="left")
     axes.legend(loc="upper right")
 
 
 def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
     """Draws the map of delay and period, and a run with the paper's tracker."""
-    with _figure(path, width=12.0, height=4.8) as (figure, _):
+    with _figure(path, width=12.0, height=4.8) as figure:
         left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
         _draw_delay_map(left, figures)
         _draw_delayed_run(right, figures["tracker"])
 
 
 def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
-    from matplotlib.colors import ListedColormap
-
-    delays, periods = np.asarray(figures["delays"]), np.asarray(figures["periods"])
     axes.grid(False)
     axes.pcolormesh(
-        delays,
-        periods,
-        np.asarray(figures["verdicts"]),
+        figures["delays"],
+        figures["periods"],
+        figures["verdicts"],
         cmap=ListedColormap(["#cfe6d6", "#fbe7b8", "#f3c9bd"]),
         vmin=0,
         vmax=2,
         shading="nearest",
     )
-    ratios = np.asarray(figures["ratios"])
-    names = ("no overshoot: closed form", "stable: closed form")
-    for key, at_zero, name, color in zip(
-        ("limits_without_overshoot", "limits_stable"),
-        figures["continuous"],
-        names,
-        ("#2f8f5b", "#b03a1a"),
-        strict=True,
+    without_overshoot, stable = figures["continuous"]
+    for name, at_zero, color, label in (
+        ("limits_without_overshoot", without_overshoot, "#2f8f5b", "no overshoot: closed form"),
+        ("limits_stable", stable, "#b03a1a", "stable: closed form"),
     ):
-        limits = np.asarray(figures[key])
-        x, y = np.append(ratios * limits, at_zero), np.append(limits, 0.0)
-        axes.plot(x, y, color=color, linewidth=1.6, label=name)
+        limits = figures[name]
+        x, y = np.append(figures["ratios"] * limits, at_zero), np.append(limits, 0.0)
+        axes.plot(x, y, color=color, linewidth=1.6, label=label)
     tracker = figures["tracker"]
     axes.plot(
         tracker["eta_delay"], tracker["eta_period"], "k*", markersize=11, label="8 Hz, 0.1875 s"
     )
-    for place, text in (
-        ((0.03, 0.1), "D falls"),
-        ((0.3, 0.72), "settles, but D rises at times"),
-    ):
-        axes.text(*place, text, fontsize=9)
+    axes.text(0.03, 0.1, "D falls", fontsize=9)
+    axes.text(0.3, 0.72, "settles, but D rises at times", fontsize=9)
     axes.text(1.25, 1.3, "does not settle", fontsize=9)
-    axes.set_xlim(0.0, 1.8)
-    axes.set_ylim(0.0, 2.2)
-    axes.set_xlabel("η × delay")
-    axes.set_ylabel("η × period of the samples")
+    axes.set(
+        xlim=(0.0, 1.8), ylim=(0.0, 2.2), xlabel="η × delay", ylabel="η × period of the samples"
+    )
     axes.set_title("Simulated (areas) and closed form (lines)", loc="left")
     axes.legend(loc="upper right", facecolor="white", framealpha=0.85, frameon=True)
 
 
 def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
-    offsets = np.asarray(tracker["offsets"])
     shown = 30
-    axes.plot(offsets[:shown], "o-", markersize=4, color=_COLORS[0], label="offset / its start")
+    offsets = tracker["offsets"][:shown]
+    axes.plot(offsets, "o-", markersize=4, color=_COLORS[0], label="offset / its start")
     size = tracker["decay_per_period"] ** np.arange(shown)
     axes.plot(size, "--", color=_GREY, linewidth=1.0, label="rate of the largest root")
     axes.plot(-size, "--", color=_GREY, linewidth=1.0)
     axes.axhline(0.0, color=_GREY, linewidth=0.8)
-    axes.set_xlabel("sample (1/8 s)")
-    axes.set_ylabel("offset of the centroid")
+    axes.set(xlabel="sample (1/8 s)", ylabel="offset of the centroid")
     axes.set_title("η = 3 / s on points 0.1875 s old, without propagation", loc="left")
     axes.legend(loc="upper right")
 
 
 def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws how noise in the points turns the field as the points come to lie on a line."""
-    with _figure(path, width=7.4, height=4.6) as (figure, _):
+    """Draws the angular noise of the field as the points approach a line."""
+    with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
-        condition = np.asarray(figures["condition"])
+        condition = figures["condition"]
         noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
-        rows = (
-            ("predicted", "measured", _COLORS[1], "o", "about the line: least squares"),
-            (
-                "predicted_limited",
-                "limited",
-                _COLORS[0],
-                "s",
-                f"about the line: slowed below {floor:g} mm",
-            ),
-        )
-        for predicted, measured, color, marker, name in rows:
+        for predicted, measured, color, marker, size, label in (
+            ("predicted", "measured", _COLORS[1], "o", 8, "least squares"),
+            ("predicted_limited", "limited", _COLORS[0], "s", 4, f"slowed below {floor:g} mm"),
+        ):
             axes.loglog(condition, np.degrees(figures[predicted]), color=color, linewidth=1.2)
             axes.loglog(
                 condition,
                 np.degrees(figures[measured]),
                 marker,
                 color=color,
-                markersize=8 if marker == "o" else 4,
+                markersize=size,
                 markerfacecolor="none",
-                label=name,
+                label=f"about the line: {label}",
             )
         axes.loglog(
             condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
         )
         axes.plot([], [], color=_GREY, label="lines: to first order in the noise")
-        axes.set_xlabel("condition number of A")
-        axes.set_ylabel("standard deviation of ω / η [deg]")
+        axes.set(xlabel="condition number of A", ylabel="standard deviation of ω / η [deg]")
         axes.set_title(f"8 points along 10 cm, {noise:g} mm of noise", loc="left")
         axes.legend(loc="upper left")
 
 
 @contextmanager
-def _figure(path: Path, *, width: float, height: float) -> Iterator[tuple[Any, Any]]:
-    """Yields an empty figure in the style of these pictures, and colour maps; writes it at the end.
-
-    Without pyplot, so that it needs no display and leaves nothing open.
-    """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
+def _figure(path: Path, *, width: float, height: float) -> Iterator[Figure]:
+    """Yields an empty figure in the style of these pictures, and writes it at exit."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure, mpl.colormaps
+        yield figure
         figure.savefig(path)

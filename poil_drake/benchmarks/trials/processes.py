@@ -1,0 +1,70 @@
+"""Worker processes of this machine that run trials, each one at a time."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
+
+
+class ProcessWorkers:
+    """Up to `jobs` processes, started when they are needed; they run each trial once.
+
+    A thread waits for each process, so a killed process fails the future of its own trial only. (A
+    `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
+
+    Args:
+        function: Runs a trial.
+        shared: Its first arguments.
+        jobs: Number of processes that work at the same time.
+        trials_per_worker: Number of trials after which a process is replaced; None for never.
+
+    Attributes:
+        worker_lost: Exceptions of a future whose worker ended before the trial was done.
+    """
+
+    worker_lost: tuple[type[Exception], ...] = (WorkerEndedError, OSError)
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        shared: tuple[Any, ...],
+        jobs: int,
+        trials_per_worker: int | None,
+    ):
+        self._setup = (os.getpid(), function, shared)
+        self._trials_per_worker = trials_per_worker
+        self._executor = ThreadPoolExecutor(jobs)
+        self._workers: list[WorkerProcess] = []
+        self._idle: list[tuple[WorkerProcess, int]] = []  # With the number of trials run.
+        self._closed = False
+
+    def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
+        """Returns the future outcome of a trial, pickled by `worker.run_trial`."""
+        return self._executor.submit(self._run, arguments)
+
+    def _run(self, arguments: tuple[Any, ...]) -> bytes:
+        try:
+            worker, trials = self._idle.pop()
+        except IndexError:
+            worker, trials = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup), 0
+            self._workers.append(worker)
+            if self._closed:
+                worker.kill()
+        outcome = worker.ask(arguments)
+        if trials + 1 == self._trials_per_worker:
+            worker.end()
+        else:
+            self._idle.append((worker, trials + 1))
+        return outcome
+
+    def close(self) -> None:
+        """Ends all processes, busy ones included."""
+        self._closed = True
+        self._executor.shutdown(wait=False, cancel_futures=True)
+        for worker in list(self._workers):
+            worker.kill()
+        self._executor.shutdown()
+        for worker in self._workers:
+            worker.end()

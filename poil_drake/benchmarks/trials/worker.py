@@ -1,0 +1,47 @@
+"""Runs a trial in a worker; also the program of a worker process on this machine."""
+
+import os
+import pickle
+import select
+import threading
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from poil_drake.errors import PoilError
+from poil_drake.runtime.worker_process import serve
+
+
+def run_trial(
+    function: Callable[..., Any], shared: tuple[Any, ...], arguments: tuple[Any, ...]
+) -> bytes:
+    """Returns the pickled outcome of a trial: (result, error, traceback of the error).
+
+    The error is None, a `PoilError` as it was raised, or a RuntimeError with the text of any other
+    exception: not every exception survives pickling.
+    """
+    try:
+        return pickle.dumps((function(*shared, *arguments), None, ""))
+    except Exception as error:
+        text = traceback.format_exc()
+        if not isinstance(error, PoilError):
+            error = RuntimeError(f"{type(error).__name__}: {error}")
+        return pickle.dumps((None, error, text))
+
+
+def _make_handler(
+    setup: tuple[int, Callable[..., Any], tuple[Any, ...]],
+) -> Callable[[tuple[Any, ...]], bytes]:
+    parent, function, shared = setup
+    threading.Thread(target=_exit_with, args=(os.pidfd_open(parent),), daemon=True).start()
+    return lambda arguments: run_trial(function, shared, arguments)
+
+
+def _exit_with(process: int) -> None:
+    """Ends this process, even in the middle of a trial, when another one (a pidfd) has ended."""
+    select.select([process], [], [])
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    serve(_make_handler)
