@@ -1,4 +1,4 @@
-"""What tests share: one demonstration, one plan and one run, made once for all processes."""
+"""Shared fixtures: one demonstration, one plan and one run, made once for all processes."""
 
 import fcntl
 import os
@@ -52,7 +52,7 @@ def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
         with (folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
-                shutil.rmtree(unfinished, ignore_errors=True)  # Of a process that failed.
+                shutil.rmtree(unfinished, ignore_errors=True)  # Left by a process that failed.
                 make(unfinished)
                 unfinished.rename(path)
         return path
@@ -62,7 +62,7 @@ def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
 
 @pytest.fixture(scope="session")
 def demonstration(make_once: MakeOnce) -> Path:
-    """The built-in demonstration, of `poil demo record`."""
+    """The built-in demonstration, written by `poil demo record`."""
 
     def record(path: Path) -> None:
         assert poil(["demo", "record", "-o", str(path)]).endswith(f"frames to {path}\n")
@@ -72,7 +72,7 @@ def demonstration(make_once: MakeOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def plan_file(demonstration: Path, make_once: MakeOnce) -> Path:
-    """The plan to hang the package's own mug as the demonstration shows, of `poil transfer`."""
+    """The plan of `poil transfer` that hangs the package's own mug as demonstrated."""
 
     def transfer(path: Path) -> None:
         said = poil(["transfer", str(demonstration), "-o", str(path)])
@@ -105,7 +105,7 @@ def whole_run(make_once: MakeOnce) -> Path:
 
 
 def poil(arguments: Sequence[str]) -> str:
-    """Does what a line of the command line does, and returns what it says."""
+    """Runs a command of `poil` in this process and returns its output."""
     from poil_drake.cli import app
 
     done = CliRunner().invoke(app, arguments, catch_exceptions=False)
@@ -117,16 +117,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--write-fault-table",
         action="store_true",
-        help="Write docs/hardware_faults.md from what tests/hardware finds.",
+        help="Write docs/hardware_faults.md from the results of tests/hardware.",
     )
     parser.addoption(
         "--time-scale",
         type=float,
-        help="The robot's seconds per second in tests/hardware; default: what a trial run finds.",
+        help="The robot's seconds per second in tests/hardware; default: found by a trial run.",
     )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts files with whole runs first, so that no process is left alone with them at the end."""
+    """Puts files with whole runs first, so that none of them starts late and runs on alone."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)

@@ -1,4 +1,4 @@
-"""A user's own models: a mug, a rack and a scenario in a folder of theirs, as MJCF and YAML."""
+"""A user's own mug, rack and scenario in a folder, as MJCF and YAML."""
 
 import itertools
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 RADIUS, HEIGHT, WALL = 0.039, 0.095, 0.004
-"""Of the mug's body [m]."""
+"""Dimensions of the mug's body [m]."""
 
 
 def write_kitchen(folder: Path) -> Path:

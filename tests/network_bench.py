@@ -1,4 +1,4 @@
-"""A system under test on an LCM network in memory."""
+"""A system under test on an in-memory LCM network."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ class NetworkBench(SystemBench):
         self.lcm.HandleSubscriptions(0)
 
     def hear(self, channel: str, decode: Callable[[bytes], Any] = bytes) -> list[Any]:
-        """Returns a list that gets every message on a channel."""
+        """Returns a list to which each message on a channel is appended."""
         heard: list[Any] = []
         self.lcm.Subscribe(channel, lambda message: heard.append(decode(message)))
         return heard

@@ -1,4 +1,4 @@
-"""Runs of the closed loop, recorded for replays; and logs that are not what was recorded."""
+"""Recorded runs of the closed loop for replays, and logs with changes."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from poil_drake.systems.skill.stop_requests import StopSwitch
 
 
 def moving_plan() -> ExecutionPlan:
-    """The short plan, whose approach goes somewhere: the wrist turns by 0.2 rad in a second."""
+    """Returns the short plan with an approach that turns the wrist by 0.2 rad in a second."""
     plan = short_plan()
     times = np.linspace(0.0, 1.0, 33)
     turn = np.eye(7)[6]
@@ -43,7 +43,7 @@ def record(
     config: RunLogConfig | None = None,
     stop_at: float | None = None,
 ) -> Path:
-    """Runs the simulated loop for some time [s], and returns its log."""
+    """Runs the simulated loop for a duration [s] and returns its log."""
     switch = StopSwitch()
     with (
         OpenRunLog(path, plan=plan, scenario=scenario, config=config) as log,
@@ -60,7 +60,7 @@ def record(
 
 
 def write_samples(log: RunLogWriter, times: Sequence[float] = (0.0,)) -> None:
-    """Writes what every replay needs of an arm that stands still."""
+    """Writes the topics that every replay needs, for an arm at rest."""
     still = np.zeros(7)
     for time in times:
         log.write_joint_states(ARM_JOINTS, time=time, position=still, velocity=still)
@@ -77,7 +77,7 @@ def with_rates(scenario: Scenario, **rates: float) -> Scenario:
 
 
 def beginning(source: Path, target: Path, duration: float) -> Path:
-    """Copies the beginning [s] of a log."""
+    """Copies the first seconds (`duration` [s]) of a log."""
 
     def keep(topic: str, message: Message) -> bytes | None:
         return message.data if message.log_time <= 1e9 * duration else None
@@ -93,14 +93,14 @@ def rewritten(
     attachment: Callable[[Attachment], bool] = lambda attachment: True,
     metadata: Callable[[dict[str, str]], dict[str, str]] = lambda values: values,
 ) -> Path:
-    """Copies a log, and changes it on the way.
+    """Copies a log with changes.
 
     Args:
         source: The log.
         target: The copy.
-        message: Returns the data of a message of a topic; None leaves it out.
+        message: Returns the new data of a message on a topic; None drops the message.
         attachment: Whether to keep an attachment.
-        metadata: Returns the metadata.
+        metadata: Returns the new metadata.
     """
     schemas: dict[int, int] = {}
     channels: dict[int, tuple[int, str]] = {}

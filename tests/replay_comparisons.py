@@ -1,4 +1,4 @@
-"""Comparisons of runs made by hand."""
+"""Synthetic runs and their comparisons."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ TOLERANCES = ReplayTolerances(
 
 
 def make_run(*, speed: float = 0.5, shift: float = 0.0, last: str = "follow") -> RecordedRun:
-    """A run of two seconds, whose joints move at a speed from 1 s on."""
+    """Returns a run of two seconds whose joints move at `speed` from 1 s on."""
     times = np.linspace(0.0, 2.0, 65)
     commands = np.where(times >= 1.0, speed, 0.0)[:, None] * np.ones(7)
     tracks = [
@@ -41,7 +41,7 @@ def make_run(*, speed: float = 0.5, shift: float = 0.0, last: str = "follow") ->
 
 
 def make_summary(recorded: RecordedRun, replayed: RecordedRun, **fields: object) -> ReplaySummary:
-    """What comes of a replay that took a quarter of a second."""
+    """Returns the summary of a replay that took a quarter of a second."""
     given = {"station": "hardware", "tracker": "rigid_flow", "changed": False} | fields
     comparison = compare_runs(recorded, replayed, TOLERANCES)
     return ReplaySummary(

@@ -1,4 +1,4 @@
-"""A plan made by hand, with which the real closed loop runs a second or two without rendering."""
+"""A synthetic plan with which the real closed loop runs a second or two without rendering."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ def short_scenario() -> Scenario:
 
 
 def rise(*, height: float, duration: float, samples: int) -> PointTrajectory:
-    """The points move straight up, and stop at once."""
+    """Returns a reference that moves the points straight up and stops abruptly."""
     up = np.array([0.0, 0.0, 1.0])
     velocities = np.tile(height / duration * up, (samples, len(POINTS), 1))
     velocities[-1] = 0.0
@@ -31,7 +31,7 @@ def rise(*, height: float, duration: float, samples: int) -> PointTrajectory:
 
 
 def short_plan() -> ExecutionPlan:
-    """The arm stays where it is and closes the hand on nothing, which ends in a fault."""
+    """Returns a plan in which the arm stays and the hand closes on nothing, which is a fault."""
     stay = JointTrajectory([0.0, 0.125], [HOME, HOME], np.zeros((2, 7)))
     grasp = GraspCandidate(
         make_transform(np.diag([1.0, -1.0, -1.0]), [0.50, -0.10, 0.05]),
@@ -58,5 +58,5 @@ def short_plan() -> ExecutionPlan:
 
 
 def lasting(scenario: Scenario, duration: float) -> Scenario:
-    """Returns the scenario with another longest run [s]."""
+    """Returns the scenario with another maximum duration [s]."""
     return dataclasses.replace(scenario, simulation_duration=duration)

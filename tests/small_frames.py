@@ -1,4 +1,4 @@
-"""Small frames to record: a smooth picture that two cameras see."""
+"""Small frames to record: a smooth image of each of two cameras."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ K = np.array([[30.0, 0.0, 15.5], [0.0, 31.0, 11.5], [0.0, 0.0, 1.0]])
 
 
 def camera(name: str, height: float = 0.6) -> CameraModel:
-    """A camera that looks straight down from above."""
+    """Returns a camera that looks straight down."""
     X_WC = np.diag([1.0, -1.0, -1.0, 1.0])
     X_WC[:3, 3] = [0.4, 0.1 * len(name), height]
     return CameraModel(name, WIDTH, HEIGHT, K, X_WC)
 
 
 def image(index: int, *, stamp: float, labelled: bool = False) -> RgbdImage:
-    """A smooth picture that changes with the index, with a hole in its depth."""
+    """Returns a smooth image that changes with the index, with a hole in its depth."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     rgb = np.stack([60 + 3 * u, 80 + 4 * v, np.full_like(u, 20 + 10 * index)], axis=-1)
     depth = 0.5 + 0.0101 * v + 0.0037 * u + 0.001 * index

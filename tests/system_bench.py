@@ -8,7 +8,7 @@ from pydrake.systems.framework import PortDataType, System
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 START = 1_790_000_000.0
-"""What a bench's clock shows at time zero [s since the epoch]."""
+"""The time of a bench's clock at time zero [s since the epoch]."""
 
 
 class SystemBench:
@@ -31,7 +31,7 @@ class SystemBench:
         return self.context.get_time()
 
     def now(self) -> float:
-        """A clock that runs with the simulation [s since the epoch]."""
+        """Returns the time of a clock that runs with the simulation [s since the epoch]."""
         return START + self.time
 
     def fix(self, port: str | None = None, value: Any = None, /, **values: Any) -> None:

@@ -1,4 +1,4 @@
-"""Every example runs, and does what it says."""
+"""Every example runs and does what its docstring says."""
 
 import re
 import subprocess
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-AS_FAST_AS_IT_CAN = """
+AS_FAST_AS_POSSIBLE = """
 import runpy, sys
 from pydrake.systems.analysis import Simulator
 Simulator.set_target_realtime_rate = lambda self, rate: None
@@ -17,7 +17,7 @@ runpy.run_path(sys.argv[1], run_name="__main__")
 
 
 def run_example(name: str, *arguments: object, cwd: Path) -> str:
-    """Runs an example in its own process, and returns what it prints."""
+    """Runs an example in its own process and returns its output."""
     path = ROOT / "examples" / name
     done = subprocess.run(
         [sys.executable, path, *map(str, arguments)],
@@ -45,7 +45,7 @@ def test_every_example_is_run_by_a_test() -> None:
 def test_the_controller_alone_takes_the_body_to_the_goal(flags: list[str], tmp_path: Path) -> None:
     path = ROOT / "examples" / "controller_alone.py"
     done = subprocess.run(
-        [sys.executable, "-c", AS_FAST_AS_IT_CAN, path, *flags],
+        [sys.executable, "-c", AS_FAST_AS_POSSIBLE, path, *flags],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -56,26 +56,26 @@ def test_the_controller_alone_takes_the_body_to_the_goal(flags: list[str], tmp_p
     errors = [float(e) for e in re.findall(r"^\d s: +([\d.]+) mm", done.stdout, re.MULTILINE)]
     assert len(errors) == 9
     assert errors[0] > 1000.0
-    # At 3 / s a few mm die out within a second or two; the integrator is good to a tenth of one.
+    # At 3 / s a few mm decay within a second or two; the integrator's error is below 0.1 mm.
     assert errors[-1] <= 0.1
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 def test_a_users_own_tracker_hangs_the_mug(plan_file: Path, tmp_path: Path) -> None:
-    said = run_example("own_tracker.py", plan_file, cwd=tmp_path)
+    output = run_example("own_tracker.py", plan_file, cwd=tmp_path)
 
-    assert "done" in said
-    (error,) = re.findall(r"release, ([\d.]+) mm", said)
+    assert "done" in output
+    (error,) = re.findall(r"release, ([\d.]+) mm", output)
     # A millimetre of noise on each coordinate is √3 mm; the gripper follows it slowly.
     assert 0.0 < float(error) < 5.0
 
 
 @pytest.mark.slow
-def test_a_users_own_station_says_what_is_touched(plan_file: Path, tmp_path: Path) -> None:
-    said = run_example("own_station.py", plan_file, cwd=tmp_path)
+def test_a_users_own_station_reports_contacts(plan_file: Path, tmp_path: Path) -> None:
+    output = run_example("own_station.py", plan_file, cwd=tmp_path)
 
-    touched = set(said.removeprefix("touched something: ").strip().split(", "))
+    touched = set(output.removeprefix("touched something: ").strip().split(", "))
     assert {"rack::rod", "mug::handle", "table::table"} <= touched
     assert "box::box" not in touched
 
@@ -83,19 +83,19 @@ def test_a_users_own_station_says_what_is_touched(plan_file: Path, tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.render
 def test_a_log_is_read(whole_run: Path, tmp_path: Path) -> None:
-    said = run_example("reading_a_log.py", whole_run / "run.mcap", cwd=tmp_path)
+    output = run_example("reading_a_log.py", whole_run / "run.mcap", cwd=tmp_path)
 
-    assert re.findall(r"s: (\w+)$", said, re.MULTILINE)[-1] == "done"
-    assert "camera 'left': " in said
+    assert re.findall(r"s: (\w+)$", output, re.MULTILINE)[-1] == "done"
+    assert "camera 'left': " in output
     # Tracks are released 3/16 s after their capture, and logged at once.
-    assert re.search(r"\d+ tracks, 1\d\d ms old", said)
+    assert re.search(r"\d+ tracks, 1\d\d ms old", output)
 
 
 @pytest.mark.slow
 def test_trials_run_side_by_side(plan_file: Path, tmp_path: Path) -> None:
-    said = run_example("batch_of_trials.py", plan_file, "0", "30", cwd=tmp_path)
+    output = run_example("batch_of_trials.py", plan_file, "0", "30", cwd=tmp_path)
 
-    found = {int(n): float(mm) for n, mm in re.findall(r"(\d+) N: ([\d.]+) mm", said)}
+    found = {int(n): float(mm) for n, mm in re.findall(r"(\d+) N: ([\d.]+) mm", output)}
     assert found.keys() == {0, 30}
     assert 0.0 < found[0] < found[30] < 10.0
 
@@ -103,7 +103,7 @@ def test_trials_run_side_by_side(plan_file: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.render
 def test_a_users_own_task_succeeds(tmp_path: Path) -> None:
-    # The simulator's truth saves the time of rendering.
+    # The ground-truth tracker saves the time of rendering.
     script = (ROOT / "examples" / "own_task.py").read_text()
     assert script.count('TASK = """\n') == 1
     script = script.replace('TASK = """\n', 'TASK = """\npoil: {tracker: ground_truth}\n')

@@ -1,4 +1,4 @@
-"""Imports run one way, and in no circle; heavy libraries stay out of the control loop."""
+"""Imports run one way and have no cycles; heavy libraries stay out of the control loop."""
 
 import ast
 import subprocess
@@ -56,16 +56,16 @@ def check_no_module_imports(paths: Iterable[Path], refused: Callable[[Path, str]
 
 
 def test_imports_run_one_way() -> None:
-    def runs_back(path: Path, name: str) -> bool:
+    def is_backward(path: Path, name: str) -> bool:
         parts = name.split(".")
         if parts[0] != "poil_drake" or len(parts) == 1 or parts[1] not in ORDER:
             return False
         return ORDER[parts[1]] > ORDER[path.parts[0].removesuffix(".py")]
 
-    check_no_module_imports(PACKAGE.rglob("*.py"), runs_back)
+    check_no_module_imports(PACKAGE.rglob("*.py"), is_backward)
 
 
-def test_no_modules_import_each_other_in_a_circle() -> None:
+def test_imports_have_no_cycles() -> None:
     modules = {module_name(path): path for path in PACKAGE.rglob("*.py")}
 
     def imported(name: str) -> str:
@@ -75,16 +75,16 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         module: {imported(name) for name in imports(path)} & modules.keys() - {module}
         for module, path in modules.items()
     }
-    TopologicalSorter(graph).prepare()  # Raises a CycleError that names the circle.
+    TopologicalSorter(graph).prepare()  # Raises a CycleError that names the cycle.
 
 
-def test_pure_floors_do_not_know_drake() -> None:
+def test_pure_floors_do_not_import_drake() -> None:
     check_no_module_imports(
         modules(*PURE_FLOORS), lambda path, name: name.split(".")[0] == "pydrake"
     )
 
 
-def test_pure_floors_load_no_drake_by_any_way_round() -> None:
+def test_pure_floors_do_not_load_drake_indirectly() -> None:
     names = [module_name(path) for path in modules(*PURE_FLOORS)]
     code = (
         "import importlib, sys\n"
@@ -96,7 +96,7 @@ def test_pure_floors_load_no_drake_by_any_way_round() -> None:
 
 
 def test_the_control_loop_loads_neither_torch_nor_open3d() -> None:
-    """What counts is what is loaded, wherever the import stands."""
+    """Checks the loaded modules, wherever the imports are."""
     code = (
         "import sys, poil_drake.diagrams.loop.closed_loop; "
         f"sys.exit(' '.join({LAZY!r} & sys.modules.keys()))"

@@ -11,13 +11,13 @@ from poil_drake.robots.panda import ARM_JOINTS
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = (ROOT / "examples" / "first_diagram.py").read_text()
-TELL_MOTION = """
+PRINT_MOTION = """
     station = loop.station
     context = station.GetMyContextFromRoot(simulator.get_context())
     for name in ("panda.position_measured", "panda.velocity_measured"):
         print(*station.GetOutputPort(name).Eval(context))
 """
-FOLLOWING = 6.5  # [s]: points that were seen move the arm, and the mug with it.
+FOLLOWING = 6.5  # [s]: at this time tracked points move the arm and the mug.
 
 
 def test_the_readmes_first_diagram_is_the_example() -> None:
@@ -29,10 +29,10 @@ def test_the_readmes_first_diagram_is_the_example() -> None:
 
 @pytest.mark.slow
 @pytest.mark.render
-def test_the_example_moves_to_the_last_bit_as_the_run_of_another_process(
+def test_the_example_moves_exactly_as_the_run_of_another_process(
     tmp_path: Path, whole_run: Path, demonstration: Path
 ) -> None:
-    # Demonstration, transfer, grasp, closed loop, with other hashes, addresses and timing.
+    # The two processes differ in hash seeds, memory addresses and timing.
     run = load_recorded_run(whole_run / "run.mcap", joint_names=ARM_JOINTS)
     assert 15.0 < run.end <= 16.0
     assert {phase.name: phase.time for phase in run.phases}["follow"] < FOLLOWING - 0.5
@@ -40,7 +40,7 @@ def test_the_example_moves_to_the_last_bit_as_the_run_of_another_process(
     script = EXAMPLE.replace("AdvanceTo(16.0)", f"AdvanceTo({FOLLOWING})")
 
     done = subprocess.run(
-        [sys.executable, "-c", script + TELL_MOTION],
+        [sys.executable, "-c", script + PRINT_MOTION],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -1,4 +1,4 @@
-"""The set-up script's check of system libraries, for somebody who may not install any."""
+"""The set-up script's check of system libraries, for a user who may not install any."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ SCRIPT = Path(__file__).parents[1] / "scripts" / "system_libraries.sh"
 
 
 def check(folder: Path, **programs: str) -> subprocess.CompletedProcess:
-    """Runs the script with stand-ins for programs; none of them is root, and none installs."""
+    """Runs the script with stand-ins for programs, for a user who is not root."""
     for name, text in ({"id": "echo 1000", "apt-get": "exit 1"} | programs).items():
         program = folder / name
         program.write_text(f"#!/bin/sh\n{text}\n")
@@ -24,14 +24,14 @@ def check(folder: Path, **programs: str) -> subprocess.CompletedProcess:
     )
 
 
-@pytest.mark.render  # where images are rendered, all is there
-def test_where_nothing_is_missing_nothing_is_said(tmp_path: Path) -> None:
+@pytest.mark.render  # a machine that renders has all libraries
+def test_without_missing_libraries_there_is_no_output(tmp_path: Path) -> None:
     result = check(tmp_path)
 
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
-def test_what_is_missing_is_named_with_the_command_that_installs_it(tmp_path: Path) -> None:
+def test_missing_libraries_are_named_with_the_command_that_installs_them(tmp_path: Path) -> None:
     result = check(tmp_path, ldconfig="echo libGL.so.1 libgomp.so.1 libusb-1.0.so.0")
 
     assert result.returncode == 1

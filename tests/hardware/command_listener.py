@@ -1,6 +1,6 @@
-"""Writes which commands come, until a while after the process that started it is gone.
+"""Records the commands to the arm until a while after its parent process has ended.
 
-`command_listener.py URL FILE TIME_SCALE`; it says a line when it listens.
+`command_listener.py URL FILE TIME_SCALE`; it prints a line once it listens.
 """
 
 import math
@@ -19,16 +19,16 @@ AFTERWARDS = 1.5  # [s of the robot's time]
 
 
 def main(url: str, path: Path, time_scale: float) -> None:
-    told: list[tuple[float, float]] = []
+    commands: list[tuple[float, float]] = []
 
     def now() -> float:
         return time_scale * time.time()
 
-    def hear(message: bytes) -> None:
-        told.append((now(), float(np.abs(decode_panda_command(message).velocity).max())))
+    def record(message: bytes) -> None:
+        commands.append((now(), float(np.abs(decode_panda_command(message).velocity).max())))
 
     lcm = LcmNetwork(url)
-    lcm.Subscribe(PandaChannels().command, hear)
+    lcm.Subscribe(PandaChannels().command, record)
     print("ready", flush=True)
     end = math.inf
     try:
@@ -37,7 +37,7 @@ def main(url: str, path: Path, time_scale: float) -> None:
             if end == math.inf and select.select([sys.stdin], [], [], 0.0)[0]:
                 end = now() + AFTERWARDS
     finally:
-        write_json(told, path, indent=None)
+        write_json(commands, path, indent=None)
 
 
 if __name__ == "__main__":

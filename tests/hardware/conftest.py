@@ -1,4 +1,4 @@
-"""What the tests with a stand-in robot share."""
+"""Fixtures of the tests with a stand-in robot."""
 
 import warnings
 from collections.abc import Callable
@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import execute, hardware_scenario, swinging_plan, track_with
-from machine_pace import ROOM, Pace, first_kept, slower
+from machine_pace import ROOM, Pace, first_that_keeps_up, slower_scales
 from prior_tracker import PriorTracker
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 
-RunKept = Callable[[Callable[[float], tuple[Any, Pace]]], Any]
+RunThatKeepsUp = Callable[[Callable[[float], tuple[Any, Pace]]], Any]
 
 
 @pytest.fixture(scope="session")
 def pictures(scenario: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the cameras of the package's own scenario show at the start, with labels."""
+    """An npz with the first images of the cameras of the package's scenario, with labels."""
     station = MakeStation(scenario, ignore_output_delay=True)
     frame = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
     path = tmp_path_factory.mktemp("pictures") / "pictures.npz"
@@ -39,43 +39,43 @@ def time_scale(
     pictures: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> float:
-    """Seconds of the robot's time per second: as many as this machine keeps up with, by a trial."""
+    """Seconds of the robot's time per second that this machine keeps up with, from a trial run."""
     chosen = request.config.getoption("--time-scale")
     if chosen is not None:
         return chosen
 
     def attempt(time_scale: float) -> tuple[tuple[float, Pace], Pace]:
         trial = hardware_scenario(scenario, time_scale=time_scale)
-        summary, seen = execute(
+        summary, record = execute(
             swinging_plan(), trial, pictures, tmp_path_factory.mktemp("trial"), fault="reflex"
         )
-        pace = seen.pace(summary.to_dict(), trial)
+        pace = record.pace(summary.to_dict(), trial)
         return (time_scale, pace), pace
 
     with pytest.MonkeyPatch.context() as monkeypatch:
         track_with(PriorTracker(), monkeypatch)
-        scale, pace = first_kept(slower(1.0, step=0.5**0.5), attempt, worst=ROOM)
+        scale, pace = first_that_keeps_up(slower_scales(1.0, step=0.5**0.5), attempt, worst=ROOM)
     if scale < 1.0:
         warnings.warn(f"Real-time tests run at a time scale of {scale:.3g}: {pace}.", stacklevel=1)
     return scale
 
 
 @pytest.fixture(scope="session")
-def run_kept(time_scale: float) -> RunKept:
+def run_that_keeps_up(time_scale: float) -> RunThatKeepsUp:
     """Returns a function that repeats attempts until one keeps up, and returns its result.
 
-    The next attempts begin at the pace that this one kept.
+    Later attempts begin at the time scale of the last one that kept up.
     """
     usual = time_scale
 
-    def run_kept(attempt: Callable[[float], tuple[Any, Pace]]) -> Any:
+    def run_that_keeps_up(attempt: Callable[[float], tuple[Any, Pace]]) -> Any:
         def at_scale(scale: float) -> tuple[tuple[float, Any], Pace]:
             result, pace = attempt(scale)
             return (scale, result), pace
 
         nonlocal usual
-        # Twice at the usual pace: machines stumble.
-        usual, result = first_kept([usual, *slower(usual)], at_scale)
+        # Twice at the usual scale, because a machine may be busy for a moment.
+        usual, result = first_that_keeps_up([usual, *slower_scales(usual)], at_scale)
         return result
 
-    return run_kept
+    return run_that_keeps_up

@@ -19,9 +19,9 @@ from poil_drake.systems.panda.lcm_messages import (
 )
 from poil_drake.systems.statuses import RobotMode
 
-MOVING = 0.02  # [rad/s]: faster than this is no rest.
-BAD_FOR = 1.2  # [s]: how long some messages are bad before a reflex ends the run.
-BRIEFLY = 0.1  # [s]: longer than it takes to notice a push.
+MOVING = 0.02  # [rad/s]: an arm faster than this is moving.
+BAD_FOR = 1.2  # [s]: time with some bad messages before a reflex ends the run.
+BRIEFLY = 0.1  # [s]: longer than the detection of a push takes.
 
 
 def start_listener(setup: StandInSetup) -> None:

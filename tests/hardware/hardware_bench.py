@@ -33,7 +33,7 @@ from poil_drake.robots.joint_trajectory import JointTrajectory
 
 SWING = 0.6
 HELD_WIDTH = 0.01
-RESTING = 0.01  # [rad/s]: an arm at rest is no faster.
+RESTING = 0.01  # [rad/s]: the highest speed of an arm at rest.
 PATIENCE = 3600.0  # [s]: reached only by a failing test.
 
 
@@ -49,7 +49,7 @@ def hardware_scenario(
 
 
 def swinging_plan() -> ExecutionPlan:
-    """The arm swings about its first axis for half a second, and only then would reach."""
+    """Returns a plan whose approach first swings the arm about its first axis for half a second."""
     times = np.linspace(0.0, 0.5, 33)
     way = 0.5 - 0.5 * np.cos(2.0 * np.pi * times)
     rate = np.pi * np.sin(2.0 * np.pi * times)
@@ -59,7 +59,7 @@ def swinging_plan() -> ExecutionPlan:
 
 
 def carrying_plan() -> ExecutionPlan:
-    """The arm stays, grasps, lifts, and then carries the points upwards."""
+    """Returns a plan in which the arm stays, grasps, lifts, and then moves the points up."""
     stay = JointTrajectory([0.0, 0.125], [HOME, HOME], np.zeros((2, 7)))
     return _plan(stay, HOME)
 
@@ -76,7 +76,7 @@ def _plan(approach: JointTrajectory, end: np.ndarray) -> ExecutionPlan:
 
 
 def track_with(tracker: PriorTracker, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Has closed loops track with it."""
+    """Makes closed loops use this tracker."""
     monkeypatch.setattr(closed_loop_perception, "MakeScenarioTracker", lambda poil: tracker)
 
 
@@ -87,8 +87,8 @@ def execute(
     folder: Path,
     *,
     fault: str = "",
-) -> tuple[RunSummary, "Seen"]:
-    """Executes a plan on the hardware path, and returns its summary and what the stand-in saw."""
+) -> tuple[RunSummary, "RobotRecord"]:
+    """Executes a plan on the hardware path; returns its summary and the stand-in's record."""
     with stand_in(scenario, pictures, folder, fault=fault) as robot:
         summary = ExecutePlan(
             plan,
@@ -99,11 +99,20 @@ def execute(
             show_progress=False,
             check=False,
         )
-        return summary, Seen(**robot.finish())
+        return summary, RobotRecord(**robot.finish())
 
 
-class Seen(NamedTuple):
-    """What the stand-in robot saw; times are [s since the epoch] by its clock."""
+class RobotRecord(NamedTuple):
+    """The record of the stand-in robot; times are [s since the epoch] by its clock.
+
+    Attributes:
+        speeds: Times and the largest joint speed then [rad/s].
+        commanded: Stamps of the received commands.
+        told: Times and the largest joint speed that a command then asked for [rad/s].
+        hand_told: Times and the finger opening that a command then asked for [m].
+        fault_at: Start of the fault; None if there was none.
+        moved_at: Start of the arm's motion; None if it did not move.
+    """
 
     speeds: list[tuple[float, float]]
     commanded: list[float]
@@ -113,7 +122,7 @@ class Seen(NamedTuple):
     moved_at: float | None
 
     def pace(self, summary: Mapping[str, Any] | None, scenario: Scenario) -> Pace:
-        """Returns how well the stand-in kept up, and a run, if it left a summary."""
+        """Returns how well the stand-in kept up, and the run, if it left a summary."""
         times = np.array([time for time, _ in self.speeds])
         behind = float((times - times[0] - PERIOD * np.arange(len(times))).max())
         if summary is None:
@@ -125,14 +134,14 @@ class Seen(NamedTuple):
             summary["phases"][0]["end"],
         )
 
-    def rest_after(self, time: float, *, told: bool = True) -> float:
-        """Returns how long after a time [s] the arm still moved, or was still told to move.
+    def rest_after(self, time: float, *, commands: bool = True) -> float:
+        """Returns how long after a time [s] the arm moved or was commanded to move.
 
         Args:
-            time: By the robot's clock.
-            told: Whether commands count, too: the arm may have stopped by itself.
+            time: The time by the robot's clock.
+            commands: Whether commands count, too, and not only the arm's motion.
         """
-        moving = [t for t, v in (*self.speeds, *(self.told if told else ())) if v > RESTING]
+        moving = [t for t, v in (*self.speeds, *(self.told if commands else ())) if v > RESTING]
         return max([0.0, *(t - time for t in moving)])
 
 
@@ -141,23 +150,23 @@ class StandIn:
     """The process of a stand-in robot."""
 
     process: subprocess.Popen[str]
-    listened: Path
-    seen: dict | None = None
+    listener_file: Path
+    record: dict | None = None
 
     def finish(self) -> dict:
-        """Ends it and returns what it saw."""
-        if self.seen is None:
-            said, _ = self.process.communicate()
-            self.seen = json.loads(said.splitlines()[-1])
+        """Ends the process and returns the robot's record."""
+        if self.record is None:
+            output, _ = self.process.communicate()
+            self.record = json.loads(output.splitlines()[-1])
             if self.process.returncode == -signal.SIGKILL:
-                self.seen["told"] = self._listened()
-        return self.seen
+                self.record["told"] = self._listener_record()
+        return self.record
 
-    def _listened(self) -> list:
-        """Returns what another process heard when the robot was killed."""
-        while not self.listened.exists():
+    def _listener_record(self) -> list:
+        """Returns the commands that the listener recorded, also after the robot was killed."""
+        while not self.listener_file.exists():
             time.sleep(0.05)
-        return json.loads(self.listened.read_text())
+        return json.loads(self.listener_file.read_text())
 
 
 @contextmanager
@@ -170,15 +179,15 @@ def stand_in(
     after: float = 0.6,
     position: np.ndarray = HOME,
 ) -> Iterator[StandIn]:
-    """Runs a stand-in robot beside a block; it misbehaves once its arm has moved for a while.
+    """Runs a stand-in robot during a block; its fault begins some time after its arm moves.
 
     Args:
-        scenario: Its networks and cameras.
-        pictures: What the cameras show (npz).
-        directory: For its files.
-        fault: How it misbehaves.
-        after: When [s of the robot's time], counted from the arm's first motion.
-        position: Where the arm stands (7,) [rad].
+        scenario: Scenario with its networks and cameras.
+        pictures: Images of the cameras (npz).
+        directory: Directory for its files.
+        fault: Name of the fault; empty for none.
+        after: Start of the fault after the arm's first motion [s of the robot's time].
+        position: Joint positions of the arm (7,) [rad].
     """
     setup = StandInSetup(
         robot_url=scenario.lcm_buses["robot"].lcm_url,
@@ -191,10 +200,10 @@ def stand_in(
         fault=fault,
         after=after,
     )
-    listened = directory / "stand_in.json.told"
-    listened.unlink(missing_ok=True)
+    listener_file = directory / "stand_in.json.told"
+    listener_file.unlink(missing_ok=True)
     program = str(Path(__file__).parent / "faulty_robot.py")
     with running_stand_in(setup, directory, program=[program]) as process:
-        robot = StandIn(process, listened)
+        robot = StandIn(process, listener_file)
         yield robot
         robot.finish()

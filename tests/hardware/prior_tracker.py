@@ -1,4 +1,4 @@
-"""A tracker that sees what forward kinematics foretells, and can misbehave in its process."""
+"""A tracker that returns the motion predicted by forward kinematics, and can fail on request."""
 
 import os
 import signal
@@ -16,7 +16,13 @@ from poil_drake.perception.trackers.protocol import TrackerOutput
 
 @dataclass(frozen=True)
 class PriorState:
-    """Where the points are (N, 3) [m], and how many steps led there."""
+    """State of the tracker.
+
+    Attributes:
+        points: (N, 3) positions [m].
+        steps: Number of steps.
+        carried: Number of steps in which the object moved.
+    """
 
     points: np.ndarray
     steps: int = 0
@@ -28,14 +34,15 @@ class PriorTracker:
     """Moves the points along with the held object.
 
     Attributes:
-        stall: For how long one step takes, once the object is carried [s, not scaled].
-        grave: If not empty, the process is killed once the object is carried, and leaves this file.
-        rises: Whether a new process works; else it is killed as soon as it starts to track.
+        stall: Duration of one step while the object is carried [s, not scaled].
+        kill_marker: If not empty, the process is killed once the object is carried, and leaves
+            this file.
+        restarts: Whether a new process works; otherwise it is killed as soon as it starts to track.
     """
 
     stall: float = 0.0
-    grave: str = ""
-    rises: bool = True
+    kill_marker: str = ""
+    restarts: bool = True
 
     def start(
         self,
@@ -43,7 +50,7 @@ class PriorTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        if self._died and not self.rises:
+        if self._was_killed and not self.restarts:
             os.kill(os.getpid(), signal.SIGKILL)
         return self._output(PriorState(query_points), frame)
 
@@ -53,8 +60,8 @@ class PriorTracker:
         X_M = np.eye(4) if motion_prior is None else motion_prior
         moves = not np.allclose(X_M, np.eye(4), atol=1e-5)
         carried = state.carried + moves
-        if self.grave and carried > 1 and not self._died:
-            Path(self.grave).touch()
+        if self.kill_marker and carried > 1 and not self._was_killed:
+            Path(self.kill_marker).touch()
             os.kill(os.getpid(), signal.SIGKILL)
         if self.stall and moves and carried == 3:
             time.sleep(self.stall)
@@ -64,8 +71,8 @@ class PriorTracker:
         )
 
     @property
-    def _died(self) -> bool:
-        return bool(self.grave) and Path(self.grave).exists()
+    def _was_killed(self) -> bool:
+        return bool(self.kill_marker) and Path(self.kill_marker).exists()
 
     def _output(self, state: PriorState, frame: MultiViewFrame) -> TrackerOutput:
         confidence = np.ones(len(state.points))

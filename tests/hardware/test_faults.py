@@ -1,8 +1,8 @@
-"""What goes wrong in a laboratory: the arm rests soon, the reason is right, nothing is lost.
+"""Faults in a laboratory: the arm rests soon, the reason is right, and no output is lost.
 
-Each run is in real time, or as much slower as this machine needs it, against a stand-in robot in
-another process, which misbehaves 0.6 s after its arm began to move. All times are the robot's. The
-last test compares what was found with the table in the documentation.
+Each run is in real time, slowed down as far as this machine needs, against a stand-in robot in
+another process, whose fault begins 0.6 s after its arm starts to move. All times are the robot's.
+The last test compares the results with the table in the documentation.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from fault_table import DOCUMENT, Row, documented_rows, table
 from hardware_bench import (
-    Seen,
+    RobotRecord,
     carrying_plan,
     execute,
     hardware_scenario,
@@ -43,22 +43,22 @@ from poil_drake.systems.skill.state_machine import SkillConfig
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]
 
-ExecuteWith = Callable[..., tuple[RunSummary, Seen]]
+ExecuteWith = Callable[..., tuple[RunSummary, RobotRecord]]
 
 REST = 0.15
-"""The arm rests so soon after the fault was detected [s]."""
+"""Longest time from the detection of a fault until the arm rests [s]."""
 
 _ROWS: list[Row] = []
 
 
 class Case(NamedTuple):
-    """A fault, what is to be said, and how soon it is to be known [s]."""
+    """A fault, its report, and the longest time until its detection [s]."""
 
     fault: str
-    what: str
+    event: str
     reason: str
-    known: float
-    also: str = ""
+    detection: float
+    detail: str = ""
 
 
 STATUS = SafetyFault.NO_STATUS.text
@@ -67,7 +67,7 @@ CASES = [
     Case("driver_killed", "the driver's process is killed", STATUS, 0.15),
     Case("status_stopped", "statuses stop", STATUS, 0.15),
     Case("all_late", "every status is 0.3 s late", STATUS, 0.15, "0.30 s before it came"),
-    Case("all_repeated", "one status is repeated for ever", STATUS, 0.15, "came late or twice"),
+    Case("all_repeated", "one status is repeated forever", STATUS, 0.15, "came late or twice"),
     Case("all_malformed", "statuses are garbage", STATUS, 0.15, "could not be read"),
     Case(
         "all_foreign",
@@ -78,38 +78,38 @@ CASES = [
     ),
     Case(
         "clock_ahead",
-        "the driver's clock leaps 1 s ahead",
+        "the driver's clock jumps 1 s ahead",
         SafetyFault.CLOCK_OFF.text,
         0.15,
         "1.00 s after it came",
     ),
     Case(
         "clock_behind",
-        "the driver's clock leaps 1 s back",
+        "the driver's clock jumps 1 s back",
         SafetyFault.CLOCK_OFF.text,
         0.15,
         "1.00 s before it came: are the clocks in step?",
     ),
     Case(
         "reflex",
-        "the robot's reflex stops it",
+        "a reflex stops the robot",
         SafetyFault.ROBOT_MODE.text,
         0.1,
     ),
     Case(
         "pushed",
-        "somebody pushes with 60 N m",
+        "the arm is pushed with 60 N m",
         SafetyFault.EXTERNAL_TORQUE.text,
         0.15,
     ),
     Case(
         "packets_lost",
-        "the robot gets a third of the commands",
+        "the robot receives a third of the commands",
         SafetyFault.SUCCESS_RATE.text,
         0.7,
     ),
     Case("camera_frozen", "a camera repeats one image", CAMERA, 1.3),
-    Case("camera_unplugged", "a camera sends nothing any more", CAMERA, 1.3),
+    Case("camera_unplugged", "a camera stops sending images", CAMERA, 1.3),
     Case("camera_garbage", "a camera sends garbage", CAMERA, 1.3, "camera 'left'"),
 ]
 
@@ -117,15 +117,15 @@ CASES = [
 @pytest.fixture
 def execute_with(
     scenario: Scenario,
-    run_kept: Callable,
+    run_that_keeps_up: Callable,
     pictures: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> ExecuteWith:
     """Executes a plan on the hardware path: `execute_with(plan, fault=, tracker=, speed=)`.
 
-    By default a lost track is not a fault for a minute (`lost_fault` [s]): a slow machine needs
-    longer to start the tracker's process again.
+    By default a lost track becomes a fault only after a minute (`lost_fault` [s]), because a slow
+    machine takes long to restart the tracker's process.
     """
 
     def execute_with(
@@ -135,27 +135,27 @@ def execute_with(
         tracker: PriorTracker | None = None,
         speed: float = 0.2,
         lost_fault: float = 60.0,
-    ) -> tuple[RunSummary, Seen]:
+    ) -> tuple[RunSummary, RobotRecord]:
         tracker = tracker or PriorTracker()
 
-        def attempt(time_scale: float) -> tuple[tuple[RunSummary, Seen], Pace]:
-            if tracker.grave:
-                Path(tracker.grave).unlink(missing_ok=True)  # As the last attempt left it.
+        def attempt(time_scale: float) -> tuple[tuple[RunSummary, RobotRecord], Pace]:
+            if tracker.kill_marker:
+                Path(tracker.kill_marker).unlink(missing_ok=True)  # Left by the last attempt.
             track_with(dataclasses.replace(tracker, stall=tracker.stall / time_scale), monkeypatch)
             chosen = hardware_scenario(scenario, speed=speed, time_scale=time_scale)
-            summary, seen = execute(plan, chosen, pictures, tmp_path, fault=fault)
-            return (summary, seen), seen.pace(summary.to_dict(), chosen)
+            summary, record = execute(plan, chosen, pictures, tmp_path, fault=fault)
+            return (summary, record), record.pace(summary.to_dict(), chosen)
 
-        # After the object was let go there is nothing to see.
+        # No test needs the time after the release.
         skill = partial(SkillConfig, release_time=0.1, settle_time=0.1, lost_fault=lost_fault)
         monkeypatch.setattr(closed_loop_control, "SkillConfig", skill)
-        return run_kept(attempt)
+        return run_that_keeps_up(attempt)
 
     return execute_with
 
 
 def detected_at(summary: RunSummary) -> float:
-    """Returns when the run knew of its fault [s since the epoch]."""
+    """Returns when the run detected its fault [s since the epoch]."""
     return summary.figures["epoch_s"] + summary.figures["fault_time_s"]
 
 
@@ -164,27 +164,28 @@ def check_nothing_is_lost(folder: Path, summary: RunSummary) -> None:
     with (folder / "run.mcap").open("rb") as stream:
         reader = make_reader(stream)
         phases = [json.loads(m.data) for _, _, m in reader.iter_messages(topics=["/phase"])]
-        assert reader.get_summary() is not None  # It was closed as it should be.
+        assert reader.get_summary() is not None  # The file was closed properly.
     assert phases[-1]["phase"] == "fault"
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case.fault for case in CASES])
-def test_the_arm_rests_and_the_reason_is_told(
+def test_the_arm_rests_and_the_reason_is_reported(
     execute_with: ExecuteWith, case: Case, tmp_path: Path
 ) -> None:
-    summary, seen = execute_with(swinging_plan(), fault=case.fault)
+    summary, record = execute_with(swinging_plan(), fault=case.fault)
 
     assert not summary.success
     assert summary.reason.startswith(f"{case.reason} (in phase 'approach')")
-    assert case.also in summary.reason
-    assert seen.fault_at is not None
-    known, rest = detected_at(summary) - seen.fault_at, seen.rest_after(detected_at(summary))
-    assert known <= case.known
+    assert case.detail in summary.reason
+    assert record.fault_at is not None
+    detection = detected_at(summary) - record.fault_at
+    rest = record.rest_after(detected_at(summary))
+    assert detection <= case.detection
     assert rest <= REST
-    # It was told to rest, and not merely left alone.
-    assert max(t for t, v in seen.told if v == 0.0) > detected_at(summary) + 0.1
+    # Rest was commanded; the commands did not merely stop.
+    assert max(t for t, v in record.told if v == 0.0) > detected_at(summary) + 0.1
     check_nothing_is_lost(tmp_path, summary)
-    _ROWS.append(Row(case.what, summary.reason, 1e3 * known, 1e3 * rest))
+    _ROWS.append(Row(case.event, summary.reason, 1e3 * detection, 1e3 * rest))
 
 
 def test_a_fault_stays_after_its_cause_is_gone(
@@ -195,95 +196,100 @@ def test_a_fault_stays_after_its_cause_is_gone(
 
     monkeypatch.setattr(skill_run, "Brake", go_on)
 
-    summary, seen = execute_with(swinging_plan(), fault="pushed_briefly")
+    summary, record = execute_with(swinging_plan(), fault="pushed_briefly")
 
-    # It is asked for at the end, when nobody has pushed for 0.4 s.
+    # The fault is read at the end, 0.4 s after the push.
     assert summary.reason.startswith(SafetyFault.EXTERNAL_TORQUE.text)
-    assert seen.rest_after(detected_at(summary)) <= REST
+    assert record.rest_after(detected_at(summary)) <= REST
 
 
 def test_bad_messages_among_good_ones_change_nothing(execute_with: ExecuteWith) -> None:
-    summary, seen = execute_with(swinging_plan(), fault="some_bad")
+    summary, record = execute_with(swinging_plan(), fault="some_bad")
 
-    # It was still on its way when, after a while, a reflex stopped it.
+    # The arm was still approaching when a reflex stopped it.
     reflex = SafetyFault.ROBOT_MODE.text
     assert summary.reason.startswith(f"{reflex} (in phase 'approach')")
     assert "messages on PANDA_STATUS came late or twice" in summary.reason
     assert "messages on PANDA_STATUS could not be read" in summary.reason
-    assert seen.fault_at is not None
-    assert seen.rest_after(seen.fault_at) > 1.0
+    assert record.fault_at is not None
+    assert record.rest_after(record.fault_at) > 1.0
 
 
 def test_a_tracker_that_stalls_for_a_moment_changes_nothing(execute_with: ExecuteWith) -> None:
-    summary, seen = execute_with(carrying_plan(), tracker=PriorTracker(stall=0.3), speed=1.0)
+    summary, record = execute_with(carrying_plan(), tracker=PriorTracker(stall=0.3), speed=1.0)
 
     assert went_on(summary), summary.reason
-    assert longest_rest(seen, summary) < 0.25
+    assert longest_rest(record, summary) < 0.25
 
 
-def test_a_tracker_that_stalls_for_long_brings_the_arm_to_rest_until_it_is_back(
+def test_the_arm_rests_while_a_tracker_stalls_for_long(
     execute_with: ExecuteWith,
 ) -> None:
-    summary, seen = execute_with(carrying_plan(), tracker=PriorTracker(stall=3.0), speed=1.0)
+    summary, record = execute_with(carrying_plan(), tracker=PriorTracker(stall=3.0), speed=1.0)
 
     assert went_on(summary), summary.reason
-    # Points are carried along for 0.69 s; of 3 s there are two left, in which nothing moves.
-    assert longest_rest(seen, summary) > 1.5
-    _ROWS.append(
-        Row("the tracker stalls for 3 s", "no fault: it waits, and goes on", math.nan, math.nan)
-    )
-
-
-def went_on(summary: RunSummary) -> bool:
-    """Returns whether the object was let go at the goal."""
-    names = [span.name for span in summary.phases]
-    return "release" in names and "fault" not in names
-
-
-def longest_rest(seen: Seen, summary: RunSummary) -> float:
-    """Returns the longest time for which the arm did not move while it should follow [s]."""
-    follow = next(span for span in summary.phases if span.name == "follow")
-    start, end = (summary.figures["epoch_s"] + time for time in (follow.start, follow.end))
-    moving = [t for t, speed in seen.speeds if speed > 0.002 and start <= t <= end]
-    return float(np.diff([start, *moving, end]).max())
-
-
-def test_a_tracker_that_dies_is_started_anew(execute_with: ExecuteWith, tmp_path: Path) -> None:
-    tracker = PriorTracker(grave=str(tmp_path / "grave"))
-
-    summary, _ = execute_with(carrying_plan(), tracker=tracker, speed=1.0)
-
-    assert went_on(summary), summary.reason
-    assert (tmp_path / "grave").exists()
+    # Points are propagated for 0.69 s; for two of the 3 s nothing moves.
+    assert longest_rest(record, summary) > 1.5
     _ROWS.append(
         Row(
-            "the tracker's process is killed once",
-            "no fault: it waits for a new one, and goes on",
+            "the tracker stalls for 3 s",
+            "no fault: the arm waits, then goes on",
             math.nan,
             math.nan,
         )
     )
 
 
-def test_a_tracker_that_dies_again_and_again_is_a_fault(
+def went_on(summary: RunSummary) -> bool:
+    """Returns whether the run went on until it released the object."""
+    names = [span.name for span in summary.phases]
+    return "release" in names and "fault" not in names
+
+
+def longest_rest(record: RobotRecord, summary: RunSummary) -> float:
+    """Returns the longest time without motion of the arm in the phase `follow` [s]."""
+    follow = next(span for span in summary.phases if span.name == "follow")
+    start, end = (summary.figures["epoch_s"] + time for time in (follow.start, follow.end))
+    moving = [t for t, speed in record.speeds if speed > 0.002 and start <= t <= end]
+    return float(np.diff([start, *moving, end]).max())
+
+
+def test_a_killed_tracker_is_restarted(execute_with: ExecuteWith, tmp_path: Path) -> None:
+    tracker = PriorTracker(kill_marker=str(tmp_path / "kill_marker"))
+
+    summary, _ = execute_with(carrying_plan(), tracker=tracker, speed=1.0)
+
+    assert went_on(summary), summary.reason
+    assert (tmp_path / "kill_marker").exists()
+    _ROWS.append(
+        Row(
+            "the tracker's process is killed once",
+            "no fault: the arm waits for a new process, then goes on",
+            math.nan,
+            math.nan,
+        )
+    )
+
+
+def test_a_tracker_that_is_killed_at_every_start_is_a_fault(
     execute_with: ExecuteWith, tmp_path: Path
 ) -> None:
-    tracker = PriorTracker(grave=str(tmp_path / "grave"), rises=False)
+    tracker = PriorTracker(kill_marker=str(tmp_path / "kill_marker"), restarts=False)
 
-    summary, seen = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=3.0)
+    summary, record = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=3.0)
 
     assert not summary.success
     assert summary.reason.startswith(Fault.TRACKING_LOST.text)
-    rest = seen.rest_after(detected_at(summary))
+    rest = record.rest_after(detected_at(summary))
     assert rest <= REST
     check_nothing_is_lost(tmp_path, summary)
     _ROWS.append(
-        Row("the tracker's process is killed, at every start", summary.reason, math.nan, 1e3 * rest)
+        Row("the tracker's process is killed at every start", summary.reason, math.nan, 1e3 * rest)
     )
 
 
 MOVING = 0.05
-"""The inverse kinematics fails once it has asked for so much [rad/s]."""
+"""Commanded joint speed from which the inverse kinematics fails [rad/s]."""
 
 _RESOLVE = DifferentialInverseKinematics._resolve
 _UPDATE = DifferentialInverseKinematics._update
@@ -304,50 +310,50 @@ def advance_no_more(
 
 
 @pytest.mark.parametrize(
-    ("method", "broken", "fault", "what"),
+    ("method", "broken", "fault", "event"),
     [
         (
             "_resolve",
             resolve_to_nan,
             SafetyFault.COMMAND_NOT_FINITE,
-            "NaN from the inverse kinematics",
+            "the inverse kinematics returns NaN",
         ),
         (
             "_update",
             advance_no_more,
             SafetyFault.COMMAND_STALE,
-            "the inverse kinematics repeats its last answer for ever",
+            "the inverse kinematics repeats its last result forever",
         ),
     ],
 )
-def test_inverse_kinematics_that_fail_are_a_fault(
+def test_failing_inverse_kinematics_are_a_fault(
     execute_with: ExecuteWith,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     method: str,
     broken: Callable,
     fault: SafetyFault,
-    what: str,
+    event: str,
 ) -> None:
     monkeypatch.setattr(DifferentialInverseKinematics, method, broken)
 
-    summary, seen = execute_with(carrying_plan(), speed=1.0)
+    summary, record = execute_with(carrying_plan(), speed=1.0)
 
     assert not summary.success
     assert summary.reason.startswith(fault.text)
-    rest = seen.rest_after(detected_at(summary))
+    rest = record.rest_after(detected_at(summary))
     assert rest <= REST
     check_nothing_is_lost(tmp_path, summary)
-    _ROWS.append(Row(what, summary.reason, math.nan, 1e3 * rest))
+    _ROWS.append(Row(event, summary.reason, math.nan, 1e3 * rest))
 
 
-def test_the_table_in_the_documentation_is_what_was_found(request: pytest.FixtureRequest) -> None:
-    found = {row.what: row.short_reason for row in _ROWS}
+def test_the_documented_table_matches_the_results(request: pytest.FixtureRequest) -> None:
+    results = {row.event: row.short_reason for row in _ROWS}
     if request.config.getoption("--write-fault-table"):
         DOCUMENT.write_text(table(_ROWS))
 
     documented = documented_rows()
 
-    # Those that were selected, if not all were.
-    assert found.items() <= documented.items()
-    assert {case.what for case in CASES} <= documented.keys()
+    # Only the selected tests have results.
+    assert results.items() <= documented.items()
+    assert {case.event for case in CASES} <= documented.keys()

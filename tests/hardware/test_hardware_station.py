@@ -24,13 +24,13 @@ pytestmark = pytest.mark.render
 
 @pytest.fixture
 def robot_scenario(scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[Scenario]:
-    """A scenario whose robot stands by."""
+    """A scenario whose stand-in robot is running."""
     scenario = hardware_scenario(scenario, time_scale=SLOWEST)
     with stand_in(scenario, pictures, tmp_path):
         yield scenario
 
 
-def test_it_sees_what_stands_there(robot_scenario: Scenario, pictures: Path) -> None:
+def test_images_and_arm_state_are_the_robots(robot_scenario: Scenario, pictures: Path) -> None:
     with MakeStation(robot_scenario, hardware=True) as dut:
         context = dut.CreateDefaultContext()
         frame = CaptureFrame(dut, context, labels=True)
@@ -46,13 +46,13 @@ def test_it_sees_what_stands_there(robot_scenario: Scenario, pictures: Path) -> 
     assert problems == ()
 
 
-def test_cameras_stand_where_they_do_in_simulation(robot_scenario: Scenario) -> None:
+def test_cameras_have_the_same_models_as_in_simulation(robot_scenario: Scenario) -> None:
     hardware = MakeStation(robot_scenario, hardware=True)
     simulated = MakeStation(robot_scenario, ignore_output_delay=True)
 
-    for mine, other in zip(hardware.camera_models, simulated.camera_models, strict=True):
-        np.testing.assert_array_equal(mine.X_WC, other.X_WC)
-        np.testing.assert_array_equal(mine.K, other.K)
+    for real, rendered in zip(hardware.camera_models, simulated.camera_models, strict=True):
+        np.testing.assert_array_equal(real.X_WC, rendered.X_WC)
+        np.testing.assert_array_equal(real.K, rendered.K)
     assert hardware.label_ids == simulated.label_ids
     assert hardware.robot_base_pose().IsExactlyEqualTo(simulated.robot_base_pose())
 
@@ -62,17 +62,17 @@ def waiting(scenario: Scenario, seconds: float) -> Scenario:
     return dataclasses.replace(scenario, poil=dataclasses.replace(scenario.poil, hardware=hardware))
 
 
-def test_all_that_is_missing_is_named(scenario: Scenario) -> None:
+def test_everything_that_is_missing_is_named(scenario: Scenario) -> None:
     dut = MakeStation(waiting(hardware_scenario(scenario), 0.1), hardware=True)
 
-    with pytest.raises(StationError) as said, dut:
+    with pytest.raises(StationError) as error, dut:
         pass
 
     for missing in ("the robot's status", "the hand's status", "'left'", "'right'"):
-        assert missing in str(said.value)
+        assert missing in str(error.value)
 
 
-def test_a_camera_that_sends_no_labels_does_not_suit_a_detector_that_reads_them(
+def test_a_detector_that_reads_labels_refuses_a_camera_without_labels(
     scenario: Scenario,
 ) -> None:
     hardware = dataclasses.replace(
@@ -87,13 +87,13 @@ def test_a_camera_that_sends_no_labels_does_not_suit_a_detector_that_reads_them(
     assert not dut.HasOutputPort("right.label_image")
 
 
-def test_looking_does_not_command(scenario: Scenario, pictures: Path, tmp_path: Path) -> None:
+def test_a_capture_sends_no_commands(scenario: Scenario, pictures: Path, tmp_path: Path) -> None:
     scenario = hardware_scenario(scenario, time_scale=SLOWEST)
     with stand_in(scenario, pictures, tmp_path) as robot:
         with MakeStation(scenario, hardware=True) as dut:
             CaptureFrame(dut, dut.CreateDefaultContext())
-        seen = robot.finish()
+        record = robot.finish()
 
     assert isinstance(dut, HardwareStation)
-    assert seen["commanded"] == []
-    assert seen["hand_told"] == []
+    assert record["commanded"] == []
+    assert record["hand_told"] == []

@@ -20,20 +20,23 @@ SPEED = 1.0
 
 @pytest.fixture(scope="module")
 def log(
-    scenario: Scenario, run_kept: Callable, pictures: Path, tmp_path_factory: pytest.TempPathFactory
+    scenario: Scenario,
+    run_that_keeps_up: Callable,
+    pictures: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Path, str]:
     """The log of a run against the stand-in robot, and its reason.
 
-    What the cameras see does not move, so that the run ends soon after it began to follow.
+    The cameras' images do not change, so the run ends soon after it began to follow.
     """
     folder = tmp_path_factory.mktemp("hardware")
 
     def attempt(time_scale: float) -> tuple[tuple[Path, str], Pace]:
         chosen = hardware_scenario(scenario, speed=SPEED, time_scale=time_scale)
-        summary, seen = execute(swinging_plan(), chosen, pictures, folder)
-        return (folder / "run.mcap", summary.reason), seen.pace(summary.to_dict(), chosen)
+        summary, record = execute(swinging_plan(), chosen, pictures, folder)
+        return (folder / "run.mcap", summary.reason), record.pace(summary.to_dict(), chosen)
 
-    return run_kept(attempt)
+    return run_that_keeps_up(attempt)
 
 
 @pytest.mark.parametrize("tracker", ["recorded", None])
@@ -49,10 +52,10 @@ def test_a_replay_commands_what_the_run_commanded(
     assert summary.station == "hardware"
     assert summary.same, summary.closing_line()
     commands = summary.comparison.statistics_by_phase(JOINT_VELOCITY)
-    # Points decide when an approach begins, and nothing else until the arm follows them; all else
-    # is in the log as it was, also when each message came.
-    begun = list(commands)
-    exact = begun if tracker == "recorded" else begun[: begun.index("follow")]
+    # Until the arm follows the points, they decide only when the approach begins. Everything else
+    # is exact in the log, including the time of each message.
+    phases = list(commands)
+    exact = phases if tracker == "recorded" else phases[: phases.index("follow")]
     assert {name: commands[name].maximum for name in exact} == dict.fromkeys(exact, 0.0)
     assert commands["approach"].count > 64
     assert run.commands.values[:, 0].max() > 0.02

@@ -22,10 +22,10 @@ def systems(loop: ClosedLoop) -> dict[str, type]:
 def wires(loop: ClosedLoop) -> set[tuple[str, str]]:
     return {
         (
-            f"{giver.get_name()}.{giver.get_output_port(output).get_name()}",
-            f"{taker.get_name()}.{taker.get_input_port(input_).get_name()}",
+            f"{source.get_name()}.{source.get_output_port(output).get_name()}",
+            f"{sink.get_name()}.{sink.get_input_port(input_).get_name()}",
         )
-        for (taker, input_), (giver, output) in loop.diagram.connection_map().items()
+        for (sink, input_), (source, output) in loop.diagram.connection_map().items()
     }
 
 
@@ -48,13 +48,13 @@ def test_the_loop_is_the_same_but_for_its_station(
     ):
         hardware = MakeClosedLoop(scenario, carrying_plan(), log=log, hardware=True)
         hardware.Close()
-        seen = robot.finish()
+        record = robot.finish()
 
     assert isinstance(simulated.station, SimulatedStation)
     assert isinstance(hardware.station, HardwareStation)
     assert systems(hardware) == systems(simulated)
     assert wires(hardware) == wires(simulated)
-    # Of the ports, only what nobody knows of a real robot is missing.
+    # Only the ports for which a real robot has no data are missing.
     assert ports(simulated.station) - ports(hardware.station) == {
         "applied_spatial_force",
         "body_poses",
@@ -63,6 +63,6 @@ def test_the_loop_is_the_same_but_for_its_station(
         "query_object",
     }
     assert ports(hardware.station) <= ports(simulated.station)
-    # Building commands nothing.
-    assert seen["commanded"] == []
-    assert seen["hand_told"] == []
+    # Building the diagram sends no commands.
+    assert record["commanded"] == []
+    assert record["hand_told"] == []

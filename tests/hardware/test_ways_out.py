@@ -1,4 +1,4 @@
-"""However a run ends while the arm moves: the arm rests, and the outputs are there."""
+"""However a run ends while the arm moves, the arm comes to rest and the outputs are written."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hardware_bench import Seen, StandIn, hardware_scenario, stand_in
+from hardware_bench import RobotRecord, StandIn, hardware_scenario, stand_in
 from machine_pace import KEPT, Pace
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -39,21 +39,21 @@ class Run:
     Attributes:
         scenario: The scenario that it runs.
         folder: The folder of its outputs.
-        acted_at: When it was sent the first signal [s since the epoch, by the robot's clock].
-        held_up: The longest delay of a signal or a sleep in this process [s of the robot's time].
+        acted_at: Time of the first signal to it [s since the epoch, by the robot's clock].
+        lag: The longest delay of a signal or a sleep in this process [s of the robot's time].
         status: Its exit status.
-        said: Its standard output and standard error.
-        seen: What the robot saw.
+        output: Its standard output and standard error.
+        record: The robot's record.
     """
 
     status: int
-    said: tuple[str, str]
-    seen: Seen
+    output: tuple[str, str]
+    record: RobotRecord
 
     def __init__(self, robot: StandIn, scenario: Scenario, folder: Path):
         self.robot, self.scenario, self.folder = robot, scenario, folder
         self.clock = scenario.poil.hardware.clock()
-        self.acted_at, self.held_up = math.inf, 0.0
+        self.acted_at, self.lag = math.inf, 0.0
         text = folder / "scenario.yaml"
         text.write_text(DumpScenario(scenario))
         self.process = subprocess.Popen(
@@ -65,19 +65,19 @@ class Run:
         )
 
     def sleep(self, duration: float) -> None:
-        """Sleeps for some of the robot's time [s]."""
+        """Sleeps for a duration of the robot's time [s]."""
         end = self.clock() + duration
         time.sleep(duration / self.scenario.poil.hardware.time_scale)
-        self.held_up = max(self.held_up, self.clock() - end)
+        self.lag = max(self.lag, self.clock() - end)
 
     def becomes_fast(self) -> bool:
         """Waits until its arm is fast; returns False if the run ends before."""
-        said = self.robot.process.stdout
-        assert said is not None
-        while not select.select([said], [], [], 0.1)[0]:
+        stdout = self.robot.process.stdout
+        assert stdout is not None
+        while not select.select([stdout], [], [], 0.1)[0]:
             if self.process.poll() is not None:
                 return False
-        assert said.readline() == "moving\n"
+        assert stdout.readline() == "moving\n"
         self.sleep(0.5)
         return True
 
@@ -86,13 +86,13 @@ class Run:
         now = self.clock()
         self.process.send_signal(number)
         self.acted_at = min(self.acted_at, now)
-        self.held_up = max(self.held_up, self.clock() - now)
+        self.lag = max(self.lag, self.clock() - now)
 
     def finish(self) -> None:
-        """Waits for the end."""
-        self.said = self.process.communicate()
+        """Waits until the run has ended."""
+        self.output = self.process.communicate()
         self.status = self.process.returncode
-        self.seen = Seen(**self.robot.finish())
+        self.record = RobotRecord(**self.robot.finish())
 
     @property
     def figures(self) -> dict:
@@ -108,11 +108,13 @@ def command(scenario: Path, folder: Path) -> list[str]:
 
 
 @pytest.fixture
-def act_on_run(scenario: Scenario, run_kept: Callable, pictures: Path, tmp_path: Path) -> ActOnRun:
+def act_on_run(
+    scenario: Scenario, run_that_keeps_up: Callable, pictures: Path, tmp_path: Path
+) -> ActOnRun:
     """Acts on a run while the arm moves, and returns the run once it has ended.
 
-    `act_on_run(act, figures=)` calls `act(run)`; `figures` is whether the run leaves figures that
-    tell how well it kept up.
+    `act_on_run(act, figures=)` calls `act(run)`; `figures` states whether the run leaves figures
+    that show how well it kept up.
     """
 
     def act_on_run(act: Callable[[Run], None], *, figures: bool = True) -> Run:
@@ -130,14 +132,14 @@ def act_on_run(scenario: Scenario, run_kept: Callable, pictures: Path, tmp_path:
                     if run.process.poll() is None:
                         run.process.kill()
                         run.process.communicate()
-            pace = run.seen.pace(run.figures if figures or not fast else None, chosen)
+            pace = run.record.pace(run.figures if figures or not fast else None, chosen)
             if not fast:
                 # Only a process that was held up ends a run that early.
-                assert STALLED in run.figures["reason"] or pace.held_up > KEPT.held_up, run.said
+                assert STALLED in run.figures["reason"] or pace.lag > KEPT.lag, run.output
                 return run, Pace(math.inf)
-            return run, pace._replace(held_up=max(pace.held_up, run.held_up))
+            return run, pace._replace(lag=max(pace.lag, run.lag))
 
-        return run_kept(attempt)
+        return run_that_keeps_up(attempt)
 
     return act_on_run
 
@@ -147,9 +149,9 @@ def is_whole(log: Path) -> bool:
         return make_reader(stream).get_summary() is not None
 
 
-def was_told_to_rest(run: Run) -> bool:
-    """Returns whether the arm was told to rest for longer than the driver follows a command."""
-    told = [time for time, speed in run.seen.told if speed == 0.0]
+def was_commanded_to_rest(run: Run) -> bool:
+    """Returns whether rest was commanded for longer than the driver follows a command."""
+    told = [time for time, speed in run.record.told if speed == 0.0]
     return max(told, default=0.0) - run.acted_at > run.scenario.poil.hardware.command_expiry
 
 
@@ -166,10 +168,10 @@ def test_a_signal_brings_the_arm_to_rest(
 ) -> None:
     run = act_on_run(lambda run: run.send(number))
 
-    assert run.status == status, run.said
-    assert [speed for time, speed in run.seen.speeds if time < run.acted_at][-1] > FAST
-    assert run.seen.rest_after(run.acted_at) <= REST
-    assert was_told_to_rest(run)
+    assert run.status == status, run.output
+    assert [speed for time, speed in run.record.speeds if time < run.acted_at][-1] > FAST
+    assert run.record.rest_after(run.acted_at) <= REST
+    assert was_commanded_to_rest(run)
     assert run.figures["reason"] == reason
     assert is_whole(run.log)
 
@@ -183,27 +185,27 @@ def test_an_impatient_user_does_not_keep_the_arm_from_resting(act_on_run: ActOnR
     run = act_on_run(interrupt_repeatedly)
 
     assert run.status != 0
-    assert run.seen.rest_after(run.acted_at) <= REST
-    assert was_told_to_rest(run)
+    assert run.record.rest_after(run.acted_at) <= REST
+    assert was_commanded_to_rest(run)
 
 
-def test_a_run_that_is_halted_and_goes_on_does_not_move_the_arm_again(act_on_run: ActOnRun) -> None:
-    def halt(run: Run) -> None:
+def test_a_run_that_is_suspended_and_resumed_leaves_the_arm_at_rest(act_on_run: ActOnRun) -> None:
+    def suspend_and_resume(run: Run) -> None:
         run.send(signal.SIGSTOP)
         run.sleep(1.0)
         run.send(signal.SIGCONT)
 
-    run = act_on_run(halt, figures=False)
+    run = act_on_run(suspend_and_resume, figures=False)
 
     assert run.status == 1
     # The driver's expiry of 0.1 s, and the low pass.
-    assert run.seen.rest_after(run.acted_at, told=False) <= 0.1 + REST
+    assert run.record.rest_after(run.acted_at, commands=False) <= 0.1 + REST
     assert run.figures["reason"].startswith(STALLED)
     assert is_whole(run.log)
 
 
 def times_of(log: Path) -> list[float]:
-    """Returns when [s] the messages of a log were logged, as far as it can be read."""
+    """Returns the log times [s] of the messages of a log, as far as it can be read."""
     times: list[float] = []
     with log.open("rb") as stream:
         try:
@@ -214,7 +216,7 @@ def times_of(log: Path) -> list[float]:
     return times
 
 
-def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(act_on_run: ActOnRun) -> None:
+def test_a_run_that_is_killed_leaves_a_readable_log(act_on_run: ActOnRun) -> None:
     def kill(run: Run) -> None:
         run.send(signal.SIGKILL)
         run.sleep(0.5)
@@ -222,9 +224,9 @@ def test_a_run_that_is_killed_leaves_a_log_that_can_be_read(act_on_run: ActOnRun
     run = act_on_run(kill, figures=False)
 
     assert run.status == -signal.SIGKILL
-    assert run.seen.rest_after(run.acted_at, told=False) <= 0.1 + REST
-    commanded = run.seen.commanded
-    # The log begins with the loop, and lacks what filled no chunk of 64 kB.
+    assert run.record.rest_after(run.acted_at, commands=False) <= 0.1 + REST
+    commanded = run.record.commanded
+    # The log begins with the loop, and lacks its last, incomplete chunk (64 kB).
     assert max(times_of(run.log)) > commanded[-1] - commanded[0] - 0.5
 
 
