@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -63,6 +64,15 @@ def test_imports_run_one_way() -> None:
         return ORDER[parts[1]] > ORDER[path.parts[0].removesuffix(".py")]
 
     check_no_module_imports(PACKAGE.rglob("*.py"), is_backward)
+
+
+def test_a_folder_holds_at_most_15_modules() -> None:
+    folders = [PACKAGE, *(path for path in PACKAGE.rglob("*") if path.is_dir())]
+    counts = {
+        str(folder): len({*folder.glob("*.py")} - {folder / "__init__.py"}) for folder in folders
+    }
+
+    assert {folder: count for folder, count in counts.items() if count > 15} == {}
 
 
 def test_imports_have_no_cycles() -> None:

@@ -31,7 +31,6 @@ from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.progress import ProgressBar
 from poil_drake.reports.replay_picture import make_replay_picture
 from poil_drake.reports.replay_summary import ReplaySummary
-from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.real_time import QuietInterpreter
 from poil_drake.systems.skill.stop_requests import StopSwitch
@@ -79,7 +78,7 @@ def Replay(
         log = outputs.mcap or Path(folder) / "replay.mcap"
         with ProgressBar(disable=not show_progress) as progress:
             wall = _run(setup, station, log, images=outputs.mcap is not None, progress=progress)
-        replayed = load_recorded_run(log, joint_names=ARM_JOINTS)
+        replayed = load_recorded_run(log)
     summary = ReplaySummary(
         log=str(path),
         station=setup.station,

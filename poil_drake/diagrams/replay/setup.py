@@ -31,7 +31,6 @@ from poil_drake.recording.comparison.tolerances import (
 from poil_drake.recording.run_log.layout import PLAN_ATTACHMENT, SIMULATED, STATION_KEY
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.robots.panda import ARM_JOINTS
 
 RECORDED = "recorded"
 """The tracker that repeats the run's own tracks."""
@@ -83,7 +82,7 @@ def SetUpReplay(
         RunLogError: if the log is missing, damaged or incomplete.
         PoilError: if there is no such tracker, detector or setting.
     """
-    run = load_recorded_run(path, joint_names=ARM_JOINTS)
+    run = load_recorded_run(path)
     RequireAttachments(run)
     unknown: list[str] = []
     recorded, plan = _recorded_scenario(run, unknown), _recorded_plan(run)

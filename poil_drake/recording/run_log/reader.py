@@ -42,6 +42,7 @@ from poil_drake.recording.run_log.recorded_run import (
     RecordedRun,
 )
 from poil_drake.recording.run_log.series import Series
+from poil_drake.robots.panda import ARM_JOINTS
 
 NUMBERS = {
     # Topic                 the numbers that its records hold
@@ -60,12 +61,12 @@ _IMAGE_TIME = ".image_time"
 _MESSAGE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
-def load_recorded_run(path: str | Path, *, joint_names: Sequence[str]) -> RecordedRun:
+def load_recorded_run(path: str | Path, *, joint_names: Sequence[str] = ARM_JOINTS) -> RecordedRun:
     """Reads the log of a run. One that is cut off is read up to there, see `RecordedRun.cut_off`.
 
     Args:
         path: The MCAP file.
-        joint_names: The arm's joints.
+        joint_names: The arm's joints; by default the Panda's.
 
     Raises:
         RunLogError: if the file is missing or damaged, or a topic holds other messages than those

@@ -29,7 +29,6 @@ from poil_drake.recording.run_log.layout import JOINT_COMMANDS_TOPIC, JOINT_STAT
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig
 from poil_drake.reports.replay_summary import ReplaySummary
-from poil_drake.robots.panda import ARM_JOINTS
 
 PERIOD = 1 / 256
 
@@ -62,7 +61,7 @@ def test_a_replay_of_recorded_tracks_is_the_run_to_the_last_bit(log: Path) -> No
     assert [(name, again == first) for name, first, again in starts(summary)] == [
         (name, True) for name in ("wait", "approach", "descend", "grasp", "fault")
     ]
-    moved = load_recorded_run(log, joint_names=ARM_JOINTS).commands.values
+    moved = load_recorded_run(log).commands.values
     assert np.abs(moved).max() > 0.2  # of a way that has a rate of 0.1 pi at its fastest.
 
 
@@ -209,7 +208,7 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     # The log of a replay can be replayed, and is told from that of a run.
     again = replay(tmp_path / "again.mcap")
     assert again.same
-    metadata = load_recorded_run(tmp_path / "again.mcap", joint_names=ARM_JOINTS).metadata
+    metadata = load_recorded_run(tmp_path / "again.mcap").metadata
     digest = hashlib.sha256(log.read_bytes()).hexdigest()
     assert (metadata["replay_of"], metadata["replay_of_sha256"]) == ("run.mcap", digest)
     assert (metadata["replay_tracker"], metadata["replay_scenario_text"]) == ("recorded", "")

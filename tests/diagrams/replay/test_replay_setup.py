@@ -25,7 +25,6 @@ from poil_drake.recording.comparison.tolerances import (
 )
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogWriter
-from poil_drake.robots.panda import ARM_JOINTS
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,7 @@ def test_settings_that_this_version_lacks_are_noted(log: Path, tmp_path: Path) -
     scenario = DumpScenario(short_scenario()).replace(
         "  poil:\n", "  poil:\n    temper: {heat: 3}\n"
     )
-    run = load_recorded_run(log, joint_names=ARM_JOINTS)
+    run = load_recorded_run(log)
     with RunLogWriter(with_more, scenario_text=scenario, plan=run.plan or b"") as writer:
         write_samples(writer)
 
@@ -229,7 +228,7 @@ def test_searches_are_missed_only_where_images_are_searched_again(tmp_path: Path
 
 def test_times_that_are_not_known_are_noted(tmp_path: Path) -> None:
     path = looked_at(tmp_path / "run.mcap", station="hardware", camera=CAMERA)
-    run = load_recorded_run(path, joint_names=ARM_JOINTS)
+    run = load_recorded_run(path)
 
     notes = NotesOn(run, ChooseScenario(), repeat_tracks=False)
 

@@ -61,7 +61,7 @@ class Controller(LeafSystem):
 def empty_run(path: Path, **metadata: str) -> RecordedRun:
     with RunLogWriter(path, metadata=metadata):
         pass
-    return load_recorded_run(path, joint_names=ARM_JOINTS)
+    return load_recorded_run(path)
 
 
 def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path)
         log.write_depth("left", image.depth, time=0.25, stamp=0.125)
         log.write_label("left", np.full((480, 640), 3, np.int16), time=0.25, stamp=0.125)
         log.write_label_ids({"cup": (3,)})
-    dut = ReplayStation(ChooseScenario(), load_recorded_run(path, joint_names=ARM_JOINTS))
+    dut = ReplayStation(ChooseScenario(), load_recorded_run(path))
     context = dut.CreateDefaultContext()
     shown = {}
     # The package's cameras deliver after 3/32 s.
@@ -139,7 +139,7 @@ def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path)
         looked = 127.5 * PERIOD
         times = {"begun": looked, "released": np.nan, "released_of": np.nan}
         log.write_status("/tracker/times", times, time=0.5)
-    dut = ReplayStation(ChooseScenario(), load_recorded_run(path, joint_names=ARM_JOINTS))
+    dut = ReplayStation(ChooseScenario(), load_recorded_run(path))
     context = dut.CreateDefaultContext()
     shown = []
     for tick in (126, 127, 128):
