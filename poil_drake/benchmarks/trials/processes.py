@@ -1,6 +1,8 @@
 """Worker processes of this machine that run trials, each one at a time."""
 
 import os
+import pickle
+import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -33,7 +35,10 @@ class ProcessWorkers:
         jobs: int,
         trials_per_worker: int | None,
     ):
-        self._setup = (os.getpid(), function, shared)
+        # A user's script need not be importable: the workers run it, under another name.
+        script = getattr(sys.modules["__main__"], "__file__", None)
+        script = script if function.__module__ == "__main__" else None
+        self._setup = (os.getpid(), script, pickle.dumps((function, shared)))
         self._trials_per_worker = trials_per_worker
         self._executor = ThreadPoolExecutor(jobs)
         self._workers: list[WorkerProcess] = []

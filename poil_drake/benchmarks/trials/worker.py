@@ -2,9 +2,12 @@
 
 import os
 import pickle
+import runpy
 import select
+import sys
 import threading
 import traceback
+import types
 from collections.abc import Callable
 from typing import Any
 
@@ -30,9 +33,14 @@ def run_trial(
 
 
 def _make_handler(
-    setup: tuple[int, Callable[..., Any], tuple[Any, ...]],
+    setup: tuple[int, str | None, bytes],
 ) -> Callable[[tuple[Any, ...]], bytes]:
-    parent, function, shared = setup
+    parent, script, pickled = setup
+    if script is not None:
+        main = types.ModuleType("__mp_main__")
+        main.__dict__.update(runpy.run_path(script, run_name="__mp_main__"))
+        sys.modules["__main__"] = sys.modules["__mp_main__"] = main
+    function, shared = pickle.loads(pickled)
     threading.Thread(target=_exit_with, args=(os.pidfd_open(parent),), daemon=True).start()
     return lambda arguments: run_trial(function, shared, arguments)
 
