@@ -64,8 +64,8 @@ def run_trials(
 
     Args:
         function: A function of a module that workers can import, or of the script itself. Pickle
-            must be able to carry arguments and results. A worker runs many trials, so a function can keep what is
-            expensive to make in its module (`functools.cache`).
+            must be able to carry arguments and results. A worker runs many trials, so a function
+            can keep what is expensive to make in its module (`functools.cache`).
         arguments: Arguments of each trial. A path among them must lead to the same file for every
             worker, also on a cluster.
         shared: First arguments of all trials. They may be large: each worker receives them once.
