@@ -9,7 +9,7 @@ H, W = 3, 4
 
 
 class Reader:
-    """Makes images that tell their number."""
+    """Makes images whose pixels are their number."""
 
     def __init__(self, labelled=()):
         self.reads, self._labelled = [], labelled
@@ -60,7 +60,7 @@ def test_before_the_first_image_there_is_none():
     assert np.isnan(look(dut, "left.image_time", 0.2)[0])
 
 
-def test_images_are_decoded_only_when_somebody_looks():
+def test_images_are_decoded_only_when_evaluated():
     reader = Reader()
     dut = make(reader)
 
@@ -72,11 +72,11 @@ def test_images_are_decoded_only_when_somebody_looks():
 @pytest.mark.parametrize(
     ("time", "captured"), [(0.26, 0.125), (0.3, 0.25), (0.49, 0.25), (0.5, 0.375), (0.9, 0.75)]
 )
-def test_the_time_of_the_newest_image_is_known_also_of_those_that_were_not_recorded(time, captured):
+def test_the_time_is_that_of_the_newest_image_even_if_it_was_not_recorded(time, captured):
     assert look(make(), "left.image_time", time)[0] == captured
 
 
-def test_images_without_a_delay_are_of_the_moment():
+def test_the_time_of_images_without_a_delay_is_now():
     assert look(make(times=None), "left.image_time", 0.4375)[0] == 0.4375
 
 
