@@ -1,3 +1,4 @@
+from collections.abc import Iterable
 from concurrent.futures import Future
 
 import pytest
@@ -53,7 +54,9 @@ def test_a_simulated_result_is_due_exactly_its_latency_after_the_capture(
         (0.0, [0, 8], [0, 8]),  # The last capture stays until the next, however long ago it was.
     ],
 )
-def test_a_simulated_delay_forgets_all_but_the_last_release(latency, ticks, kept) -> None:
+def test_a_simulated_delay_forgets_all_but_the_last_release(
+    latency: float, ticks: Iterable[int], kept: list[int]
+) -> None:
     dut = SimulatedDelay(period=1 / 8, latency=latency)
     queue: Queue = ()
 
