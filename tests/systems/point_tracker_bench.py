@@ -18,7 +18,7 @@ from poil_drake.systems.capture_timing import CaptureTiming
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 PERIOD = 1 / 8
-AFTER = 1 / 1024  # long enough after an event to see what it did
+AFTER = 1 / 1024  # Long enough after an event to see its effect.
 W, H, N = 4, 3, 3
 CAMERA = CameraModel("left", W, H, np.diag([5.0, 5.0, 1.0]), np.eye(4))
 QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
@@ -32,7 +32,7 @@ class Scene(LeafSystem):
     def __init__(self, frozen_from: float = np.inf, moving: float = 1.0):
         super().__init__()
         self._frozen_from, self._moving = frozen_from, moving
-        self.looks: list[float] = []
+        self.captures: list[float] = []
         time = {self.time_ticket()}
         self.DeclareAbstractOutputPort(
             "rgb", lambda: Value(ImageRgba8U(W, H)), lambda context, output: None, time
@@ -44,7 +44,7 @@ class Scene(LeafSystem):
         self.DeclareVectorOutputPort("object_motion", 16, self._motion, time)
 
     def _depth(self, context: Context, output: AbstractValue) -> None:
-        self.looks.append(context.get_time())
+        self.captures.append(context.get_time())
         output.get_mutable_value().mutable_data[:] = 1.0 + context.get_time()
 
     def _stamp(self, context: Context, output: BasicVector) -> None:

@@ -10,7 +10,7 @@ H, W = 3, 4
 
 
 class Source:
-    """Stands for a capture thread."""
+    """Replaces a capture thread."""
 
     newest: RgbdImage | None = None
 

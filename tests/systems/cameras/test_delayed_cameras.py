@@ -11,7 +11,7 @@ from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 
 PERIOD = 1 / 8
-AFTER = 1 / 1024  # long enough after an event to see what it did
+AFTER = 1 / 1024  # Long enough after an event to see its effect.
 W, H = 4, 3
 CAMERAS = [
     CameraModel(name, W, H, np.diag([5.0, 5.0, 1.0]), np.eye(4)) for name in ("left", "right")
@@ -100,7 +100,7 @@ def test_before_the_first_image_is_due_there_is_none(bench: SystemBench) -> None
         assert np.isnan(bench.read(f"{camera}.image_time")).all()
 
 
-def test_images_are_of_the_moment_of_their_capture(bench: SystemBench) -> None:
+def test_images_show_the_time_of_their_capture(bench: SystemBench) -> None:
     bench.advance_to(PERIOD + 3 / 32 + AFTER)
 
     for view, camera in enumerate(("left", "right")):
@@ -115,7 +115,7 @@ def test_images_are_of_the_moment_of_their_capture(bench: SystemBench) -> None:
         assert (bench.read(f"{camera}.label_image") == 5 + view).all()
 
 
-def test_labels_are_rendered_of_the_images_shown_and_only_when_wanted(
+def test_labels_of_the_shown_images_are_rendered_only_when_evaluated(
     bench: SystemBench, painter: Painter
 ) -> None:
     bench.advance_to(0.5)
@@ -144,7 +144,7 @@ def test_a_state_that_is_not_finite_is_not_rendered() -> None:
     bench.dut.close()
 
 
-def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: SystemBench) -> None:
+def test_a_reset_context_shows_no_images_of_the_last_run(bench: SystemBench) -> None:
     bench.advance_to(0.5)
     assert bench.read("left.rgb_image").size > 0
     bench.read("left.label_image")

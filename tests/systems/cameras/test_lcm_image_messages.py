@@ -54,7 +54,7 @@ def test_labels_are_optional() -> None:
     assert decode_images(sent, size=(H, W)).label is None
 
 
-def test_colours_are_what_drakes_own_systems_read() -> None:
+def test_drakes_own_systems_read_the_colours() -> None:
     lcm, builder = DrakeLcm("memq://images"), DiagramBuilder()
     receiver = builder.AddSystem(
         LcmSubscriberSystem.Make("IMAGES", lcmt_image_array, lcm, use_cpp_serializer=True)

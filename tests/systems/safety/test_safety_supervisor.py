@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
+from supervised_cell import CELL, allowed_start, distance_from_cell, random_velocity
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 
 from poil_drake.errors import InvalidValueError
@@ -153,7 +153,7 @@ def test_the_arm_rests_soon_after_a_stop(wanted: np.ndarray) -> None:
     np.testing.assert_array_equal(dut.q, q)
 
 
-def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
+def test_without_a_status_the_arm_brakes_from_the_commanded_motion() -> None:
     dut, like = moving_bench(), moving_bench()
 
     # The position in an old status is elsewhere.
@@ -199,7 +199,7 @@ def test_a_standing_arm_is_taken_where_it_is_measured() -> None:
     np.testing.assert_array_equal(dut.commanded, pushed)
 
 
-def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
+def test_an_arm_moved_by_hand_after_a_fault_continues_from_there() -> None:
     dut = moving_bench()
     dut.tick(60, stop=[1.0])
     dut.q = np.array(NOMINAL_POSTURE) + 0.3 * DOWN
@@ -309,7 +309,7 @@ def test_no_limit_is_exceeded_by_any_wanted_velocity(seed: int) -> None:
     postures = [dut.q]
     for _ in range(40):
         # A fault of the last velocity ends once the arm is at rest.
-        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        dut.inputs |= {"velocity": random_velocity(rng, dut.q)}
         for _ in range(rng.integers(3, 24)):
             dut.tick(reset=[float(len(postures))])
             postures.append(dut.q)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from panda_bench import FakeTime, arm_status, make_arm_bench
-from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
+from supervised_cell import CELL, allowed_start, distance_from_cell, random_velocity
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
 from system_bench import START
 
@@ -120,7 +120,7 @@ def test_no_limit_is_exceeded_while_coming_to_rest(seed: int) -> None:
     sender.report(arm_status(START))
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
     for _ in range(30):
-        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        dut.inputs |= {"velocity": random_velocity(rng, dut.q)}
         for _ in range(rng.integers(3, 24)):
             dut.tick(reset=[float(len(dut.velocities))])
         with pytest.MonkeyPatch.context() as patch:

@@ -15,7 +15,7 @@ def test_points_are_those_of_the_tracker_fed_by_hand(make_bench: MakeBench) -> N
 
     bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
 
-    # Depth is 1 + t, and each prior says 1/8 m along x.
+    # Depth is 1 + t, and each prior is 1/8 m along x.
     first = np.sin(QUERY) + np.float32(1 + PERIOD) + PERIOD
     second = np.sin(first) + np.float32(1 + 2 * PERIOD) + PERIOD
     np.testing.assert_allclose(bench.points.positions, second, atol=1e-12)
@@ -114,8 +114,8 @@ def test_a_least_interval_between_tracked_images_is_kept(make_bench: MakeBench) 
 
     bench.advance_to(0.5)
 
-    # The first look at which the image is 0.1 s newer than the one before, each time.
-    assert bench.scene.looks == [0.0, 7 / 64, 14 / 64, 21 / 64, 28 / 64]
+    # Each time the first image that is at least 0.1 s newer than the last tracked one.
+    assert bench.scene.captures == [0.0, 7 / 64, 14 / 64, 21 / 64, 28 / 64]
 
 
 def test_tracking_once_stops_when_the_points_are_found(make_bench: MakeBench) -> None:
@@ -129,7 +129,7 @@ def test_tracking_once_stops_when_the_points_are_found(make_bench: MakeBench) ->
 
     assert bench.read("status") == TrackerStatus.TRACKING
     assert bench.points.stamp == 3 * PERIOD
-    assert bench.scene.looks == [0.0, PERIOD, 2 * PERIOD, 3 * PERIOD]
+    assert bench.scene.captures == [0.0, PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
 def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
@@ -140,6 +140,6 @@ def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
 
     bench.advance_to(0.5)
 
-    # The image of the second capture is not there, so that its track is that of the first.
-    assert bench.scene.looks == [0.125]
+    # The image of the second capture is missing, so that its track is that of the first.
+    assert bench.scene.captures == [0.125]
     assert bench.points.stamp == 0.125

@@ -76,7 +76,7 @@ def before() -> TrackerRun:
 @pytest.mark.parametrize(
     "missing", [{"masks": None}, {"query": None}, {"query": np.full((N, 3), np.nan)}]
 )
-def test_it_waits_for_what_it_needs(before: TrackerRun, missing: dict) -> None:
+def test_it_waits_for_masks_and_query_points(before: TrackerRun, missing: dict) -> None:
     tracker = ScriptedTracker()
 
     run = advance(tracker, before, inputs(2, **missing))
@@ -177,7 +177,7 @@ def test_a_new_detection_restarts_a_lost_tracker_where_the_hand_took_the_query(
     np.testing.assert_allclose(query, QUERY + np.array([0.3, 0.0, 0.0]), atol=1e-12)
 
 
-def test_a_new_query_is_used_as_it_is(before: TrackerRun) -> None:
+def test_a_new_query_is_used_unchanged(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "lost", "ok")
     run = advance(tracker, before, inputs(0, motion=shifted(0.5)))
     run = advance(tracker, run, inputs(1, motion=shifted(0.6)))

@@ -71,7 +71,7 @@ def test_a_short_arrow_has_a_smaller_head(spy):
 
 
 @pytest.mark.parametrize("vector", [[0, 0, 0], [0, 0, 0.001], [np.nan, 0, 1], [0, 0, np.inf]])
-def test_an_arrow_that_is_too_short_or_not_finite_is_hidden(spy, vector):
+def test_a_too_short_or_non_finite_arrow_is_hidden(spy, vector):
     dut = ArrowMarker(spy, "a", radius=0.002, color=RED)
     dut.show(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
