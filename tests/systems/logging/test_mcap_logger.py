@@ -132,8 +132,8 @@ def test_a_frame_is_written_once_for_each_stamp_and_its_calibration_once(log):
 
 
 def test_labels_are_written_once_for_each_stamp_and_their_meanings_once(log):
-    plain, labelled = (make_frame(2, ("left",), labelled=yes) for yes in (False, True))
-    frames = {"frame": plain, "detector.frame": [ABSENT, labelled, labelled]}
+    labelled = make_frame(2, ("left",), labelled=True)
+    frames = {"frame": make_frame(2, ("left",)), "detector.frame": [ABSENT, labelled, labelled]}
 
     publish(make(log), frames, times=(0.25, 0.5, 0.75))
 

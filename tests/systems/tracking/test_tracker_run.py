@@ -57,6 +57,7 @@ def inputs(
     query: np.ndarray | None = QUERY,
     motion: np.ndarray | None = None,
 ) -> TrackerInputs:
+    """Returns the inputs of the frame at tick / 8 s."""
     return TrackerInputs(
         frame=make_frame(tick), masks=masks, query_points=query, object_motion=motion
     )
