@@ -1,11 +1,19 @@
-"""A system under test on an in-memory LCM network."""
+"""A system under test on an in-memory LCM network, and addresses of networks on this machine."""
 
+import socket
 from collections.abc import Callable
 from typing import Any
 
 from pydrake.lcm import DrakeLcm
 from pydrake.systems.framework import System
 from system_bench import SystemBench
+
+
+def free_url() -> str:
+    """Returns the address of an LCM network that no other process uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        return f"udpm://239.255.76.67:{taken.getsockname()[1]}?ttl=0"
 
 
 class NetworkBench(SystemBench):

@@ -1,5 +1,6 @@
 """Small frames to record: a smooth image of each of two cameras."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ WIDTH, HEIGHT = 32, 24
 K = np.array([[30.0, 0.0, 15.5], [0.0, 31.0, 11.5], [0.0, 0.0, 1.0]])
 
 
+@cache  # One object per camera, as in a recording.
 def camera(name: str, height: float = 0.6) -> CameraModel:
     """Returns a camera that looks straight down."""
     X_WC = np.diag([1.0, -1.0, -1.0, 1.0])

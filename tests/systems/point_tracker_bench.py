@@ -1,4 +1,4 @@
-"""A scene, a tracker whose points tell of every frame, and both in a diagram with the system."""
+"""A scene, a tracker whose points depend on every frame, and both in a diagram with the system."""
 
 from collections.abc import Callable
 
@@ -18,15 +18,9 @@ from poil_drake.systems.capture_timing import CaptureTiming
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 PERIOD = 1 / 8
-AFTER = 1 / 1024  # long enough after an event to see what it did
+AFTER = 1 / 1024  # Long enough after an event to see its effect.
 W, H, N = 4, 3, 3
-CAMERA = CameraModel(
-    name="left",
-    width=W,
-    height=H,
-    K=np.array([[5.0, 0.0, 1.5], [0.0, 5.0, 1.0], [0.0, 0.0, 1.0]]),
-    X_WC=np.eye(4),
-)
+CAMERA = CameraModel("left", W, H, np.diag([5.0, 5.0, 1.0]), np.eye(4))
 QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
 MASK = (np.ones((H, W), dtype=bool),)
 MASKS = PartMasks(object_masks=MASK, part_masks=MASK)
@@ -38,7 +32,7 @@ class Scene(LeafSystem):
     def __init__(self, frozen_from: float = np.inf, moving: float = 1.0):
         super().__init__()
         self._frozen_from, self._moving = frozen_from, moving
-        self.looks: list[float] = []
+        self.captures: list[float] = []
         time = {self.time_ticket()}
         self.DeclareAbstractOutputPort(
             "rgb", lambda: Value(ImageRgba8U(W, H)), lambda context, output: None, time
@@ -50,7 +44,7 @@ class Scene(LeafSystem):
         self.DeclareVectorOutputPort("object_motion", 16, self._motion, time)
 
     def _depth(self, context: Context, output: AbstractValue) -> None:
-        self.looks.append(context.get_time())
+        self.captures.append(context.get_time())
         output.get_mutable_value().mutable_data[:] = 1.0 + context.get_time()
 
     def _stamp(self, context: Context, output: BasicVector) -> None:
@@ -63,9 +57,7 @@ class Scene(LeafSystem):
 
 
 class SummingTracker:
-    """Its points depend on every frame and prior so far, so that nothing can go missing."""
-
-    lost_at: frozenset[float] = frozenset()
+    """Its points depend on every frame and prior so far, so that a missing one shows."""
 
     def start(
         self, frame: MultiViewFrame, query_points: np.ndarray, object_masks: tuple[np.ndarray, ...]
@@ -79,8 +71,6 @@ class SummingTracker:
         return self._output(np.sin(state) + frame.images[0].depth[0, 0] + forward, frame)
 
     def _output(self, points: np.ndarray, frame: MultiViewFrame) -> TrackerOutput:
-        if frame.stamp in self.lost_at:
-            return TrackerOutput(points, TrackedPoints.lost(N, frame.stamp), True)
         return TrackerOutput(points, TrackedPoints(points, np.ones(N), frame.stamp), False)
 
 

@@ -106,7 +106,7 @@ def test_times_are_those_of_the_last_capture_and_release() -> None:
     ]
 
 
-def test_where_nothing_could_be_captured_the_last_result_stays() -> None:
+def test_without_a_capture_the_last_result_stays() -> None:
     bench = SystemBench(Chain(SimulatedDelay(period=PERIOD, latency=1 / 16), skip=PERIOD))
 
     bench.advance_to(PERIOD + 1 / 16 + AFTER)

@@ -1,3 +1,4 @@
+from collections.abc import Iterable
 from concurrent.futures import Future
 
 import pytest
@@ -46,31 +47,23 @@ def test_a_simulated_result_is_due_exactly_its_latency_after_the_capture(
             assert value(dut.due(queue, time)) == k
 
 
-def test_a_simulated_delay_forgets_what_was_released() -> None:
-    dut = SimulatedDelay(period=1 / 8, latency=1 / 16)
+@pytest.mark.parametrize(
+    ("latency", "ticks", "kept"),
+    [
+        (1 / 16, range(10), [8, 9]),
+        (0.0, [0, 8], [0, 8]),  # The last capture stays until the next, however long ago it was.
+    ],
+)
+def test_a_simulated_delay_forgets_all_but_the_last_release(
+    latency: float, ticks: Iterable[int], kept: list[int]
+) -> None:
+    dut = SimulatedDelay(period=1 / 8, latency=latency)
     queue: Queue = ()
 
-    for k in range(10):
-        queue = dut.added(queue, k / 8, done())
+    for tick in ticks:
+        queue = dut.added(queue, tick / 8, done())
 
-    assert [entry.tick for entry in queue] == [8, 9]
-
-
-def test_before_its_latency_has_passed_the_capture_before_is_due() -> None:
-    dut = SimulatedDelay(period=1 / 8, latency=1 / 16)
-    queue = dut.added(dut.added((), 0.0, done("first")), 1 / 8, done("second"))
-
-    assert value(dut.due(queue, 1 / 8)) == "first"
-    assert value(dut.due(queue, 3 / 16)) == "second"
-
-
-def test_the_last_capture_stays_however_long_ago() -> None:
-    dut = SimulatedDelay(period=1 / 8, latency=0.0)
-    queue = dut.added((), 0.0, done())
-
-    queue = dut.added(queue, 1.0, done())
-
-    assert [entry.tick for entry in queue] == [0, 8]
+    assert [entry.tick for entry in queue] == kept
 
 
 @pytest.mark.parametrize(
@@ -103,7 +96,7 @@ def test_a_busy_worker_captures_and_releases_nothing() -> None:
     assert value(dut.due(queue, 0.2)) == "late"
 
 
-def test_a_worker_releases_its_result_although_the_next_capture_is_in_work() -> None:
+def test_a_worker_releases_its_result_while_the_next_capture_is_in_work() -> None:
     dut = Worker()
 
     queue = dut.added(dut.added((), 0.0, done("first")), 0.1, Future())
@@ -136,7 +129,7 @@ def test_a_replay_captures_each_recorded_frame_once(replay: RecordedTiming) -> N
     assert captured == [(0.125, 0), (0.3, 1), (9.0, 2)]
 
 
-def test_a_replay_releases_what_was_released_last(replay: RecordedTiming) -> None:
+def test_a_replay_shows_the_last_recorded_release(replay: RecordedTiming) -> None:
     queue = tuple(Captured(tick, time, done(tick)) for tick, time in enumerate(CAPTURED))
 
     found = [replay.due(queue, time) for time in (0.2, 0.25, 0.69, 0.7, 9.0)]
@@ -144,7 +137,7 @@ def test_a_replay_releases_what_was_released_last(replay: RecordedTiming) -> Non
     assert [value(entry) for entry in found] == [None, 0, 0, 2, 2]
 
 
-def test_a_replay_keeps_what_is_still_to_be_released(replay: RecordedTiming) -> None:
+def test_a_replay_keeps_captures_until_their_release(replay: RecordedTiming) -> None:
     queue: Queue = ()
     for time in CAPTURED:
         queue = replay.added(queue, time, done())

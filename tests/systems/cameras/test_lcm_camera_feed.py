@@ -1,9 +1,9 @@
-import socket
 import threading
 from concurrent.futures import wait
 
 import numpy as np
 import pytest
+from network_bench import free_url
 from system_bench import START, SystemBench
 
 from poil_drake.perception.images import RgbdImage
@@ -16,7 +16,7 @@ H, W = 3, 4
 
 
 class Renderer:
-    """Renders the first position as the colour, when it may go on."""
+    """Renders the first position as the colour, once `go` is set."""
 
     def __init__(self) -> None:
         self.go, self.begun = threading.Event(), threading.Event()
@@ -38,9 +38,7 @@ class FeedBench(SystemBench):
     """The dut and a receiver of its images."""
 
     def __init__(self) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            taken.bind(("", 0))
-            url = f"udpm://239.255.76.67:{taken.getsockname()[1]}?ttl=0"
+        url = free_url()
         self.renderer = Renderer()
         dut = LcmCameraFeed(
             renderer=self.renderer,
@@ -81,7 +79,7 @@ def test_images_go_out_with_the_clock_of_their_capture(bench: FeedBench) -> None
     assert image.stamp - START in (0.0, PERIOD)  # Drake may publish at the start, too.
 
 
-def test_labels_come_along_every_so_often(bench: FeedBench) -> None:
+def test_every_second_message_has_labels(bench: FeedBench) -> None:
     while len(bench.got) < 4:
         bench.advance(PERIOD)
         bench.wait_for_renderer()
@@ -92,19 +90,19 @@ def test_labels_come_along_every_so_often(bench: FeedBench) -> None:
     assert labelled[:4] == [True, False, True, False]
 
 
-def test_captures_are_left_out_while_images_are_rendered(bench: FeedBench) -> None:
+def test_captures_are_skipped_while_images_are_rendered(bench: FeedBench) -> None:
     bench.renderer.go.clear()
     for _ in range(4):
-        bench.advance(PERIOD)  # would never come back if it waited for the renderer
+        bench.advance(PERIOD)  # Would never return if it waited for the renderer.
     bench.renderer.begun.wait()
     bench.renderer.go.set()
-    bench.dut.close()  # the images in hand are finished first
+    bench.dut.close()  # Finishes the images in work.
 
     assert len(bench.renderer.scenes) == 1
     assert len(bench.receive(1)) == 1
 
 
-def test_what_the_renderer_meets_ends_the_simulation(bench: FeedBench) -> None:
+def test_an_error_of_the_renderer_ends_the_simulation(bench: FeedBench) -> None:
     def fail(positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
         raise ZeroDivisionError
 

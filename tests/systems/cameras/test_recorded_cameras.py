@@ -9,7 +9,7 @@ H, W = 3, 4
 
 
 class Reader:
-    """Makes images that tell their number."""
+    """Makes images whose pixels are their number."""
 
     def __init__(self, labelled=()):
         self.reads, self._labelled = [], labelled
@@ -37,7 +37,7 @@ def make(reader=None, *, labels=False, times=((0.0, np.nan), (0.3, 0.25), (0.9, 
     return RecordedCameras(cameras=[camera])
 
 
-def look(dut, port, time):
+def show(dut, port, time):
     context = dut.CreateDefaultContext()
     context.SetTime(time)
     value = dut.GetOutputPort(port).Eval(context)
@@ -48,23 +48,23 @@ def look(dut, port, time):
 def test_the_newest_image_is_shown(time, shown):
     dut = make()
 
-    assert look(dut, "left.rgb_image", time)[0, 0].tolist() == [shown, shown, shown, 255]
-    assert look(dut, "left.depth_image", time)[0, 0, 0] == 1.0 + shown
+    assert show(dut, "left.rgb_image", time)[0, 0].tolist() == [shown, shown, shown, 255]
+    assert show(dut, "left.depth_image", time)[0, 0, 0] == 1.0 + shown
 
 
 def test_before_the_first_image_there_is_none():
     dut = make(labels=True)
 
     for kind in ("rgb_image", "depth_image", "label_image"):
-        assert look(dut, f"left.{kind}", 0.2).size == 0
-    assert np.isnan(look(dut, "left.image_time", 0.2)[0])
+        assert show(dut, f"left.{kind}", 0.2).size == 0
+    assert np.isnan(show(dut, "left.image_time", 0.2)[0])
 
 
-def test_images_are_decoded_only_when_somebody_looks():
+def test_images_are_decoded_only_when_evaluated():
     reader = Reader()
     dut = make(reader)
 
-    look(dut, "left.image_time", 0.6)
+    show(dut, "left.image_time", 0.6)
 
     assert reader.reads == []
 
@@ -72,17 +72,17 @@ def test_images_are_decoded_only_when_somebody_looks():
 @pytest.mark.parametrize(
     ("time", "captured"), [(0.26, 0.125), (0.3, 0.25), (0.49, 0.25), (0.5, 0.375), (0.9, 0.75)]
 )
-def test_the_time_of_the_newest_image_is_known_also_of_those_that_were_not_recorded(time, captured):
-    assert look(make(), "left.image_time", time)[0] == captured
+def test_the_time_is_that_of_the_newest_image_even_if_it_was_not_recorded(time, captured):
+    assert show(make(), "left.image_time", time)[0] == captured
 
 
-def test_images_without_a_delay_are_of_the_moment():
-    assert look(make(times=None), "left.image_time", 0.4375)[0] == 0.4375
+def test_the_time_of_images_without_a_delay_is_now():
+    assert show(make(times=None), "left.image_time", 0.4375)[0] == 0.4375
 
 
 def test_labels_are_shown_where_there_are_any():
     dut = make(Reader(labelled=[1]), labels=True)
 
-    assert look(dut, "left.label_image", 0.25).size == 0
-    assert look(dut, "left.label_image", 0.5)[0, 0, 0] == 1
+    assert show(dut, "left.label_image", 0.25).size == 0
+    assert show(dut, "left.label_image", 0.5)[0, 0, 0] == 1
     assert not make().HasOutputPort("left.label_image")

@@ -48,7 +48,7 @@ def planner() -> SafeEntryPlanner:
 
 @pytest.fixture(scope="module")
 def caged_planner() -> SafeEntryPlanner:
-    """With the body behind the wall shut in by a cube of 20 cm."""
+    """A cube of 20 cm encloses the body behind the wall."""
     grid = np.linspace(-0.1, 0.1, 21)
     cube = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     faces = cube[np.abs(cube).max(axis=1) > 0.0999]
@@ -88,7 +88,7 @@ def make_bench(
 
 
 @pytest.mark.parametrize("outside", [np.nan, 5.0], ids=["unknown", "outside the workspace"])
-def test_before_the_first_three_points_there_is_nothing_to_follow(planner, outside):
+def test_before_three_points_are_known_there_is_no_reference(planner, outside):
     few = BEHIND.copy()
     few[2:] += outside
     bench = make_bench(planner, few)
@@ -114,7 +114,7 @@ def test_outputs_are_those_of_the_pure_function(planner):
     )
 
 
-def test_the_same_reference_is_given_until_there_is_another_plan(planner):
+def test_the_reference_stays_the_same_object_until_the_next_plan(planner):
     bench = make_bench(planner, BEHIND)
     bench.advance_to(0.5 * PERIOD)
     first = bench.read("reference")
@@ -122,7 +122,7 @@ def test_the_same_reference_is_given_until_there_is_another_plan(planner):
     second = bench.read("reference")
 
     bench.fix(points=ASIDE)
-    # One look at the points at least every 1/16 s, and 0.1 s of patience.
+    # The points are checked at least every 1/16 s, with 0.1 s of patience.
     bench.advance_to(0.1)
     held = bench.read("reference")
     np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))
@@ -138,7 +138,7 @@ def test_the_same_reference_is_given_until_there_is_another_plan(planner):
 @pytest.mark.parametrize(
     ("points", "status"), [(BEHIND, EntryStatus.FOLLOWING), (ASIDE, EntryStatus.HOLDING)]
 )
-def test_points_that_are_lost_leave_the_outputs_as_they_are(planner, points, status):
+def test_lost_points_do_not_change_the_outputs(planner, points, status):
     bench = make_bench(planner, BEHIND)
     bench.advance_to(0.5 * PERIOD)
     bench.fix(points=points)
@@ -168,7 +168,7 @@ def test_a_controller_with_the_given_field_falls_back_to_the_papers(caged_planne
     assert bench.read("tau")[0] == pytest.approx(papers.tau) == pytest.approx(0.5)
 
 
-def test_another_plan_is_another_object_though_both_are_the_demonstration(planner):
+def test_each_plan_is_a_new_object_even_if_both_are_the_demonstration(planner):
     demonstration = planner.model.reference
     bench = make_bench(planner, demonstration.positions[30])
     bench.advance_to(0.5 * PERIOD)
@@ -177,12 +177,12 @@ def test_another_plan_is_another_object_though_both_are_the_demonstration(planne
     bench.fix(points=demonstration.positions[2] + np.array([0.0, 0.0, 0.1]))
     bench.advance_to(0.5)
 
-    # So the controller does not take its time on the first for one on the second.
+    # So the controller does not use its time on the first as one on the second.
     second = bench.read("reference")
     assert second is not first
     for reference in (first, second):
         np.testing.assert_array_equal(reference.positions, demonstration.positions)
 
 
-def test_no_input_reaches_an_output_at_once(planner):
+def test_nothing_feeds_through(planner):
     assert not SafeEntry(planner=planner).HasAnyDirectFeedthrough()

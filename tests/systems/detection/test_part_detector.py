@@ -17,14 +17,8 @@ from poil_drake.systems.statuses import DetectorStatus
 
 PERIOD = 1 / 8
 W, H = 32, 24
-CAMERA = CameraModel(
-    name="left",
-    width=W,
-    height=H,
-    K=np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]]),
-    X_WC=np.eye(4),
-)
-# A small wall; the mask of a few hundred pixels is left as it is.
+CAMERA = CameraModel("left", W, H, np.diag([30.0, 30.0, 1.0]), np.eye(4))
+# A small wall; the mask of a few hundred pixels is not filtered.
 FUSION = FusionConfig(mask=DepthMaskConfig(), voxel_size=0.0, outlier_neighbours=0)
 
 
@@ -78,6 +72,7 @@ def bench(detector: MiddleDetector) -> SystemBench:
 
 
 def test_before_the_first_event_nothing_is_known(bench: SystemBench) -> None:
+    assert not bench.dut.HasAnyDirectFeedthrough()
     assert bench.read("status") == DetectorStatus.WAITING
     assert bench.read("part_cloud") is ABSENT
     assert bench.read("masks") is ABSENT
@@ -162,18 +157,12 @@ def test_it_waits_for_the_cameras(bench: SystemBench, detector: MiddleDetector) 
     assert detector.searches == [0.25]
 
 
-def test_a_request_that_is_not_a_number_asks_for_nothing(
-    bench: SystemBench, detector: MiddleDetector
-) -> None:
+def test_a_nan_request_starts_no_search(bench: SystemBench, detector: MiddleDetector) -> None:
     bench.fix(request=np.nan)
 
     bench.advance_to(1.0)
 
     assert detector.searches == [0.0]
-
-
-def test_nothing_feeds_through(bench: SystemBench) -> None:
-    assert not bench.dut.HasAnyDirectFeedthrough()
 
 
 def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDetector) -> None:
@@ -183,7 +172,7 @@ def test_other_errors_are_not_swallowed(bench: SystemBench, detector: MiddleDete
         bench.advance_to(0.1)
 
 
-def test_images_without_labels_are_waited_for_where_labels_are_connected(
+def test_it_waits_for_images_with_labels_where_labels_are_connected(
     detector: MiddleDetector,
 ) -> None:
     bench = make_bench(detector, label_ids={"mug": (1,)})
@@ -199,7 +188,7 @@ def test_images_without_labels_are_waited_for_where_labels_are_connected(
 
 
 class PausedDetector(MiddleDetector):
-    """Goes on only when told."""
+    """Searches once `go` is set."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -210,36 +199,19 @@ class PausedDetector(MiddleDetector):
         return super().detect(frame, object_label=object_label, part_label=part_label)
 
 
-def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
+def test_the_frame_and_the_times_of_a_late_search_are_outputs() -> None:
     detector = PausedDetector()
     bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
-    bench.fix(request=0.0)
+    assert bench.read("frame") is ABSENT
 
-    bench.advance_to(0.5)  # would never come back if it waited for the detector
-    waiting = bench.read("status")
+    bench.advance_to(2.5 * PERIOD)  # Would never return if it waited for the detector.
+    assert bench.read("status") == DetectorStatus.WAITING
+    assert bench.read("times").tolist() == [0.0, -np.inf, -np.inf]
+    assert bench.read("frame").stamp == 0.0
+
     detector.go.set()
-    bench.dut.close()  # the search in hand is finished first
-    bench.advance_to(0.7)
-
-    assert waiting == DetectorStatus.WAITING
-    assert bench.read("status") == DetectorStatus.FOUND
-    assert detector.searches == [0.0]
-
-
-def test_the_times_and_the_frame_of_a_search_are_told() -> None:
-    detector = PausedDetector()
-    bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
-    before = bench.read("frame")
-
-    bench.advance_to(2.5 * PERIOD)
-    begun = bench.read("times").tolist()
-    frame = bench.read("frame")
-    detector.go.set()
-    bench.dut.close()
+    bench.dut.close()  # Finishes the search in work.
     bench.advance_to(3.5 * PERIOD)
-
-    assert before is ABSENT
-    assert begun == [0.0, -np.inf, -np.inf]
-    assert isinstance(frame, MultiViewFrame)
-    assert frame.stamp == 0.0
+    assert bench.read("status") == DetectorStatus.FOUND
     assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
+    assert detector.searches == [0.0]

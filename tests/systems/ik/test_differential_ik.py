@@ -49,8 +49,8 @@ def test_before_the_first_update_nothing_moves(bench: ArmBench) -> None:
 def test_a_free_motion_is_shared_by_the_joints_that_can_make_it(bench: ArmBench) -> None:
     velocity = bench.settle(ALONG_X, ticks=20)
 
-    # Two slides along x: the shortest answer is half the speed each; both are equally far out, so
-    # the nominal posture pulls neither.
+    # Two slides along x: the least-norm answer is half the speed each; both are equally far from
+    # the nominal posture, which pulls neither.
     np.testing.assert_allclose(velocity, [0.1, 0.1, 0, 0, 0, 0, 0], atol=1e-12)
     assert bench.read("scale") == pytest.approx(1.0)
     assert bench.read("status") == IkStatus.OK

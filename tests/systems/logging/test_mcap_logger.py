@@ -9,16 +9,14 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from small_frames import make_frame
 from system_bench import SystemBench
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.logging.mcap_logger import McapLogger
-
-CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
 
 
 @pytest.fixture
@@ -27,7 +25,7 @@ def log():
 
 
 def calls(method, first=None):
-    """Returns arguments and keywords of a method's calls, of those with this first argument."""
+    """Returns the arguments and keywords of a method's calls, or of those with a first argument."""
     found = [(call.args, call.kwargs) for call in method.call_args_list]
     return [(args, kwargs) for args, kwargs in found if first in (None, args[0])]
 
@@ -64,11 +62,6 @@ def publish(dut, inputs: Mapping, *, times=(0.0,)):
             if value is not None:
                 bench.fix(port, value)
         dut.ForcedPublish(bench.context)
-
-
-def make_frame(stamp, *, label=None, label_ids=None):
-    image = RgbdImage(np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32), stamp, label)
-    return MultiViewFrame((CAMERA,), (image,), label_ids or {})
 
 
 def track(stamp):
@@ -129,7 +122,7 @@ def test_the_robots_signals_may_begin_later(log):
 
 
 def test_a_frame_is_written_once_for_each_stamp_and_its_calibration_once(log):
-    frames = [make_frame(stamp) for stamp in (0.0, 0.0, 0.5)]
+    frames = [make_frame(index, ("left",)) for index in (0, 0, 4)]  # At 0 and 0.5 s.
 
     publish(make(log), {"frame": frames}, times=(0.0, 0.25, 0.5))
 
@@ -139,15 +132,15 @@ def test_a_frame_is_written_once_for_each_stamp_and_its_calibration_once(log):
 
 
 def test_labels_are_written_once_for_each_stamp_and_their_meanings_once(log):
-    labelled = make_frame(0.25, label=np.ones((3, 4), np.int16), label_ids={"mug": (1,)})
-    frames = {"frame": make_frame(0.25), "detector.frame": [ABSENT, labelled, labelled]}
+    labelled = make_frame(2, ("left",), labelled=True)
+    frames = {"frame": make_frame(2, ("left",)), "detector.frame": [ABSENT, labelled, labelled]}
 
     publish(make(log), frames, times=(0.25, 0.5, 0.75))
 
-    # The detector's image is one that the tracker has had before.
+    # The tracker has used the detector's image before.
     assert [(k["time"], k["stamp"]) for _, k in calls(log.write_image)] == [(0.25, 0.25)]
     assert [(k["time"], k["stamp"]) for _, k in calls(log.write_label, "left")] == [(0.5, 0.25)]
-    assert [dict(args[0]) for args, _ in calls(log.write_label_ids)] == [{"mug": (1,)}]
+    assert [dict(args[0]) for args, _ in calls(log.write_label_ids)] == [labelled.label_ids]
 
 
 def test_tracked_points_are_written_exactly_and_once_for_each_stamp(log):
@@ -181,22 +174,15 @@ def test_a_phase_is_written_when_it_begins_with_its_reason(log):
     ("number", "text"), [(2.0, "lost"), (9.0, "9"), (np.nan, "unknown")], ids=str
 )
 def test_the_meaning_of_a_status_is_written_beside_it(log, number, text):
-    dut = make(log, statuses={"tracker": ["status", "age"]}, texts={"tracker.status": {2: "lost"}})
+    statuses = {"tracker": ["status", "age"], "ik": ["scale"]}
+    dut = make(log, statuses=statuses, texts={"tracker.status": {2: "lost"}})
 
     publish(dut, {"tracker.status": number, "tracker.age": 0.125})
 
-    (values,) = statuses_of(log, "/tracker/status").values()
+    (((topic, values), _),) = calls(log.write_status)
+    assert topic == "/tracker/status"
     assert list(values) == ["status", "status_text", "age"]
     assert (values["status_text"], values["age"]) == (text, 0.125)
-
-
-def test_the_status_fields_of_a_topic_are_written_together(log):
-    dut = make(log, statuses={"controller": ["tau", "potential"], "ik": ["scale"]})
-
-    publish(dut, {"controller.tau": 1.5, "controller.potential": 0.25})
-
-    ((args, _),) = calls(log.write_status)
-    assert args == ("/controller/status", {"tau": 1.5, "potential": 0.25})
 
 
 @pytest.mark.parametrize("clock", [{}, {"clock": 1.7e9}], ids=["without clock", "with clock"])
@@ -258,41 +244,57 @@ def test_the_reference_is_written_once(log, reference):
     np.testing.assert_array_equal(args[1], reference.positions.reshape(6, 3))
 
 
-def test_times_of_perception_are_written_when_they_change(log):
-    never = -np.inf
-    begun = np.array([0.125, never, never])
-    times = [np.full(3, never), begun, begun, np.array([0.625, 0.5, 0.125])]
-
-    publish(make(log), {"tracker.times": times}, times=(0.0, 0.25, 0.5, 0.75))
-
-    assert statuses_of(log, "/tracker/times") == {
-        0.25: {"begun": 0.125, "released": never, "released_of": never},
-        0.75: {"begun": 0.625, "released": 0.5, "released_of": 0.125},
-    }
+NEVER = -np.inf
+BEGUN = np.array([0.125, NEVER, NEVER])
 
 
-def test_the_trackers_status_is_written_with_its_times(log):
-    dut = make(log, statuses={"tracker": ["status"]}, robot_period=0.125)
-    inputs = {"tracker.times": np.array([0.125, 0.1875, 0.125]), "tracker.status": [1.0, 1.0, 2.0]}
+@pytest.mark.parametrize(
+    ("inputs", "topic", "written"),
+    [
+        (
+            {
+                "tracker.times": [np.full(3, NEVER), BEGUN, BEGUN, np.array([0.625, 0.5, 0.125])],
+            },
+            "/tracker/times",
+            {
+                0.25: {"begun": 0.125, "released": NEVER, "released_of": NEVER},
+                0.75: {"begun": 0.625, "released": 0.5, "released_of": 0.125},
+            },
+        ),
+        (
+            {"tracker.times": BEGUN, "tracker.status": [1.0, 1.0, 2.0, 2.0]},
+            "/tracker/times",
+            {
+                0.0: {"begun": 0.125, "released": NEVER, "released_of": NEVER, "status": 1.0},
+                0.5: {"begun": 0.125, "released": NEVER, "released_of": NEVER, "status": 2.0},
+            },
+        ),
+        (
+            {"stop": [0.0, 0.0, 2.0, 2.0]},
+            "/stop_requests/status",
+            {0.0: {"requests": 0.0}, 0.5: {"requests": 2.0}},
+        ),
+    ],
+    ids=["times", "status of the tracker", "requests to stop"],
+)
+def test_some_statuses_are_written_when_they_change(log, inputs, topic, written):
+    statuses = {"tracker": ["status"]} if "tracker.status" in inputs else {}
 
-    publish(dut, inputs, times=(0.25, 0.5, 0.75))
+    publish(make(log, statuses=statuses), inputs, times=(0.0, 0.25, 0.5, 0.75))
 
-    written = {
-        time: values["status"] for time, values in statuses_of(log, "/tracker/times").items()
-    }
-    assert written == {0.25: 1.0, 0.75: 2.0}
+    assert statuses_of(log, topic) == written
 
 
 @pytest.mark.parametrize(
     ("age", "times"),
     [
-        # The image of 0.3125 s is noticed at once; the rest is the usual period.
+        # The image of 0.3125 s is written at once, and then at the usual period.
         (0.1, [0.0, 0.375, 0.5]),
-        # Images of cameras without delay are no news.
+        # Images of cameras without a delay are written at the period only.
         (0.0, [0.0, 0.5]),
     ],
 )
-def test_image_times_are_written_as_soon_as_an_image_has_come(log, age, times):
+def test_image_times_are_written_as_soon_as_an_image_arrives(log, age, times):
     statuses = {"cameras": ["left.image_time", "right.image_time"]}
     dut = make(log, statuses=statuses, period=0.5, robot_period=0.125)
     builder = DiagramBuilder()
@@ -305,8 +307,8 @@ def test_image_times_are_written_as_soon_as_an_image_has_come(log, age, times):
 
         def _calc(self, context, output):
             now = context.get_time()
-            came = now if age == 0.0 else 0.3125 if now > 0.3125 else np.nan
-            output.SetAtIndex(0, came)
+            stamp = now if age == 0.0 else 0.3125 if now > 0.3125 else np.nan
+            output.SetAtIndex(0, stamp)
 
     camera = builder.AddSystem(Camera())
     builder.Connect(camera.get_output_port(), dut.GetInputPort("cameras.left.image_time"))
@@ -318,21 +320,12 @@ def test_image_times_are_written_as_soon_as_an_image_has_come(log, age, times):
     assert times_of(log.write_status, "/cameras/status") == times
 
 
-def test_requests_to_stop_are_written_when_their_number_changes(log):
-    publish(make(log), {"stop": [0.0, 0.0, 2.0, 2.0]}, times=(0.0, 0.25, 0.5, 0.75))
-
-    assert statuses_of(log, "/stop_requests/status") == {
-        0.0: {"requests": 0.0},
-        0.5: {"requests": 2.0},
-    }
-
-
 def test_a_real_log_takes_everything(tmp_path, reference):
     path = tmp_path / "run.mcap"
     with RunLogWriter(path) as log:
         bench = SystemBench(
             make(log, reference=reference, phase_names=["go"], statuses={"ik": ["scale"]}),
-            frame=make_frame(0.0),
+            frame=make_frame(0, ("left",)),
             tracked_points=track(0.0),
         )
         for port, value in {

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
+from small_frames import camera, make_frame
 from system_bench import SystemBench
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.logging.snapshot_recorder import Snapshot, SnapshotAlbum, SnapshotRecorder
 
-CAMERA = CameraModel("left", 4, 3, np.diag([5.0, 5.0, 1.0]), np.eye(4))
+CAMERA = camera("left")
 PERIOD, OFFSET = 1 / 8, 1 / 256
 START = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2], [0.6, 0.1, 0.1]])
 N = len(START)
@@ -29,11 +29,6 @@ def make_snapshot(time):
         points=np.zeros((2, 3)),
         target_points=np.zeros((2, 3)),
     )
-
-
-def make_frame(stamp):
-    image = RgbdImage(np.full((3, 4, 3), 7, np.uint8), np.ones((3, 4), np.float32), stamp)
-    return MultiViewFrame((CAMERA,), (image,))
 
 
 def lifted(height, *, aside=0.0):
@@ -90,7 +85,7 @@ def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
         track = NO_TRACK
         if tick >= late:
             track = seen((tick - late) * PERIOD, height=0.01 * (tick - late))
-        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=track)
+        bench.fix(frame=make_frame(tick), tracked_points=track)
         bench.advance(PERIOD)
     for _ in range(3):  # Nothing new arrives.
         bench.advance(PERIOD)
@@ -101,7 +96,7 @@ def test_each_frame_is_taken_once_with_its_own_track(bench, album, late):
         np.testing.assert_allclose(snapshot.points, lifted(height, aside=0.01))
         # The reference's closest configuration is straight above the start, at that height.
         np.testing.assert_allclose(snapshot.target_points, lifted(height), atol=1e-12)
-        assert snapshot.rgb[0, 0, 0] == 7
+        np.testing.assert_array_equal(snapshot.rgb, make_frame(tick).images[0].rgb)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +106,7 @@ def test_lost_points_are_nan_and_have_a_target_if_others_are_seen(bench, album, 
     positions, confidence = lifted(0.05, aside=0.01), np.ones(N)
     positions[lost], confidence[lost] = np.nan, 0.0
 
-    bench.fix(frame=make_frame(0.0), tracked_points=TrackedPoints(positions, confidence, 0.0))
+    bench.fix(frame=make_frame(0), tracked_points=TrackedPoints(positions, confidence, 0.0))
     bench.advance(PERIOD)
 
     (snapshot,) = album.snapshots
@@ -128,11 +123,11 @@ def test_no_frame_is_no_snapshot(bench, album):
 
 
 def test_the_stored_images_are_in_the_context(bench, album):
-    bench.fix(frame=make_frame(0.0), tracked_points=NO_TRACK)
+    bench.fix(frame=make_frame(0), tracked_points=NO_TRACK)
     bench.advance(PERIOD)
     other = bench.dut.CreateDefaultContext()
     other.SetTimeStateAndParametersFrom(bench.context)
-    bench.dut.GetInputPort("frame").FixValue(other, make_frame(0.125))
+    bench.dut.GetInputPort("frame").FixValue(other, make_frame(1))
     bench.dut.GetInputPort("tracked_points").FixValue(other, seen(0.0))
 
     bench.dut.ForcedPublish(other)
@@ -142,7 +137,7 @@ def test_the_stored_images_are_in_the_context(bench, album):
 
 def test_images_are_dropped_once_they_are_tracked(bench):
     for tick in range(6):
-        bench.fix(frame=make_frame(tick * PERIOD), tracked_points=seen((tick - 1) * PERIOD))
+        bench.fix(frame=make_frame(tick), tracked_points=seen((tick - 1) * PERIOD))
         bench.advance(PERIOD)
 
     images = bench.context.get_abstract_state(0).get_value()

@@ -15,10 +15,10 @@ def bench() -> SystemBench:
 @pytest.mark.parametrize(
     ("width", "wanted", "expected"),
     [
-        (0.05, 0.00, 0.049),  # 0.1 m/s for 0.01 s is 1 mm
+        (0.05, 0.00, 0.049),  # 0.1 m/s for 0.01 s is 1 mm.
         (0.05, 0.08, 0.051),
         (0.05, 0.0503, 0.0503),
-        (0.0795, 0.2, 0.08),  # no wider than the hand
+        (0.0795, 0.2, 0.08),  # No wider than the hand.
         (0.0005, -0.1, 0.0),
     ],
 )

@@ -49,7 +49,7 @@ def test_age_grows_when_statuses_stop_repeat_or_come_late(arm: RobotBench) -> No
         lcmt_schunk_wsg_status().encode(),
         arm_status(START, joint_position=[np.nan] * 7),
         arm_status(START, robot_mode=42),
-        lcmt_panda_status().encode(),  # Of no joints.
+        lcmt_panda_status().encode(),  # Without joints.
     ],
     ids=["empty", "noise", "cut off", "foreign", "not finite", "no mode", "no joints"],
 )
@@ -66,24 +66,24 @@ def test_malformed_statuses_change_nothing(arm: RobotBench, message: bytes) -> N
 
 @given(st.binary(max_size=600), st.booleans())
 @settings(derandomize=True, max_examples=300)
-def test_no_message_at_all_is_an_error_of_its_own(noise: bytes, own: bool) -> None:
+def test_any_message_raises_at_most_an_invalid_value_error(noise: bytes, own: bool) -> None:
     message = arm_status(START)[:8] + noise if own else noise
     for decode in (decode_panda_status, decode_hand_status):
         with contextlib.suppress(InvalidValueError):
             decode(message)
 
 
-def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
+def test_width_of_the_hand_is_shown_while_it_is_recent(hand: RobotBench) -> None:
     assert np.isnan(hand.show("width_measured"))
 
     hand.report(hand_status(0.035))
 
     assert hand.show("width_measured") == pytest.approx(0.035)
     hand.elapsed += 0.6
-    # What stops the whole robot is for others to say first.
-    believed = [hand.show("width_measured") for _ in range(round(0.12 / PERIOD))]
-    assert believed[0] == pytest.approx(0.035)
-    assert np.isnan(believed[-1])
+    # The grace time lets a fault of the whole robot be reported first.
+    shown = [hand.show("width_measured") for _ in range(round(0.12 / PERIOD))]
+    assert shown[0] == pytest.approx(0.035)
+    assert np.isnan(shown[-1])
 
 
 def test_malformed_statuses_of_the_hand_change_nothing(hand: RobotBench) -> None:

@@ -38,14 +38,17 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     return time
 
 
-def test_before_the_first_status_nothing_is_known_and_nothing_is_sent(arm: RobotBench) -> None:
+def test_before_the_first_status_nothing_is_known_and_nothing_is_sent(
+    arm: RobotBench, hand: RobotBench
+) -> None:
+    assert hand.send(width=0.05) == []
     assert np.isnan(arm.show("position_measured")).all()
     assert arm.show("status").tolist() == [RobotMode.OTHER, np.inf, 0.0]
     assert arm.send(velocity=np.full(7, 0.1)) == []
     assert arm.rest(0.01) == []
 
 
-def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
+def test_velocity_is_sent_in_the_drivers_format(arm: RobotBench) -> None:
     arm.report(arm_status(START))
     arm.elapsed += 0.25
     wanted = 0.1 * np.arange(7)
@@ -59,8 +62,7 @@ def test_velocity_is_sent_as_the_driver_accepts_it(arm: RobotBench) -> None:
     np.testing.assert_array_equal(command.joint_velocity, wanted)
 
 
-def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
-    arm = make_arm_bench()
+def test_rest_is_sent_for_missing_stale_and_nan_velocities(arm: RobotBench) -> None:
     arm.report(arm_status(START))
     wanted = np.full(7, 0.1)
 
@@ -84,7 +86,7 @@ def test_rest_is_sent_for_what_is_missing_stale_or_not_finite() -> None:
 
 
 class HaltedBench(RobotBench):
-    """Its process is halted for a while [s] just after it has seen how old the update is."""
+    """Its process is halted for `halt` [s] just after it has checked the age of the update."""
 
     halt = 0.0
 
@@ -117,7 +119,7 @@ def test_commands_go_out_once_every_period(arm: RobotBench) -> None:
 
 
 def speed_up(arm: RobotBench, *, speed: float) -> None:
-    """Sends what the supervisor would, until the arm has a velocity."""
+    """Sends the velocities of the limiter, as the supervisor does, up to a speed [rad/s]."""
     motion = JointMotion.at_rest(np.array(JOINTS))
     while motion.velocity[1] < speed - 1e-9:
         motion = LIMITER.step(motion, np.full(7, speed))
@@ -160,7 +162,7 @@ def test_an_arm_that_speeds_up_brakes_within_its_limits(
     fake_time: FakeTime, arm: RobotBench
 ) -> None:
     arm.report(arm_status(START))
-    speed_up(arm, speed=0.1)  # It would go on to 2 rad/s.
+    speed_up(arm, speed=0.1)
     motion = JointMotion.at_rest(np.array(JOINTS))
     sent = []
     for _ in range(8):
@@ -174,7 +176,7 @@ def test_an_arm_that_speeds_up_brakes_within_its_limits(
     jerks = np.diff(accelerations, axis=0) / PERIOD
     config = SafetyConfig().limiter
     assert np.all(np.abs(accelerations) <= LIMITER.acceleration + 1e-6)
-    # How fast it speeds up is known from velocities only.
+    # The sender knows the acceleration only from velocities.
     assert np.all(np.abs(jerks) <= 1.5 * config.jerk_scale * np.array(config.jerk))
 
 
@@ -230,14 +232,14 @@ def test_the_arm_brakes_when_the_velocity_becomes_nan(arm: RobotBench) -> None:
 
     found = [arm.send(velocity=np.full(7, np.nan))[0].joint_velocity for _ in expected]
 
-    # From what was sent it is known how the arm brakes, a little late at each change of jerk.
+    # Accelerations from sent velocities lag a little at each change of jerk.
     np.testing.assert_allclose(found, expected, atol=0.03)
     assert np.abs(found[-1]).max() < 0.03
 
 
-def test_hand_gets_commands_after_its_first_status(hand: RobotBench) -> None:
-    assert hand.send(width=0.05) == []
+def test_hand_gets_finite_commands_after_its_first_status(hand: RobotBench) -> None:
     hand.report(hand_status(0.08))
+    assert hand.send() == []
 
     (command,) = hand.send(width=0.05)
 
@@ -245,12 +247,6 @@ def test_hand_gets_commands_after_its_first_status(hand: RobotBench) -> None:
     assert command.force == 40.0
     assert command.utime == round(1e6 * START)
     assert hand.send(width=float("nan")) == []
-
-
-def test_hand_without_a_command_keeps_its_opening(hand: RobotBench) -> None:
-    hand.report(hand_status(0.08))
-
-    assert hand.send() == []
 
 
 @pytest.mark.parametrize("robot", ["arm", "hand"])
@@ -310,7 +306,7 @@ def test_echoes_of_own_commands_are_recognized(arm: RobotBench) -> None:
 
 @pytest.fixture
 def patient_mailbox(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However slow this machine is, senders that take turns do so soon enough."""
+    """Lets senders take turns at any pace, since this machine may be slow."""
     monkeypatch.setattr(lcm_mailbox, "_WITHIN", math.inf)
 
 

@@ -24,7 +24,7 @@ def step(
     measured: float | None = None,
     config: PandaDriver = PLAIN,
 ) -> tuple[float, float]:
-    """Advances one joint of seven alike."""
+    """Advances one of seven identical joints."""
     measured = position if measured is None else measured
     state = {"position": position, "velocity": velocity, "wanted": wanted, "measured": measured}
     positions, velocities = step_joints(
@@ -71,7 +71,7 @@ def test_a_blocked_arm_does_not_wind_up() -> None:
         q, v = step(position=q, velocity=v, wanted=1.0, measured=0.0, config=config)
 
     assert q == pytest.approx(0.05)
-    # It turns round at once: after one step it has left the end of its leash.
+    # It reverses at once: after one step it has left the end of its leash.
     q, v = step(position=q, velocity=v, wanted=-1.0, measured=0.0, config=config)
     assert q < 0.05
 
@@ -95,6 +95,9 @@ def test_without_a_command_the_arm_holds_still(bench: SystemBench) -> None:
 
     assert velocity_after(bench, 0.5) == 0
     assert bench.read("position_commanded")[0] == 0.5
+    # Commands act only through the state.
+    command, outputs = bench.dut.GetInputPort("velocity").get_index(), bench.dut.num_output_ports()
+    assert not any(bench.dut.HasDirectFeedthrough(command, output) for output in range(outputs))
 
 
 def test_a_command_without_stamps_is_followed_and_a_stamped_one_expires(
@@ -154,10 +157,3 @@ def test_after_a_reset_it_holds_the_measured_position(bench: SystemBench) -> Non
 
     assert bench.read("position_commanded")[0] == -1.0
     assert bench.read("velocity_commanded")[0] == 0.0
-
-
-def test_commands_do_not_reach_the_outputs_directly(bench: SystemBench) -> None:
-    dut = bench.dut
-    command = dut.GetInputPort("velocity").get_index()
-
-    assert not any(dut.HasDirectFeedthrough(command, i) for i in range(dut.num_output_ports()))

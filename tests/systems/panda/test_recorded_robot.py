@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from system_bench import SystemBench
 
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.panda.recorded_robot import (
@@ -31,7 +32,7 @@ def make(**options):
 
 
 class Controller(LeafSystem):
-    """Notes what its updates see, and when."""
+    """Records the time and the input at its updates."""
 
     def __init__(self):
         super().__init__()
@@ -44,7 +45,7 @@ class Controller(LeafSystem):
 
 
 def seen_by_updates(dut, port):
-    """Returns what discrete updates see at a port of one number."""
+    """Returns the times of discrete updates and their values of a port of one number."""
     builder = DiagramBuilder()
     builder.AddSystem(dut)
     controller = builder.AddSystem(Controller())
@@ -68,14 +69,13 @@ def test_updates_see_leading_signals_a_sample_early(leading, widths):
 
 
 def test_a_sample_is_shown_when_it_was_taken():
-    dut = make()
-    simulator = Simulator(dut)
-    simulator.Initialize()
+    bench = SystemBench(make())
+    bench.simulator.Initialize()
+
     for time in TIMES:
         if time > 0.0:
-            simulator.AdvanceTo(time)
-        shown = dut.GetOutputPort("position_measured").Eval(simulator.get_context())
-        np.testing.assert_array_equal(shown, np.full(7, time))
+            bench.advance_to(time)
+        np.testing.assert_array_equal(bench.read("position_measured"), np.full(7, time))
 
 
 @pytest.mark.parametrize(
@@ -90,14 +90,10 @@ def test_a_sample_is_shown_when_it_was_taken():
     ],
 )
 def test_every_signal_has_its_port(port, size, value):
-    dut = make()
-    context = dut.CreateDefaultContext()
-    for ignored, length in (("velocity", 7), ("velocity_time", 1), ("width", 1)):
-        dut.GetInputPort(ignored).FixValue(context, np.full(length, 9.0))
+    # The inputs are ignored.
+    bench = SystemBench(make(), velocity=np.full(7, 9.0), velocity_time=9.0, width=9.0)
 
-    shown = dut.GetOutputPort(port).Eval(context)
-
-    np.testing.assert_array_equal(shown, np.full(size, value))
+    np.testing.assert_array_equal(bench.read(port), np.full(size, value))
 
 
 def test_before_the_first_sample_nothing_is_known():
@@ -105,13 +101,13 @@ def test_before_the_first_sample_nothing_is_known():
     dut = RecordedRobot(
         joints=empty, hand=Series.of([], 1), status=Series.of([], 4), postures=Series.of([], 7)
     )
-    context = dut.CreateDefaultContext()
+    bench = SystemBench(dut)
 
     for port in ("position_measured", "status", "width_measured", "position_commanded"):
-        assert np.isnan(dut.GetOutputPort(port).Eval(context)).all()
+        assert np.isnan(bench.read(port)).all()
 
 
-def test_the_clock_stands_as_it_stood_in_each_period():
+def test_the_clock_shows_the_recorded_time_of_each_period():
     clock = RecordedClock()
     simulator = Simulator(make(clock=clock))
     times = []

@@ -7,7 +7,7 @@ from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 
-# A cell that is narrow enough to be in the way.
+# The cell is narrow enough to limit the motions.
 CELL = PostureGuardConfig(
     gripper_lower=(0.1, -0.5, 0.0),
     gripper_upper=(0.7, 0.5, 0.8),
@@ -28,13 +28,13 @@ def allowed_start(rng: np.random.Generator) -> np.ndarray:
             return free[0]
 
 
-def random_wish(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
-    """Returns a velocity that a twist, a jump of a reference or a mistake asks for."""
+def random_velocity(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
+    """Returns a velocity such as of a twist, of a jump of a reference, or of a software error."""
     kind = rng.integers(8)
     if kind == 0:
-        wish = rng.normal(size=7)
-        wish[rng.integers(7)] = rng.choice([np.nan, np.inf, -np.inf])
-        return wish
+        velocity = rng.normal(size=7)
+        velocity[rng.integers(7)] = rng.choice([np.nan, np.inf, -np.inf])
+        return velocity
     if kind == 1:
         return 10.0 ** rng.uniform(2, 300) * rng.normal(size=7)
     if kind < 4:

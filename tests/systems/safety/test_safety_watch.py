@@ -43,7 +43,7 @@ def watch_age(memory: dut.SafetyMemory, ages) -> list[SafetyFault]:
 
 @pytest.fixture
 def moving() -> dut.SafetyMemory:
-    """There was no fault for a second."""
+    """A second without a fault."""
     memory = watch(dut.SafetyMemory(), 256)
     assert memory.fresh
     assert memory.fault == SafetyFault.NONE
@@ -145,8 +145,8 @@ def test_no_velocity_is_old_before_the_first_one() -> None:
     assert watch(watch(memory), command_age=math.inf).fault == SafetyFault.COMMAND_STALE
 
 
-def test_a_silent_driver_is_one_whose_status_grows_old(moving: dut.SafetyMemory) -> None:
-    # Its last status is 1 ms old, and 0.05 s are passed after 13 periods.
+def test_a_status_that_grows_old_is_a_silent_driver(moving: dut.SafetyMemory) -> None:
+    # The last status is 1 ms old, and exceeds 0.05 s after 13 periods.
     ages = [0.001 + tick * PERIOD for tick in range(1, 40)]
 
     faults = watch_age(moving, ages)
@@ -167,7 +167,7 @@ def test_a_jump_of_the_clock_is_no_silence(moving: dut.SafetyMemory, offset: flo
 
 @pytest.mark.parametrize("offset", [100.0, -100.0])
 def test_a_clock_that_is_off_from_the_start_is_a_fault(offset: float) -> None:
-    # Statuses come every third period, which makes their age a saw.
+    # Statuses arrive every third period, so that their age is a sawtooth.
     ages = [offset + (tick % 3) * PERIOD for tick in range(30)]
 
     faults = watch_age(dut.SafetyMemory(), ages)
@@ -179,8 +179,8 @@ def test_a_clock_that_is_off_from_the_start_is_a_fault(offset: float) -> None:
 @pytest.mark.parametrize(
     ("ages", "fault"),
     [
-        ([0.2] * 30, SafetyFault.NO_STATUS),  # Late statuses are no wrong clock.
-        # A delay of our own: the status is old for one tick, until the queued ones are read.
+        ([0.2] * 30, SafetyFault.NO_STATUS),  # Late statuses do not mean a wrong clock.
+        # A delay of this process: the status is old for one tick, until the queue is read.
         ([0.001, 0.3, 0.001, 0.001], SafetyFault.NONE),
         # Silence after a jump of the clock.
         ([0.6 + tick * PERIOD for tick in range(30)], SafetyFault.NO_STATUS),
@@ -190,7 +190,7 @@ def test_late_statuses_delays_and_silence_differ(moving: dut.SafetyMemory, ages,
     assert watch_age(moving, ages)[-1] is fault
 
 
-def test_a_fault_stays_when_its_cause_goes_or_another_comes(moving: dut.SafetyMemory) -> None:
+def test_a_fault_stays_when_its_cause_ends_or_another_occurs(moving: dut.SafetyMemory) -> None:
     faulty = watch(moving, mode=0.0)
 
     assert watch(faulty, 256, standing=True).fault == SafetyFault.ROBOT_MODE
@@ -200,8 +200,8 @@ def test_a_fault_stays_when_its_cause_goes_or_another_comes(moving: dut.SafetyMe
 @pytest.mark.parametrize(
     "changes",
     [
-        {"resets": 1.0, "mode": 0.0},  # Its cause is still there.
-        {"resets": 1.0, "command_finite": False},  # Another cause is.
+        {"resets": 1.0, "mode": 0.0},  # The cause persists.
+        {"resets": 1.0, "command_finite": False},  # Another cause occurs.
         {"resets": 1.0, "standing": False},  # The arm is still braking.
         {"resets": 1.0, "stops": 1.0},
         {"resets": 1.0, "status_age": 0.6},  # The cause of the old status is still unknown.

@@ -1,22 +1,17 @@
-"""Where an arm really goes that is not quite where it is commanded to be, or has to stop."""
-
-from collections.abc import Callable
+"""Where an arm goes that is not exactly where it is commanded to be, or has to stop."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from panda_bench import FakeTime, arm_status
-from supervised_cell import CELL, allowed_start, distance_from_cell, random_wish
+from panda_bench import FakeTime, arm_status, make_arm_bench
+from supervised_cell import CELL, allowed_start, distance_from_cell, random_velocity
 from supervisor_bench import LIMITS, MODEL, PERIOD, SupervisorBench
+from system_bench import START
 
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.posture_guard import PostureGuard
-from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.panda import lcm_senders as panda_senders
-from poil_drake.systems.panda.lcm_messages import decode_panda_command, decode_panda_status
-from poil_drake.systems.panda.lcm_senders import FrankaCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.statuses import RobotMode
 
@@ -24,9 +19,6 @@ CONFIG = SafetyConfig()
 LOW = np.array([0.0, 0.3, 0.0, -2.2, 0.0, 2.5, np.pi / 4])
 """The hand hangs straight down, well above the table."""
 DOWN = np.eye(7)[1]
-LIMITER = VelocityLimiter(limits=LIMITS, period=PERIOD, config=CONFIG.limiter)
-
-
 LARGEST_CHANGE = CONFIG.limiter.acceleration_scale * LIMITS.acceleration * PERIOD
 
 
@@ -96,10 +88,10 @@ def test_after_a_suspension_the_arm_brakes_from_its_measured_motion(
 @pytest.mark.parametrize(
     ("held_up", "age", "expected"),
     [
-        (1.0, 0.001, 0.0),  # It was looked at, and then the process was halted.
-        (1.0, 0.95, 0.0),  # It had waited in the socket.
+        (1.0, 0.001, 0.0),  # The process was halted after it had read the status.
+        (1.0, 0.95, 0.0),  # The status had waited in the socket.
         (0.15, 0.149, 0.0),
-        (0.09, 0.089, 0.2),  # The driver follows the last command still.
+        (0.09, 0.089, 0.2),  # The driver still follows the last command.
     ],
 )
 def test_measurements_from_before_a_suspension_do_not_move_the_arm(
@@ -119,68 +111,28 @@ def test_measurements_from_before_a_suspension_do_not_move_the_arm(
     assert np.all(np.abs(dut.velocities[-20:]) <= expected)
 
 
-class Network:
-    """A network in memory; each of Drake's would keep files open."""
-
-    def __init__(self) -> None:
-        self._handlers: list[tuple[str, Callable[[bytes], None]]] = []
-
-    def Publish(self, channel: str, buffer: bytes) -> None:
-        for name, handler in self._handlers:
-            if name == channel:
-                handler(buffer)
-
-    def Subscribe(self, channel: str, handler: Callable[[bytes], None]) -> None:
-        self._handlers.append((channel, handler))
-
-    def HandleSubscriptions(self, timeout_millis: int) -> int:
-        return 0
-
-
-class RestSender:
-    """Sends a supervisor's velocities, and brings the arm to rest."""
-
-    def __init__(self) -> None:
-        self._lcm = Network()
-        mailbox = LcmMailbox(self._lcm, "STATUS", decode_panda_status)
-        self._sender = FrankaCommandSender(
-            lcm=self._lcm, channel="COMMAND", mailbox=mailbox, limiter=LIMITER, period=PERIOD
-        )
-        self._context = self._sender.CreateDefaultContext()
-        self._sent: list[np.ndarray] = []
-        self._lcm.Subscribe(
-            "COMMAND", lambda raw: self._sent.append(decode_panda_command(raw).velocity)
-        )
-        self._lcm.Publish("STATUS", arm_status(100.0))
-
-    def velocities(self, commanded: list[np.ndarray]) -> np.ndarray:
-        """Returns what is sent (K, 7) after the last two velocities of the supervisor."""
-        for velocity in commanded[-2:]:
-            self._sender.GetInputPort("velocity").FixValue(self._context, velocity)
-            self._sender.ForcedPublish(self._context)
-        self._sent.clear()
-        self._sender.SendRest(0.01)
-        return np.array(self._sent)
-
-
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=15)
 def test_no_limit_is_exceeded_while_coming_to_rest(seed: int) -> None:
     """At full speed, out of any motion."""
     rng = np.random.default_rng(seed)
+    sender = make_arm_bench()
+    sender.report(arm_status(START))
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
     for _ in range(30):
-        dut.inputs |= {"velocity": random_wish(rng, dut.q)}
+        dut.inputs |= {"velocity": random_velocity(rng, dut.q)}
         for _ in range(rng.integers(3, 24)):
             dut.tick(reset=[float(len(dut.velocities))])
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(panda_senders, "time", FakeTime())
-            rest = RestSender().velocities(dut.velocities)
+            for velocity in dut.velocities[-2:]:
+                sender.send(velocity=velocity)
+            rest = [command.joint_velocity for command in sender.rest(0.01)]
 
         v = np.concatenate([dut.velocities[-1:], rest])
         q = dut.q + np.cumsum(0.5 * PERIOD * (v[:-1] + v[1:]), axis=0)
         assert not v[-1].any()
         assert np.all((q >= LIMITS.lower) & (q <= LIMITS.upper))
         assert np.all(np.abs(np.diff(v, axis=0)) <= PERIOD * LIMITS.acceleration)
-        # How fast the arm speeds up is known from two velocities only.
+        # The sender knows the acceleration only from two velocities.
         assert np.all(distance_from_cell(q) > -3e-3)

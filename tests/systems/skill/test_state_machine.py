@@ -80,7 +80,7 @@ def test_grasp_ends_when_the_fingers_stand_still() -> None:
     states = run(one_tick, SEEN, duration=CONFIG.grasp_settle_time + 0.05)
     assert states[-1].phase == Phase.LIFT
     entered = next(s for s in states if s.phase == Phase.LIFT).phase_start
-    # Standing still is seen from the first tick after the moving one.
+    # The fingers count as at rest from the first tick after the moving one.
     assert entered == pytest.approx(SEEN.time + 1 / 256 + CONFIG.grasp_settle_time, abs=1e-9)
 
 
@@ -130,7 +130,7 @@ def test_faults(phase: Phase, seen: Observation, duration: float, fault: Fault) 
     assert (Phase(int(last.phase)), Fault(int(last.fault))) == (Phase.FAULT, fault)
 
 
-def test_detection_is_asked_for_once_after_the_grace_time() -> None:
+def test_detection_is_requested_once_after_the_grace_time() -> None:
     lost = SEEN._replace(points_lost=True)
     states = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_fault - 0.1)
     asked = [s.last_time for s in states if s.detect_requests == 1.0]
@@ -138,7 +138,7 @@ def test_detection_is_asked_for_once_after_the_grace_time() -> None:
     assert states[-1].detect_requests == 1.0
 
 
-def test_each_loss_is_asked_about() -> None:
+def test_each_loss_requests_a_detection() -> None:
     lost, found = SEEN._replace(points_lost=True), SEEN
     once = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_grace + 0.1)[-1]
     again = run(once, found._replace(time=once.last_time), duration=0.1)[-1]
@@ -146,7 +146,7 @@ def test_each_loss_is_asked_about() -> None:
     assert (once.detect_requests, again.asked, twice.detect_requests) == (1.0, 0.0, 2.0)
 
 
-def test_while_the_robot_waits_the_part_is_searched_again_and_again() -> None:
+def test_while_the_robot_waits_detections_are_requested_repeatedly() -> None:
     hidden = SEEN._replace(tracking=False)
     waiting = run(in_phase(Phase.WAIT), hidden, duration=4.5 * CONFIG.lost_grace)[-1]
     begun = run(waiting, SEEN._replace(time=waiting.last_time), duration=0.1)[-1]
@@ -154,7 +154,7 @@ def test_while_the_robot_waits_the_part_is_searched_again_and_again() -> None:
     assert (Phase(int(begun.phase)), begun.detect_requests) == (Phase.APPROACH, 4.0)
 
 
-def test_fingers_that_stand_still_before_they_could_have_moved_hold_nothing() -> None:
+def test_fingers_at_rest_before_they_could_have_moved_hold_nothing() -> None:
     config = dataclasses.replace(CONFIG, hand_delay=0.5)
     states = run(in_phase(Phase.GRASP), SEEN, duration=2.0, config=config)
     begun = next(s for s in states if s.phase == Phase.LIFT)

@@ -10,7 +10,7 @@ PERIOD = 1 / 256
 
 
 def click(meshcat: Meshcat) -> None:
-    """What the page sends when the button is pressed, as a MessagePack map of two strings."""
+    """Sends the page's message for a pressed button, a MessagePack map of two strings."""
     meshcat._InjectWebsocketMessage(
         message=b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(BUTTON)]) + BUTTON.encode()
     )
@@ -63,7 +63,7 @@ def test_the_button_goes_when_closed_and_its_clicks_stay(page: Meshcat) -> None:
     click(page)
 
     dut.close()
-    dut.close()  # Once more is no error.
+    dut.close()  # Closing twice is no error.
 
     assert BUTTON not in page.GetButtonNames()
     assert shown(dut, simulator, PERIOD) == 1.0

@@ -4,6 +4,7 @@ import pty
 import termios
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -13,7 +14,7 @@ from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 PATIENCE = 3600.0  # [s]; only a failing test waits that long.
 
 
-class Noticing(StopSwitch):
+class CountingSwitch(StopSwitch):
     """Lets a test wait for a request."""
 
     def __init__(self) -> None:
@@ -27,58 +28,45 @@ class Noticing(StopSwitch):
 
 @pytest.fixture
 def keyboard() -> Iterator[tuple[int, io.TextIOWrapper]]:
-    """The end at which one types, and the terminal."""
+    """The descriptor that types, and the terminal."""
     typing, terminal = pty.openpty()
     with os.fdopen(terminal, "r") as stream:
         yield typing, stream
     os.close(typing)
 
 
-@pytest.mark.parametrize("key", [b" ", b"\r", b"\n", b"q", b"Q", b"\x1b"])
-def test_a_stop_key_requests_a_stop(keyboard, key: bytes) -> None:
+@pytest.mark.parametrize(
+    ("typed", "requests"),
+    [
+        *((key, 1) for key in (b" ", b"\r", b"\n", b"q", b"Q", b"\x1b")),
+        (b"q q", 3),
+        (b"abc1/- ", 1),  # Keys are read in order, so the others are read before the space.
+    ],
+)
+def test_each_stop_key_requests_a_stop(keyboard, typed: bytes, requests: int) -> None:
     typing, terminal = keyboard
-    switch = Noticing()
+    switch = CountingSwitch()
 
     with terminal_stop_key(switch, stream=terminal) as active:
-        os.write(typing, key)
-        noticed = switch.pressed.acquire(timeout=PATIENCE)
-
         assert active
-    assert noticed
-    assert switch.requests == 1
-
-
-def test_other_keys_do_nothing(keyboard) -> None:
-    typing, terminal = keyboard
-    switch = Noticing()
-
-    with terminal_stop_key(switch, stream=terminal):
-        # Keys are looked at in order: once the space is seen, so was what came before it.
-        os.write(typing, b"abc1/-")
-        os.write(typing, b" ")
-        assert switch.pressed.acquire(timeout=PATIENCE)
-
-    assert switch.requests == 1
-
-
-def test_every_key_press_counts(keyboard) -> None:
-    typing, terminal = keyboard
-    switch = Noticing()
-
-    with terminal_stop_key(switch, stream=terminal):
-        os.write(typing, b"q q")
-        for _ in range(3):
+        os.write(typing, typed)
+        for _ in range(requests):
             assert switch.pressed.acquire(timeout=PATIENCE)
 
-    assert switch.requests == 3
+    assert switch.requests == requests
 
 
-def test_keys_arrive_without_enter_and_the_terminal_is_given_back(keyboard) -> None:
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+def test_keys_arrive_without_enter_and_the_terminal_is_restored(
+    keyboard, error: type[BaseException] | None
+) -> None:
     _, terminal = keyboard
     before = termios.tcgetattr(terminal)
 
-    with terminal_stop_key(StopSwitch(), stream=terminal):
+    with suppress(KeyboardInterrupt), terminal_stop_key(StopSwitch(), stream=terminal):
         local_modes = termios.tcgetattr(terminal)[3]
+        if error is not None:
+            raise error
 
     assert not local_modes & (termios.ICANON | termios.ECHO)
     assert local_modes & termios.ISIG  # Ctrl-C still interrupts.
@@ -86,34 +74,21 @@ def test_keys_arrive_without_enter_and_the_terminal_is_given_back(keyboard) -> N
     assert termios.tcgetattr(terminal) == before
 
 
-def test_the_terminal_is_given_back_after_an_error(keyboard) -> None:
-    _, terminal = keyboard
-    before = termios.tcgetattr(terminal)
-
-    with (
-        pytest.raises(KeyboardInterrupt),
-        terminal_stop_key(StopSwitch(), stream=terminal),
-    ):
-        raise KeyboardInterrupt
-
-    assert termios.tcgetattr(terminal) == before
-
-
 def test_afterwards_keys_have_no_effect(keyboard) -> None:
     typing, terminal = keyboard
-    switch = Noticing()
+    switch = CountingSwitch()
 
     with terminal_stop_key(switch, stream=terminal):
         pass
     os.write(typing, b" \n")
 
-    assert os.read(terminal.fileno(), 2) == b" \n"  # It is still there for others.
+    assert os.read(terminal.fileno(), 2) == b" \n"  # Other programs can still read them.
     assert switch.requests == 0
 
 
-def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
+def test_a_terminal_that_is_closed_is_a_stop_and_no_error(keyboard) -> None:
     typing, terminal = keyboard
-    switch = Noticing()
+    switch = CountingSwitch()
 
     with terminal_stop_key(switch, stream=terminal), open(os.devnull) as elsewhere:
         os.dup2(elsewhere.fileno(), typing)
@@ -122,7 +97,7 @@ def test_a_terminal_that_goes_away_is_a_stop_and_no_error(keyboard) -> None:
     assert switch.requests == 1
 
 
-def test_a_file_is_left_alone(tmp_path) -> None:
+def test_a_file_is_not_read(tmp_path) -> None:
     file = tmp_path / "keys"
     file.write_text(" q\n")
     switch = StopSwitch()
@@ -135,7 +110,7 @@ def test_a_file_is_left_alone(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("closed", [False, True])
-def test_a_stream_without_a_file_is_left_alone(closed: bool) -> None:
+def test_a_stream_without_a_file_is_not_read(closed: bool) -> None:
     stream = io.StringIO(" ")
     if closed:
         stream.close()

@@ -24,8 +24,8 @@ def pose(time: float) -> RigidTransform:
     return RigidTransform(RotationMatrix.MakeZRotation(0.5 + time), [0.4, 0.1 * time, 0.2])
 
 
-def where(time: float) -> np.ndarray:
-    """The points fixed to the body at time 0, later, by homogeneous coordinates."""
+def points_at(time: float) -> np.ndarray:
+    """Returns the points fixed to the body (N, 3), by homogeneous coordinates."""
     motion = pose(time).GetAsMatrix4() @ np.linalg.inv(pose(0.0).GetAsMatrix4())
     return (motion @ np.c_[QUERY, np.ones(N)].T).T[:, :3]
 
@@ -63,6 +63,7 @@ def make_bench(
 
 def test_before_the_first_release_nothing_is_known() -> None:
     bench = make_bench()
+    assert not bench.dut.HasAnyDirectFeedthrough()
 
     bench.advance_to(1 / 16)
 
@@ -81,7 +82,7 @@ def test_it_reports_the_truth_at_capture_a_latency_later(latency: float) -> None
         points = bench.read("tracked_points")
         assert bench.read("status") == TrackerStatus.TRACKING
         assert points.stamp == tick * PERIOD
-        np.testing.assert_allclose(points.positions, where(tick * PERIOD), atol=1e-12)
+        np.testing.assert_allclose(points.positions, points_at(tick * PERIOD), atol=1e-12)
 
 
 def test_it_waits_for_the_query_points() -> None:
@@ -89,12 +90,12 @@ def test_it_waits_for_the_query_points() -> None:
     bench.fix(query_points=np.full(3 * N, np.nan))
     bench.advance_to(PERIOD + AFTER)
     assert bench.read("status") == TrackerStatus.WAITING
-    bench.fix(query_points=where(2 * PERIOD))
+    bench.fix(query_points=points_at(2 * PERIOD))
 
     bench.advance_to(4 * PERIOD + AFTER)
 
     points = bench.read("tracked_points")
-    np.testing.assert_allclose(points.positions, where(4 * PERIOD), atol=1e-12)
+    np.testing.assert_allclose(points.positions, points_at(4 * PERIOD), atol=1e-12)
 
 
 def test_a_lost_frame_is_reported_as_lost() -> None:
@@ -107,7 +108,7 @@ def test_a_lost_frame_is_reported_as_lost() -> None:
     np.testing.assert_array_equal(bench.read("tracked_points").confidence, np.zeros(N))
 
 
-def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
+def test_the_noise_has_the_configured_size_and_is_repeatable() -> None:
     config = GroundTruthTrackerConfig(noise=0.002, seed=3)
     points = np.zeros((2000, 3))
 
@@ -119,7 +120,7 @@ def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
     assert np.std(first.positions) == pytest.approx(0.002, rel=0.05)
 
 
-def test_points_drop_out_as_often_as_asked_for() -> None:
+def test_points_drop_out_at_the_configured_rate() -> None:
     config = GroundTruthTrackerConfig(point_dropout=0.3)
 
     seen = observe(np.zeros((5000, 3)), 0.0, 0, config)
@@ -129,7 +130,7 @@ def test_points_drop_out_as_often_as_asked_for() -> None:
     np.testing.assert_array_equal(np.isnan(seen.positions[:, 0]), seen.confidence == 0.0)
 
 
-def test_frames_drop_out_as_often_as_asked_for() -> None:
+def test_frames_drop_out_at_the_configured_rate() -> None:
     config = GroundTruthTrackerConfig(frame_dropout=0.25)
 
     frames = [observe(QUERY, 0.0, tick, config).confidence for tick in range(800)]
@@ -137,10 +138,6 @@ def test_frames_drop_out_as_often_as_asked_for() -> None:
     assert all(frame.all() or not frame.any() for frame in frames)
     # sigma = sqrt(0.25 * 0.75 / 800) = 0.015.
     assert np.mean([not frame.any() for frame in frames]) == pytest.approx(0.25, abs=0.07)
-
-
-def test_nothing_feeds_through() -> None:
-    assert not make_bench().dut.HasAnyDirectFeedthrough()
 
 
 @pytest.mark.parametrize("wrong", [{"noise": -1.0}, {"point_dropout": 1.1}, {"frame_dropout": -1}])

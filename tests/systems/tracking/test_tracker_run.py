@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from small_frames import make_frame
 
 from poil_drake.errors import TrackingError
 from poil_drake.perception.detectors.protocol import PartMasks
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.systems.statuses import TrackerStatus
@@ -11,17 +12,10 @@ from poil_drake.systems.tracking.tracker_run import TrackerInputs, TrackerRun, a
 
 N = 3
 QUERY = np.array([[0.5, 0.0, 0.1], [0.6, 0.0, 0.1], [0.5, 0.1, 0.2]])
-CAMERA = CameraModel(
-    name="left",
-    width=2,
-    height=1,
-    K=np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]]),
-    X_WC=np.eye(4),
-)
 
 
 class ScriptedTracker:
-    """Does what its script says at each call, and notes what it was given."""
+    """Does what its script says at each call, and records its arguments."""
 
     def __init__(self, *script: str):
         self.script = list(script)
@@ -31,13 +25,9 @@ class ScriptedTracker:
         verdict = self.script.pop(0)
         if verdict == "error":
             raise TrackingError("Too little is seen.", remedy="Look from elsewhere.")
-        lost = verdict == "lost"
-        tracked = (
-            TrackedPoints.lost(N, frame.stamp)
-            if lost
-            else TrackedPoints(points, np.ones(N), frame.stamp)
-        )
-        return TrackerOutput(state, tracked, lost)
+        if verdict == "lost":
+            return TrackerOutput(state, TrackedPoints.lost(N, frame.stamp), True)
+        return TrackerOutput(state, TrackedPoints(points, np.ones(N), frame.stamp), False)
 
     def start(
         self, frame: MultiViewFrame, query_points: np.ndarray, object_masks: tuple[np.ndarray, ...]
@@ -61,15 +51,16 @@ MASKS = new_masks()
 
 
 def inputs(
-    stamp: float,
+    tick: int,
     *,
     masks: PartMasks | None = MASKS,
     query: np.ndarray | None = QUERY,
     motion: np.ndarray | None = None,
 ) -> TrackerInputs:
-    image = RgbdImage(np.zeros((1, 2, 3), np.uint8), np.ones((1, 2), np.float32), stamp)
-    frame = MultiViewFrame(cameras=(CAMERA,), images=(image,))
-    return TrackerInputs(frame=frame, masks=masks, query_points=query, object_motion=motion)
+    """Returns the inputs of the frame at tick / 8 s."""
+    return TrackerInputs(
+        frame=make_frame(tick), masks=masks, query_points=query, object_motion=motion
+    )
 
 
 def shifted(x: float) -> np.ndarray:
@@ -86,10 +77,10 @@ def before() -> TrackerRun:
 @pytest.mark.parametrize(
     "missing", [{"masks": None}, {"query": None}, {"query": np.full((N, 3), np.nan)}]
 )
-def test_it_waits_for_what_it_needs(before: TrackerRun, missing: dict) -> None:
+def test_it_waits_for_masks_and_query_points(before: TrackerRun, missing: dict) -> None:
     tracker = ScriptedTracker()
 
-    run = advance(tracker, before, inputs(0.25, **missing))
+    run = advance(tracker, before, inputs(2, **missing))
 
     assert run.status is TrackerStatus.WAITING
     assert run.points.stamp == 0.25
@@ -100,7 +91,7 @@ def test_it_waits_for_what_it_needs(before: TrackerRun, missing: dict) -> None:
 def test_it_starts_at_the_query_points(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok")
 
-    run = advance(tracker, before, inputs(0.25, motion=shifted(0.7)))
+    run = advance(tracker, before, inputs(2, motion=shifted(0.7)))
 
     assert run.status is TrackerStatus.TRACKING
     np.testing.assert_array_equal(run.points.positions, QUERY)
@@ -112,10 +103,10 @@ def test_it_starts_at_the_query_points(before: TrackerRun) -> None:
 
 def test_then_it_steps_with_the_motion_between_frames_as_prior(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "ok", "ok")
-    run = advance(tracker, before, inputs(0.0, motion=shifted(0.5)))
+    run = advance(tracker, before, inputs(0, motion=shifted(0.5)))
 
-    run = advance(tracker, run, inputs(0.125, motion=shifted(0.6)))
-    run = advance(tracker, run, inputs(0.25, motion=shifted(0.9)))
+    run = advance(tracker, run, inputs(1, motion=shifted(0.6)))
+    run = advance(tracker, run, inputs(2, motion=shifted(0.9)))
 
     (_, first_state, first_prior), (_, second_state, second_prior) = tracker.calls[1:]
     assert (first_state, second_state) == (0, 1)
@@ -125,19 +116,19 @@ def test_then_it_steps_with_the_motion_between_frames_as_prior(before: TrackerRu
 
 def test_without_forward_kinematics_there_is_no_prior(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "ok")
-    run = advance(tracker, before, inputs(0.0))
+    run = advance(tracker, before, inputs(0))
 
-    advance(tracker, run, inputs(0.125, motion=shifted(0.6)))
+    advance(tracker, run, inputs(1, motion=shifted(0.6)))
 
     assert tracker.calls[1] == ("step", 0, None)
 
 
 def test_a_loss_passes_through_and_the_tracker_goes_on(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "lost", "ok")
-    run = advance(tracker, before, inputs(0.0))
+    run = advance(tracker, before, inputs(0))
 
-    lost = advance(tracker, run, inputs(0.125))
-    found = advance(tracker, lost, inputs(0.25))
+    lost = advance(tracker, run, inputs(1))
+    found = advance(tracker, lost, inputs(2))
 
     assert lost.status is TrackerStatus.LOST
     np.testing.assert_array_equal(lost.points.confidence, np.zeros(N))
@@ -148,10 +139,10 @@ def test_a_loss_passes_through_and_the_tracker_goes_on(before: TrackerRun) -> No
 
 def test_an_error_keeps_the_last_good_state_and_its_motion(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "error", "ok")
-    run = advance(tracker, before, inputs(0.0, motion=shifted(0.0)))
+    run = advance(tracker, before, inputs(0, motion=shifted(0.0)))
 
-    lost = advance(tracker, run, inputs(0.125, motion=shifted(0.2)))
-    advance(tracker, lost, inputs(0.25, motion=shifted(0.3)))
+    lost = advance(tracker, run, inputs(1, motion=shifted(0.2)))
+    advance(tracker, lost, inputs(2, motion=shifted(0.3)))
 
     assert lost.status is TrackerStatus.LOST
     name, state, prior = tracker.calls[2]
@@ -162,9 +153,9 @@ def test_an_error_keeps_the_last_good_state_and_its_motion(before: TrackerRun) -
 def test_a_start_that_fails_waits_for_another_detection(before: TrackerRun) -> None:
     tracker = ScriptedTracker("error", "ok")
 
-    failed = advance(tracker, before, inputs(0.0))
-    same = advance(tracker, failed, inputs(0.125))
-    other = advance(tracker, same, inputs(0.25, masks=new_masks()))
+    failed = advance(tracker, before, inputs(0))
+    same = advance(tracker, failed, inputs(1))
+    other = advance(tracker, same, inputs(2, masks=new_masks()))
 
     assert failed.status is TrackerStatus.LOST
     assert same.status is TrackerStatus.LOST
@@ -177,31 +168,31 @@ def test_a_new_detection_restarts_a_lost_tracker_where_the_hand_took_the_query(
     before: TrackerRun,
 ) -> None:
     tracker = ScriptedTracker("ok", "lost", "ok")
-    run = advance(tracker, before, inputs(0.0, motion=shifted(0.5)))
-    run = advance(tracker, run, inputs(0.125, motion=shifted(0.6)))
+    run = advance(tracker, before, inputs(0, motion=shifted(0.5)))
+    run = advance(tracker, run, inputs(1, motion=shifted(0.6)))
 
-    advance(tracker, run, inputs(0.25, masks=new_masks(), motion=shifted(0.8)))
+    advance(tracker, run, inputs(2, masks=new_masks(), motion=shifted(0.8)))
 
     name, query, _ = tracker.calls[2]
     assert name == "start"
     np.testing.assert_allclose(query, QUERY + np.array([0.3, 0.0, 0.0]), atol=1e-12)
 
 
-def test_a_new_query_is_used_as_it_is(before: TrackerRun) -> None:
+def test_a_new_query_is_used_unchanged(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "lost", "ok")
-    run = advance(tracker, before, inputs(0.0, motion=shifted(0.5)))
-    run = advance(tracker, run, inputs(0.125, motion=shifted(0.6)))
+    run = advance(tracker, before, inputs(0, motion=shifted(0.5)))
+    run = advance(tracker, run, inputs(1, motion=shifted(0.6)))
     moved = QUERY + 0.01
 
-    advance(tracker, run, inputs(0.25, masks=new_masks(), query=moved, motion=shifted(0.8)))
+    advance(tracker, run, inputs(2, masks=new_masks(), query=moved, motion=shifted(0.8)))
 
     np.testing.assert_allclose(tracker.calls[2][1], moved, atol=1e-12)
 
 
 def test_a_new_detection_does_not_disturb_a_tracker_that_tracks(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "ok")
-    run = advance(tracker, before, inputs(0.0))
+    run = advance(tracker, before, inputs(0))
 
-    advance(tracker, run, inputs(0.125, masks=new_masks()))
+    advance(tracker, run, inputs(1, masks=new_masks()))
 
     assert [call[0] for call in tracker.calls] == ["start", "step"]

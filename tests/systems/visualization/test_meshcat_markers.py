@@ -30,14 +30,8 @@ def test_spheres_move_except_those_at_unknown_positions(spy):
     assert "p/1" not in spy.poses
     assert len(spy.objects) == 2, "nothing new is drawn"
 
-
-def test_spheres_without_any_known_position_are_hidden(spy):
-    dut = SphereMarkers(spy, "p", count=2, radius=0.01, colors=[RED])
-    dut.move(np.zeros((2, 3)))
-
     dut.move(np.full((2, 3), np.nan))
-
-    assert not spy.visible("p")
+    assert not spy.visible("p"), "without any known position"
 
 
 def test_a_sphere_shows_one_look_or_none(spy):
@@ -77,7 +71,7 @@ def test_a_short_arrow_has_a_smaller_head(spy):
 
 
 @pytest.mark.parametrize("vector", [[0, 0, 0], [0, 0, 0.001], [np.nan, 0, 1], [0, 0, np.inf]])
-def test_an_arrow_that_is_too_short_or_not_finite_is_hidden(spy, vector):
+def test_a_too_short_or_non_finite_arrow_is_hidden(spy, vector):
     dut = ArrowMarker(spy, "a", radius=0.002, color=RED)
     dut.show(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
@@ -111,18 +105,17 @@ def test_a_tube_faces_outward():
     assert np.all(np.sum(normals * outward, axis=1) > 0.0)
 
 
-def test_a_tube_skips_points_where_the_curve_rests():
-    curve = np.array([[0.0, 0, 0], [0.0, 0, 0], [1e-5, 0, 0], [0.1, 0, 0], [0.1, 0, 0]])
+@pytest.mark.parametrize(
+    ("x", "expected_points", "num_faces"),
+    [([0.0, 0.0, 1e-5, 0.1, 0.1], [0, 3], 12), ([0.0] * 5, [], 0)],
+    ids=["rests at its ends", "does not move"],
+)
+def test_a_tube_skips_points_where_the_curve_rests(x, expected_points, num_faces):
+    vertices, faces, kept = make_tube_mesh(np.outer(x, [1.0, 0.0, 0.0]), radius=0.001)
 
-    _, _, kept = make_tube_mesh(curve, radius=0.001)
-
-    np.testing.assert_array_equal(kept, [0, 3])
-
-
-def test_a_curve_that_does_not_move_has_no_tube():
-    vertices, faces, kept = make_tube_mesh(np.zeros((5, 3)), radius=0.001)
-
-    assert (vertices.shape, faces.shape, kept.shape) == ((0, 3), (0, 3), (0,))
+    assert kept.tolist() == expected_points
+    assert vertices.shape == (6 * len(expected_points), 3)
+    assert faces.shape == (num_faces, 3)
 
 
 def test_tubes_are_one_object():

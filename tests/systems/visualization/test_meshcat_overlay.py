@@ -49,7 +49,7 @@ def test_an_error_is_shown_in_millimetres(spy, dut, error, digits):
 
 
 @pytest.mark.parametrize("error", [math.nan, math.inf])
-def test_an_error_that_is_not_finite_is_hidden(spy, dut, error):
+def test_a_non_finite_error_is_hidden(spy, dut, error):
     dut.show_error(0.0056)
 
     dut.show_error(error)

@@ -10,6 +10,8 @@ from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizerConfig,
 )
 
+VELOCITIES = ("angular_velocity", "linear_velocity")
+
 
 @pytest.fixture
 def reference():
@@ -42,16 +44,18 @@ def test_the_constructor_draws_the_reference_with_its_goal(spy, dut, reference):
     for i, position in enumerate(reference.positions[-1]):
         np.testing.assert_allclose(spy.poses[f"poil/reference/goal/{i}"].translation(), position)
     assert spy.visible("poil/reference/goal")
+    assert "poil" in spy.deleted, "older drawings"
 
 
-def test_the_constructor_deletes_older_drawings(spy, dut):
-    assert "poil" in spy.deleted
+@pytest.mark.parametrize(
+    "inputs",
+    [{}, {"gripper_pose": np.full(16, np.nan), "spatial_velocity": np.ones(6)}],
+    ids=["no inputs", "a twist without a known gripper pose"],
+)
+def test_without_known_inputs_only_the_reference_is_visible(spy, dut, inputs):
+    publish(dut, **inputs)
 
-
-def test_without_inputs_only_the_reference_is_visible(spy, dut):
-    publish(dut)
-
-    for name in ("points", "target_points", "tracked_points", "linear_velocity"):
+    for name in ("points", "target_points", "tracked_points", *VELOCITIES):
         assert not spy.visible(f"poil/{name}")
     assert not spy.visible(f"{OVERLAY_PATH}/phase")
     assert not spy.visible(f"{OVERLAY_PATH}/error")
@@ -95,16 +99,10 @@ def test_the_twist_starts_at_the_gripper(spy, dut):
 
     publish(dut, gripper_pose=X_WG.ravel(), spatial_velocity=[0, 0, 1.0, 0.1, 0, 0])
 
-    for name, direction in (("angular_velocity", [0, 0, 1]), ("linear_velocity", [1, 0, 0])):
+    for name, direction in zip(VELOCITIES, ([0, 0, 1], [1, 0, 0]), strict=True):
         X_WA = spy.poses[f"poil/{name}"]
         np.testing.assert_allclose(X_WA.translation(), [0.4, 0.1, 0.3])
         np.testing.assert_allclose(X_WA.rotation().col(2), direction, atol=1e-12)
-
-
-def test_a_twist_without_a_known_gripper_pose_is_not_drawn(spy, dut):
-    publish(dut, gripper_pose=np.full(16, np.nan), spatial_velocity=np.ones(6))
-
-    assert not spy.visible("poil/linear_velocity")
 
 
 def test_phase_and_error_are_shown(spy, dut):
