@@ -3,34 +3,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagram_wiring import ports
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
 from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.errors import ScenarioError, StationError
 
 TEST_FILE = Path(__file__).parents[1] / "scenarios.yaml"
 TABLE = "[{add_model: {name: table, file: 'package://poil_drake/fixtures/table.sdf'}},"
-INPUTS = ["panda.velocity", "panda.velocity_time", "hand.width", "applied_spatial_force"]
-OUTPUTS = [
-    "panda.position_measured",
-    "panda.velocity_measured",
-    "panda.torque_external",
-    "panda.status",
-    "hand.width_measured",
-    "body_poses",
-    "query_object",
-    "contact_results",
-    "plant_state",
-]
 JOINT_SPEED = np.array([0.2, 0.0, 0.0, 0.1, 0.0, 0.0, -0.3])
 
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    return MakeStation(LoadScenario(filename=default_scenario_file()), cameras=False)
+    return MakeStation(ChooseScenario(), cameras=False)
 
 
 @pytest.fixture
@@ -45,11 +35,15 @@ def output(station: Station, simulator: Simulator, name: str) -> np.ndarray:
 
 
 def test_the_ports_are_those_that_are_promised(station: Station) -> None:
-    inputs = [station.get_input_port(i).get_name() for i in range(station.num_input_ports())]
-    outputs = [station.get_output_port(i).get_name() for i in range(station.num_output_ports())]
+    inputs, outputs = ports(station)
 
-    assert sorted(inputs) == sorted(INPUTS)
-    assert sorted(outputs) == sorted(OUTPUTS)
+    robot_inputs = {"panda.velocity", "panda.velocity_time", "hand.width"}
+    assert inputs.keys() == robot_inputs | {"applied_spatial_force"}
+    assert outputs.keys() == {
+        *("panda.position_measured", "panda.velocity_measured", "panda.torque_external"),
+        *("panda.status", "hand.width_measured"),
+        *("body_poses", "query_object", "contact_results", "plant_state"),
+    }
     assert not station.scene_graph().HasRenderer("vtk")
     assert station.camera_names == ()
 
@@ -149,9 +143,7 @@ def test_a_push_shows_in_the_external_torque(station: Station, simulator: Simula
 
 
 def test_a_wrong_robot_is_refused() -> None:
-    scenario = LoadScenario(
-        data="{poil: {robot: table}}", defaults=LoadScenario(filename=default_scenario_file())
-    )
+    scenario = ChooseScenario(data="{poil: {robot: table}}")
 
     with pytest.raises(StationError, match="'table' has no actuator 'panda_joint1'"):
         MakeStation(scenario, cameras=False)
@@ -188,7 +180,7 @@ def test_a_wrong_robot_is_refused() -> None:
     ],
 )
 def test_a_scenario_that_does_not_fit_is_refused(text: str, says: str) -> None:
-    scenario = LoadScenario(data=text, defaults=LoadScenario(filename=default_scenario_file()))
+    scenario = ChooseScenario(data=text)
 
     with pytest.raises(ScenarioError, match=says) as info:
         MakeStation(scenario, cameras=False)
@@ -197,7 +189,7 @@ def test_a_scenario_that_does_not_fit_is_refused(text: str, says: str) -> None:
 
 
 def test_an_object_that_is_welded_is_refused() -> None:
-    scenario = LoadScenario(filename=default_scenario_file())
+    scenario = ChooseScenario()
     weld = "directives: [{add_weld: {parent: world, child: 'mug::body'}}]"
     scenario.directives.extend(LoadScenario(data=weld).directives)
     del scenario.directives[-2].add_model.default_free_body_pose["body"]
@@ -206,11 +198,8 @@ def test_an_object_that_is_welded_is_refused() -> None:
         MakeStation(scenario, cameras=False)
 
 
-def test_a_joint_may_be_given_as_a_plain_number(station: Station) -> None:
-    scenario = LoadScenario(
-        data="{initial_position: {panda: {panda_joint1: 0.25}}}",
-        defaults=LoadScenario(filename=default_scenario_file()),
-    )
+def test_a_joint_may_be_given_as_a_plain_number() -> None:
+    scenario = ChooseScenario(data="{initial_position: {panda: {panda_joint1: 0.25}}}")
 
     plant = MakeStation(scenario, cameras=False).plant()
 
@@ -239,10 +228,7 @@ def test_a_joint_may_be_given_as_a_plain_number(station: Station) -> None:
     ],
 )
 def test_a_camera_that_cannot_be_used_is_refused(camera: str, says: str) -> None:
-    scenario = LoadScenario(
-        data=f"{{cameras: {{left: {{{camera}}}}}}}",
-        defaults=LoadScenario(filename=default_scenario_file()),
-    )
+    scenario = ChooseScenario(data=f"{{cameras: {{left: {{{camera}}}}}}}")
 
     with pytest.raises(ScenarioError, match=says) as info:
         MakeStation(scenario)
@@ -251,20 +237,14 @@ def test_a_camera_that_cannot_be_used_is_refused(camera: str, says: str) -> None
 
 
 def test_a_cameras_name_must_suit_ports_and_topics() -> None:
-    scenario = LoadScenario(
-        data="{cameras: {a/b: {name: a/b, output_delay: 0.09375}}}",
-        defaults=LoadScenario(filename=default_scenario_file()),
-    )
+    scenario = ChooseScenario(data="{cameras: {a/b: {name: a/b, output_delay: 0.09375}}}")
 
     with pytest.raises(ScenarioError, match=r"named 'a/b'.*letters"):
         MakeStation(scenario)
 
 
 def test_a_camera_may_be_mounted_on_what_is_welded_to_the_world() -> None:
-    scenario = LoadScenario(
-        data="{cameras: {left: {X_PB: {base_frame: 'rack::stand'}}}}",
-        defaults=LoadScenario(filename=default_scenario_file()),
-    )
+    scenario = ChooseScenario(data="{cameras: {left: {X_PB: {base_frame: 'rack::stand'}}}}")
 
     assert MakeStation(scenario).camera_names == ("left", "right")
 

@@ -18,11 +18,10 @@ _NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://
 class Thread:
     """In place of a capture thread: what it has seen is set by hand."""
 
-    def __init__(self, device: object, *, name: str, **options: object) -> None:
+    def __init__(self) -> None:
         self.newest: RgbdImage | None = None
         self.problem = ""
         self.count = 0
-        self.name = name
 
     def start(self) -> None:
         pass
@@ -35,10 +34,9 @@ class Thread:
 def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, Thread]:
     made: dict[str, Thread] = {}
 
-    def make(device: object, **options: object) -> Thread:
-        thread = Thread(device, **options)  # type: ignore[arg-type]
-        made[thread.name] = thread
-        return thread
+    def make(device: object, *, name: str, **options: object) -> Thread:
+        made[name] = Thread()
+        return made[name]
 
     monkeypatch.setattr(hardware_station, "CaptureThread", make)
     return made
@@ -73,7 +71,7 @@ def test_a_camera_that_stopped_is_named_with_how_long_ago_and_why(
 
 
 def test_a_camera_without_any_image_yet_is_no_problem(
-    make_station: Callable[[str], Station], threads: dict[str, Thread]
+    make_station: Callable[[str], Station],
 ) -> None:
     assert make_station("").Problems() == ()
 
@@ -102,7 +100,11 @@ def test_a_recording_with_labels_suits_a_detector_that_reads_them(
 
 @pytest.mark.parametrize(
     "source",
-    ["!McapPlayback {file: a.mcap, labels: false}", "!OpenCvStreams {rgb: '0', depth: '1'}"],
+    [
+        "!LcmImages {labels: false}",
+        "!McapPlayback {file: a.mcap, labels: false}",
+        "!OpenCvStreams {rgb: '0', depth: '1'}",
+    ],
 )
 def test_images_without_labels_do_not_suit_it_and_the_remedy_names_what_exists(
     make_station: Callable[[str], Station], source: str
@@ -111,3 +113,5 @@ def test_images_without_labels_do_not_suit_it_and_the_remedy_names_what_exists(
 
     with pytest.raises(ScenarioError, match=r"camera 'right' does not give.*!LcmImages.*!McapPl"):
         RequireLabels(dut)
+    assert dut.HasOutputPort("left.label_image")
+    assert not dut.HasOutputPort("right.label_image")

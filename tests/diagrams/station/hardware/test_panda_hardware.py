@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from diagram_wiring import ports
 from network_bench import NetworkBench
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from system_bench import SystemBench
 
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -51,12 +52,6 @@ class HardwareBench(SystemBench):
 @pytest.fixture
 def bench(scenario: Scenario) -> HardwareBench:
     return HardwareBench(scenario)
-
-
-def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
-    inputs = [system.get_input_port(k) for k in range(system.num_input_ports())]
-    outputs = [system.get_output_port(k) for k in range(system.num_output_ports())]
-    return {p.get_name(): p.size() for p in inputs}, {p.get_name(): p.size() for p in outputs}
 
 
 @pytest.mark.parametrize("dry_run", [False, True])
