@@ -44,7 +44,7 @@ def hardware_scenario(
     speed: float = 0.2,
     ready_timeout: float = PATIENCE,
 ) -> Scenario:
-    """Returns a scenario with networks of its own."""
+    """Returns the scenario on networks that no other test uses."""
     hardware = dataclasses.replace(
         scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=ready_timeout
     )

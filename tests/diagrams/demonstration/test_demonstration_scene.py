@@ -5,6 +5,7 @@ from poil_drake.diagrams.demonstration.scene import DemonstrationScene, demonstr
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.errors import ScenarioError
+from poil_drake.geometry.rigid_transform import make_transform
 
 
 @pytest.fixture(scope="module")
@@ -12,22 +13,17 @@ def dut():
     return DemonstrationScene(ChooseScenario(), cameras=False)
 
 
-def at(x, y, z):
-    X = np.eye(4)
-    X[:3, 3] = [x, y, z]
-    return X
-
-
 def test_the_distance_to_the_table_is_negative_within_it(dut):
-    assert dut.distance(at(0.4, 0.0, -0.004), ".*", "table", ".*") == pytest.approx(
-        -0.004, abs=1e-4
-    )
+    X_WO = make_transform(np.eye(3), [0.4, 0.0, -0.004])
+
+    assert dut.distance(X_WO, ".*", "table", ".*") == pytest.approx(-0.004, abs=1e-4)
 
 
 def test_the_distance_between_links(dut):
     # The mug's bottom is 0.12 m straight above the post's top, but for the feet that it stands on.
-    distance = dut.distance(at(0.55, 0.30, 0.40), "body", "rack", "stand")
-    assert distance == pytest.approx(0.12, abs=3e-3)
+    X_WO = make_transform(np.eye(3), [0.55, 0.30, 0.40])
+
+    assert dut.distance(X_WO, "body", "rack", "stand") == pytest.approx(0.12, abs=3e-3)
 
 
 def test_the_box_around_the_rod(dut):

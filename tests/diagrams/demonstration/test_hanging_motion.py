@@ -18,6 +18,8 @@ from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_shape import handle_center_line
 
 MUGS = {mug.name: mug for mug in NAMED_MUGS}
+# The rod rises by 15 degrees.
+ROD_DIRECTION = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
 
 
 @lru_cache
@@ -59,9 +61,8 @@ def test_no_mug_ever_intersects_table_or_rack(mug):
 def test_the_rod_passes_through_every_handle(mug):
     """Looks along the rod at the curve that the handle's middle and the wall enclose."""
     X_MW = np.linalg.inv(motion_in(scene_of(mug)).pose(100.0))
-    u = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
     base = X_MW[:3, :3] @ [0.55, 0.30, 0.26] + X_MW[:3, 3]
-    along = X_MW[:3, :3] @ u
+    along = X_MW[:3, :3] @ ROD_DIRECTION
 
     # Where the rod's axis meets the handle's plane, y = 0 of the mug.
     share = -base[1] / along[1]
@@ -83,9 +84,8 @@ def test_it_ends_just_above_the_rod(scene, dut):
 def test_it_ends_tilted_with_the_handle_up_and_away_from_the_robot(dut):
     R = dut.pose(dut.duration)[:3, :3]
 
-    # The opening faces along the rod, which rises by 15 degrees.
-    rod = [0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))]
-    assert abs(R[:, 1] @ rod) == pytest.approx(1.0)
+    # The opening faces along the rod.
+    assert abs(R[:, 1] @ ROD_DIRECTION) == pytest.approx(1.0)
     assert R[0, 0] == pytest.approx(np.cos(np.radians(45)))
     assert R[2, 0] > 0.6
     assert R[2, 2] > 0.6

@@ -117,7 +117,6 @@ def test_a_command_that_was_tampered_with_is_found_out(log: Path, tmp_path: Path
 
     assert not summary.same
     first = summary.comparison.first
-    assert first is not None
     assert (first.time, first.what, first.phase) == (0.75, JOINT_VELOCITY, "approach")
     assert first.size == pytest.approx(0.01)
     assert summary.closing_line().startswith(
@@ -138,7 +137,6 @@ def test_a_measurement_that_was_tampered_with_changes_the_commands(
     summary = replay(rewritten(log, tmp_path / "tampered.mcap", message=elsewhere))
 
     first = summary.comparison.first
-    assert first is not None
     # What the log has at 0.75 s was seen by the update before it, whose command it has as well.
     assert (first.time, first.what) == (0.75, JOINT_VELOCITY)
     # The gain along the approach is 4 / s; it has settled by then, and is a product of few factors.
@@ -154,7 +152,6 @@ def test_other_settings_show_what_they_would_have_changed(log: Path) -> None:
     assert summary.changed
     assert not summary.same
     # Joint 7 may do 2.61 rad/s; a twentieth of that is less than the approach wants.
-    assert summary.comparison.first is not None
     assert summary.comparison.first.phase == "approach"
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum == pytest.approx(
         0.1 * np.pi - 0.05 * 2.61, abs=0.01

@@ -1,4 +1,4 @@
-"""Pictures taken in a process of its own."""
+"""Pictures that a separate process takes."""
 
 import os
 import signal

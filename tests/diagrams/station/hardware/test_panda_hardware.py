@@ -105,7 +105,6 @@ def test_before_the_first_status_nothing_moves(bench: HardwareBench) -> None:
 def test_nothing_is_sent_long_after_an_update(bench: HardwareBench) -> None:
     bench.advance(0.1)
     sender, pump = bench.hardware.sender, bench.dut.GetSubsystemByName("lcm")
-    assert sender is not None
     sent = bench.robot.hear("PANDA_COMMAND")
     bench.robot.lcm.HandleSubscriptions(0)
     sent.clear()
@@ -123,7 +122,6 @@ def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario
     bench.advance(0.1)
     before = bench.read("panda.position_measured")
     real = bench.hardware.arm.newest
-    assert real is not None
 
     bench.fix("panda.velocity", WANTED)
     bench.fix("hand.width", 0.03)
