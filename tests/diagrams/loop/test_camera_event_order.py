@@ -35,7 +35,7 @@ class Event(NamedTuple):
     seen: float
 
 
-# System, handler, and the input port whose value is noted.
+# System, handler, and the input port whose value is recorded.
 WATCHED = {
     (DelayedCameras, "_capture"): ("expose", ""),
     (DelayedCameras, "_release"): ("show", ""),
@@ -49,36 +49,36 @@ WATCHED = {
 @pytest.fixture(scope="module")
 def events() -> list[Event]:
     """What happened in the first half second of a loop."""
-    noted: list[Event] = []
+    recorded: list[Event] = []
     with pytest.MonkeyPatch.context() as patch:
         for owner, method in (
             (CaptureAndRelease, "_capture"),
             (CaptureAndRelease, "_release"),
             (FkPropagator, "_update"),
         ):
-            patch.setattr(owner, method, _noting(noted, owner, method))
+            patch.setattr(owner, method, _record(recorded, owner, method))
         loop = MakeClosedLoop(ChooseScenario(), short_plan())
         Simulator(loop.diagram).AdvanceTo(0.5)
         loop.Close()
-    return noted
+    return recorded
 
 
-def _noting(noted: list[Event], owner: type, method: str) -> Callable[..., None]:
+def _record(recorded: list[Event], owner: type, method: str) -> Callable[..., None]:
     handler = getattr(owner, method)
 
     def seen_at(system: LeafSystem, port: str, context: Context) -> float:
         value = system.GetInputPort(port).Eval(context) if port else np.array([np.nan])
         return float(value[0] if isinstance(value, np.ndarray) else value.stamp)
 
-    def note(self: Any, context: Context, state: Any) -> None:
+    def record(self: Any, context: Context, state: Any) -> None:
         system = self._system if owner is CaptureAndRelease else self
         name, port = WATCHED[type(system), method]
-        noted.append(Event(context.get_time(), name, seen_at(system, port, context)))
+        recorded.append(Event(context.get_time(), name, seen_at(system, port, context)))
         if name == "propagate":
-            noted.append(Event(context.get_time(), "move", seen_at(self, "image_time", context)))
+            recorded.append(Event(context.get_time(), "move", seen_at(self, "image_time", context)))
         handler(self, context, state)
 
-    return note
+    return record
 
 
 def times(events: list[Event], name: str) -> list[float]:

@@ -71,27 +71,27 @@ class SilentLog:
 @pytest.fixture(scope="module")
 def events() -> list[Event]:
     """What happened in a loop that follows its field, whose object jumps at `MOVED`."""
-    noted: list[Event] = []
+    recorded: list[Event] = []
     with pytest.MonkeyPatch.context() as patch:
         for name, (system, method, ports) in WATCHED.items():
-            patch.setattr(system, method, _noting(noted, name, getattr(system, method), ports))
+            patch.setattr(system, method, _record(recorded, name, getattr(system, method), ports))
         loop = MakeClosedLoop(short_scenario(), short_plan(), log=SilentLog())
         _simulate(loop)
-    return noted
+    return recorded
 
 
-def _noting(
-    noted: list[Event], name: str, handler: Callable[..., None], ports: tuple[str, ...]
+def _record(
+    recorded: list[Event], name: str, handler: Callable[..., None], ports: tuple[str, ...]
 ) -> Callable[..., None]:
-    def note(self: LeafSystem, context: Context, *state: Any) -> None:
+    def record(self: LeafSystem, context: Context, *state: Any) -> None:
         seen = {}
         for port in ports:
             value = self.GetInputPort(port).Eval(context)
             seen[port] = value.copy() if isinstance(value, np.ndarray) else value
-        noted.append(Event(context.get_time(), name, seen))
+        recorded.append(Event(context.get_time(), name, seen))
         handler(self, context, *state)
 
-    return note
+    return record
 
 
 def _simulate(loop: ClosedLoop) -> None:

@@ -1,4 +1,4 @@
-"""A replay of a run commands what the run commanded; where it should not, it says so."""
+"""A replay of a run repeats its commands, and reports where they differ."""
 
 import hashlib
 import json
@@ -105,7 +105,7 @@ def test_a_request_to_stop_is_repeated(tmp_path: Path) -> None:
     assert (name, first, again) == ("fault", 0.5 + 3 * PERIOD, 0.5 + 3 * PERIOD)
 
 
-def test_a_command_that_was_tampered_with_is_found_out(log: Path, tmp_path: Path) -> None:
+def test_a_changed_command_is_detected(log: Path, tmp_path: Path) -> None:
     def faster(topic: str, message: Message) -> bytes:
         if topic != JOINT_COMMANDS_TOPIC or message.log_time != 750_000_000:
             return message.data
@@ -124,9 +124,7 @@ def test_a_command_that_was_tampered_with_is_found_out(log: Path, tmp_path: Path
     )
 
 
-def test_a_measurement_that_was_tampered_with_changes_the_commands(
-    log: Path, tmp_path: Path
-) -> None:
+def test_a_changed_measurement_changes_the_commands(log: Path, tmp_path: Path) -> None:
     def elsewhere(topic: str, message: Message) -> bytes:
         if topic != JOINT_STATES_TOPIC or message.log_time < 750_000_000:
             return message.data
@@ -169,7 +167,7 @@ def test_a_log_that_is_cut_off_is_replayed_as_far_as_it_goes(log: Path, tmp_path
     assert f"the log is cut off, its last sample is of {summary.replayed:.2f} s" in summary.notes
 
 
-def test_sparse_signals_are_held_and_said_to_be(log: Path, tmp_path: Path) -> None:
+def test_sparse_signals_are_held_and_noted(log: Path, tmp_path: Path) -> None:
     def seldom(topic: str, message: Message) -> bytes | None:
         dense = topic in ("/robot/joint_states", "/robot/status", "/hand/status")
         return None if dense and message.log_time % 31_250_000 else message.data
@@ -204,7 +202,7 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     assert again.notes == ("this is the log of a replay, of run.mcap, and of no run",)
 
 
-def test_older_outputs_stay_until_it_is_sure_that_there_will_be_new_ones(tmp_path: Path) -> None:
+def test_old_outputs_stay_if_the_log_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "old.json").write_text("{}")
     (tmp_path / "damaged.mcap").write_bytes(b"no log")
 
@@ -269,7 +267,7 @@ def seen(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.render
-def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> None:
+def test_moved_cameras_are_noted(seen: Path, tmp_path: Path) -> None:
     def elsewhere(topic: str, message: Message) -> bytes:
         transform = FrameTransform.FromString(message.data) if topic == "/tf" else None
         if transform is None or transform.child_frame_id != "left_optical_frame":

@@ -1,4 +1,4 @@
-"""What a log must hold to be replayed, and what a user may ask for."""
+"""What a log must contain for a replay, and which settings a user may choose."""
 
 import dataclasses
 import re
@@ -117,7 +117,7 @@ def test_damaged_attachments_are_named(
         ("rigid_flow", "{poil: {detector: magic}}", "no part detector 'magic'"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused(
+def test_unsuitable_settings_are_refused(
     log: Path, tmp_path: Path, tracker: str | None, text: str | None, said: str
 ) -> None:
     seen = dataclasses.replace(short_scenario(), cameras=ChooseScenario().cameras)
@@ -129,7 +129,7 @@ def test_what_cannot_be_replayed_is_refused(
         SetUpReplay(path, tracker=tracker, scenario_text=text)
 
 
-def test_the_truth_is_not_in_a_log_of_images(tmp_path: Path) -> None:
+def test_the_ground_truth_needs_the_simulator(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario()) as writer:
         write_samples(writer)
@@ -174,7 +174,7 @@ def without(source: Path, target: Path, topic: str, joints: str | None = None) -
         ("/tracker/times", None, "no times of frames"),
     ],
 )
-def test_a_topic_without_which_nothing_moves_is_named(
+def test_a_missing_topic_is_reported(
     moving: Path, tmp_path: Path, topic: str, joints: str | None, said: str
 ) -> None:
     lacking = without(moving, tmp_path / "lacking.mcap", topic, joints)
@@ -185,7 +185,7 @@ def test_a_topic_without_which_nothing_moves_is_named(
     assert "Replay a log that poil run or poil execute writes" in caught.value.remedy
 
 
-def test_topics_are_not_missed_where_nothing_came_of_them(log: Path, tmp_path: Path) -> None:
+def test_a_topic_that_was_not_used_may_be_missing(log: Path, tmp_path: Path) -> None:
     # The arm stood still.
     lacking = without(log, tmp_path / "lacking.mcap", "/robot/joint_commands", "position")
 
@@ -208,7 +208,7 @@ def with_images(path: Path, *, station: str, tracked: bool = True) -> Path:
     return path
 
 
-def test_searches_are_missed_only_where_images_are_searched_again(tmp_path: Path) -> None:
+def test_detector_times_are_needed_only_to_detect_again(tmp_path: Path) -> None:
     path = with_images(tmp_path / "run.mcap", station="hardware")
 
     with pytest.raises(RunLogError, match="in the topic /detector/times") as caught:
@@ -218,7 +218,7 @@ def test_searches_are_missed_only_where_images_are_searched_again(tmp_path: Path
     assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
 
 
-def test_times_that_are_not_known_are_noted(tmp_path: Path) -> None:
+def test_unknown_times_are_noted(tmp_path: Path) -> None:
     path = with_images(tmp_path / "run.mcap", station="hardware")
     run = load_recorded_run(path, joint_names=ARM_JOINTS)
 
@@ -258,7 +258,7 @@ def test_a_log_of_other_times_is_refused(
         ("{cameras: {left: {output_delay: 0}, right: {output_delay: 0}}}", "output_delay"),
     ],
 )
-def test_times_are_the_runs(tmp_path: Path, text: str, key: str) -> None:
+def test_a_replay_keeps_the_times_of_the_run(tmp_path: Path, text: str, key: str) -> None:
     path = with_images(tmp_path / "run.mcap", station="simulated")
 
     with pytest.raises(ScenarioError, match=f"{key} is .* a replay keeps the run's times"):
@@ -273,13 +273,13 @@ def test_times_are_the_runs(tmp_path: Path, text: str, key: str) -> None:
         ("{cameras: {left: {X_PB: {translation: [1, 0, 1]}}}}", True),
     ],
 )
-def test_it_is_known_if_a_user_moved_cameras(tmp_path: Path, text: str | None, moved: bool) -> None:
+def test_moved_cameras_are_recognized(tmp_path: Path, text: str | None, moved: bool) -> None:
     path = with_images(tmp_path / "run.mcap", station="simulated")
 
     assert SetUpReplay(path, scenario_text=text, tracker=RECORDED).cameras_moved is moved
 
 
-def test_points_that_moved_the_arm_slowly_must_agree_better(moving: Path, tmp_path: Path) -> None:
+def test_tolerances_are_tighter_at_lower_speeds(moving: Path, tmp_path: Path) -> None:
     def usual(station: str) -> ReplayTolerances:
         path = with_images(tmp_path / f"{station}.mcap", station=station, tracked=False)
         return SetUpReplay(path).tolerances

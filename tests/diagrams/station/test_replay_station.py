@@ -1,4 +1,4 @@
-"""A replayed station has the ports of the others, and shows what the log says."""
+"""A replayed station has the ports of the others, and outputs what the log contains."""
 
 import dataclasses
 from pathlib import Path
@@ -109,7 +109,7 @@ def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path)
     assert list(shown.values()) == [0, 480 * 640]
     assert dut.GetOutputPort("left.label_image").Eval(context).data[0, 0, 0] == 3
     assert not dut.HasOutputPort("right.label_image")
-    # What the log says, not what the models would have been given.
+    # From the log, not from the models of the scenario.
     assert dut.label_ids == {"cup": (3,)}
 
 
@@ -144,7 +144,7 @@ def test_images_of_real_cameras_are_there_before_a_capture(tmp_path: Path) -> No
         ("dry_run", PERIOD / 2, 1, [np.nan, 1.0, 1.0]),
     ],
 )
-def test_measurements_are_seen_when_they_were(
+def test_measurements_appear_at_their_recorded_times(
     tmp_path: Path, station: str, offset: float, unknown: int, seen: list[float]
 ) -> None:
     run = empty_run(tmp_path / "run.mcap", station=station)

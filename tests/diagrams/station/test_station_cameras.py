@@ -93,7 +93,7 @@ def test_the_table_is_where_the_depth_says(station: Station, context: Context) -
         assert np.quantile(np.abs(height), 0.99) < 1.5e-3
 
 
-def test_labels_are_rendered_only_when_wanted(station: Station, context: Context) -> None:
+def test_labels_are_rendered_only_on_request(station: Station, context: Context) -> None:
     frame = CaptureFrame(station, context)
 
     assert all(image.label is None for image in frame.images)
@@ -133,7 +133,7 @@ def test_delayed_images_are_not_published() -> None:
 
 
 @pytest.mark.parametrize("ignore_output_delay", [False, True])
-def test_cameras_that_publish_nothing_see_all_the_same(ignore_output_delay: bool) -> None:
+def test_cameras_that_publish_nothing_still_render(ignore_output_delay: bool) -> None:
     silent = f"cameras: {{left: {{{SILENT}}}, right: {{{SILENT}}}}}"
     scenario = ChooseScenario(data=f"{{{ON_A_NETWORK}, {silent}}}")
     station = MakeStation(scenario, ignore_output_delay=ignore_output_delay)
@@ -147,7 +147,7 @@ def test_cameras_that_publish_nothing_see_all_the_same(ignore_output_delay: bool
 
 
 @pytest.mark.parametrize("callback", ["parser_preload_callback", "parser_prefinalize_callback"])
-def test_models_added_by_code_are_not_for_delayed_cameras(callback: str) -> None:
+def test_parser_callbacks_are_not_supported_with_delayed_cameras(callback: str) -> None:
     scenario = ChooseScenario()
     added = {callback: lambda parser: None}
 

@@ -1,4 +1,4 @@
-"""What the simulated physics must give: grips that hold, and mugs that stay where they hang."""
+"""The simulated physics: grips hold, and mugs stay where they hang."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def touched(station: Station, simulator: Simulator) -> frozenset[str]:
 
 
 @pytest.mark.parametrize("mug", NAMED_MUGS, ids=lambda mug: mug.name)
-def test_a_mug_that_is_let_go_on_the_rod_stays_there(mug: MugParameters) -> None:
+def test_a_mug_released_on_the_rod_stays(mug: MugParameters) -> None:
     station, simulator = make_simulator(mug)
     start = hanging_pose(mug, tilt=np.deg2rad(50), along=0.085)
     SetObjectPose(station, simulator.get_mutable_context(), start)
@@ -157,7 +157,7 @@ def test_pads_hold_a_mug_by_its_rim(name: str) -> None:
     assert 0.1 * weight < np.linalg.norm(torque) < 1.0 * weight
 
 
-def test_a_hand_that_closes_on_a_rim_presses_no_harder_than_it_may() -> None:
+def test_the_grip_force_is_limited() -> None:
     mug = MUGS["mug_a"]
     station, simulator = make_simulator(mug)
     context = simulator.get_mutable_context()

@@ -75,7 +75,7 @@ def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) 
         np.testing.assert_array_equal(a.K, b.K)
 
 
-def test_nothing_is_started_before_a_picture_is_wanted(drawn: Scenario) -> None:
+def test_no_process_starts_before_the_first_picture(drawn: Scenario) -> None:
     assert CameraProcess(drawn).pid is None
 
 
@@ -90,7 +90,7 @@ def test_a_process_that_has_died_is_named_with_a_remedy(drawn: Scenario) -> None
     assert "output_delay 0" in info.value.remedy
 
 
-def test_what_the_process_cannot_build_is_named() -> None:
+def test_a_scenario_that_cannot_be_built_is_reported() -> None:
     with (
         closing(CameraProcess(ChooseScenario(data="{poil: {robot: arm}}"))) as dut,
         pytest.raises(PoilError, match="arm"),

@@ -56,7 +56,7 @@ def image(age: float) -> RgbdImage:
     return RgbdImage(rgb, depth, time.time() - age)
 
 
-def test_a_camera_that_stopped_is_named_with_how_long_ago_and_why(
+def test_a_stopped_camera_is_reported_with_its_age_and_cause(
     make_station: Callable[[str], Station], threads: dict[str, Thread]
 ) -> None:
     dut = make_station("")
@@ -88,7 +88,7 @@ def test_a_camera_whose_clock_is_ahead_is_named(
     assert problem.endswith("s in the future: are the clocks in step?")
 
 
-def test_a_recording_with_labels_suits_a_detector_that_reads_them(
+def test_a_recording_with_labels_is_accepted(
     make_station: Callable[[str], Station],
 ) -> None:
     dut = make_station("left: !McapPlayback {file: a.mcap}, right: !LcmImages {}")
@@ -106,7 +106,7 @@ def test_a_recording_with_labels_suits_a_detector_that_reads_them(
         "!OpenCvStreams {rgb: '0', depth: '1'}",
     ],
 )
-def test_images_without_labels_do_not_suit_it_and_the_remedy_names_what_exists(
+def test_a_camera_without_labels_is_refused(
     make_station: Callable[[str], Station], source: str
 ) -> None:
     dut = make_station(f"right: {source}")

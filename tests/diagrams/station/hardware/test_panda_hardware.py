@@ -68,7 +68,7 @@ def test_ports_are_those_of_the_simulated_robot(scenario: Scenario, dry_run: boo
     assert set(station_outputs) - set(outputs) == cheats
 
 
-def test_arm_moves_as_commanded_and_is_seen_to(bench: HardwareBench) -> None:
+def test_arm_moves_as_commanded_and_reports_its_motion(bench: HardwareBench) -> None:
     bench.advance(0.1)
     before = bench.read("panda.position_measured")
 
