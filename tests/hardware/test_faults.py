@@ -169,12 +169,12 @@ def test_the_arm_rests_and_the_reason_is_reported(
     summary, record = execute_with(swinging_plan(), fault=case.fault)
 
     detection = detected_at(summary) - record.fault_at
-    reason = f"{case.reason} (in phase 'approach')"
-    check_fault(summary, record, tmp_path, event=case.event, reason=reason, detection=detection)
-    assert case.detail in summary.reason
     assert detection <= case.detection
+    assert case.detail in summary.reason
     # Rest was commanded; the commands did not merely stop.
     assert max(t for t, v in record.told if v == 0.0) > detected_at(summary) + 0.1
+    reason = f"{case.reason} (in phase 'approach')"
+    check_fault(summary, record, tmp_path, event=case.event, reason=reason, detection=detection)
 
 
 def test_a_fault_stays_after_its_cause_is_gone(

@@ -193,7 +193,7 @@ def test_a_topic_that_was_not_used_may_be_missing(log: Path, tmp_path: Path) -> 
 
 
 def with_images(path: Path, *, station: str, tracked: bool = True) -> Path:
-    """Writes a log with an image of each camera, and a track of what it showed."""
+    """Writes a log with an image of each camera and, if `tracked`, the track of the object."""
     camera = CameraModel("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(4))
     with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario(), station=station) as log:
         write_samples(log)

@@ -86,12 +86,13 @@ def test_an_object_must_hang_for_two_seconds_at_the_end() -> None:
 @pytest.mark.parametrize(
     ("judge", "named"),
     [
+        # It hangs for less than two seconds.
         (judge_of(ROD, hanging_since=3.01), "rack::rod"),
         (judge_of("table::table::top", "rack::stand::post"), "rack::stand, table::table"),
         (judge_of(), "nothing"),
     ],
 )
-def test_the_reason_names_what_the_object_touches_instead(judge: HangingJudge, named: str) -> None:
+def test_the_reason_names_what_the_object_touches(judge: HangingJudge, named: str) -> None:
     assert verdict(make_report(Phase.DONE, judge=judge)) == (
         False,
         f"the mug does not hang on the rack: it touches {named}",
