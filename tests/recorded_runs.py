@@ -69,13 +69,6 @@ def write_samples(log: RunLogWriter, times: Sequence[float] = (0.0,)) -> None:
         )
 
 
-def with_rates(scenario: Scenario, **rates: float) -> Scenario:
-    """Returns the scenario with other periods [s]."""
-    poil = scenario.poil
-    poil = dataclasses.replace(poil, rates=dataclasses.replace(poil.rates, **rates))
-    return dataclasses.replace(scenario, poil=poil)
-
-
 def beginning(source: Path, target: Path, duration: float) -> Path:
     """Copies the first seconds (`duration` [s]) of a log."""
 

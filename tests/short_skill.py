@@ -6,6 +6,7 @@ import numpy as np
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
@@ -16,9 +17,14 @@ HOME = np.array([0.0, -0.9, 0.0, -2.5, 0.0, 1.6, 0.785398])
 POINTS = np.array([[0.50, -0.10, 0.04], [0.51, -0.10, 0.05], [0.50, -0.09, 0.06]])
 
 
-def short_scenario() -> Scenario:
-    """The package's scenario with the ground-truth tracker and without cameras."""
-    return dataclasses.replace(ChooseScenario(tracker="ground_truth"), cameras={})
+def short_scenario(data: str | None = None) -> Scenario:
+    """The package's scenario with the ground-truth tracker and without cameras.
+
+    Args:
+        data: YAML text merged over it.
+    """
+    blind = dataclasses.replace(ChooseScenario(tracker="ground_truth"), cameras={})
+    return LoadScenario(data=data, defaults=blind)
 
 
 def rise(*, height: float, duration: float, samples: int) -> PointTrajectory:
@@ -55,8 +61,3 @@ def short_plan() -> ExecutionPlan:
         nominal_posture=HOME,
         metadata={"seed": 0},
     )
-
-
-def lasting(scenario: Scenario, duration: float) -> Scenario:
-    """Returns the scenario with another maximum duration [s]."""
-    return dataclasses.replace(scenario, simulation_duration=duration)

@@ -26,8 +26,8 @@ class Row(NamedTuple):
 
     event: str
     reason: str
-    detection: float
-    rest: float
+    detection: float = math.nan
+    rest: float = math.nan
 
     @property
     def short_reason(self) -> str:

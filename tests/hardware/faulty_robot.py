@@ -33,7 +33,6 @@ def start_listener(setup: StandInSetup) -> None:
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert listener.stdout is not None
     listener.stdout.readline()
 
 
@@ -86,20 +85,15 @@ class FaultyRobot(StandInRobot):
 
     def status(self, stamp: float) -> PandaStatus:
         status = super().status(stamp)
-        torque, mode = status.torque_external, status.mode
         briefly = self.faulty("pushed_briefly") and self.faulty_for < BRIEFLY
         if self.faulty("pushed") or briefly:
-            torque = torque + np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+            push = np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+            status = status._replace(torque_external=status.torque_external + push)
         if self.in_reflex:
-            mode = RobotMode.REFLEX
-        return PandaStatus(
-            stamp=stamp,
-            position=status.position,
-            velocity=status.velocity,
-            torque_external=torque,
-            mode=mode,
-            success_rate=0.3 if self.faulty("packets_lost") else status.success_rate,
-        )
+            status = status._replace(mode=RobotMode.REFLEX)
+        if self.faulty("packets_lost"):
+            status = status._replace(success_rate=0.3)
+        return status
 
     def send_status(self, now: float) -> None:
         message = encode_panda_status(self.status(now), self.velocity)

@@ -38,11 +38,15 @@ PATIENCE = 3600.0  # [s]: reached only by a failing test.
 
 
 def hardware_scenario(
-    scenario: Scenario, *, time_scale: float = 1.0, speed: float = 0.2
+    scenario: Scenario,
+    *,
+    time_scale: float = 1.0,
+    speed: float = 0.2,
+    ready_timeout: float = PATIENCE,
 ) -> Scenario:
-    """Returns a scenario with networks of its own."""
+    """Returns the scenario on networks that no other test uses."""
     hardware = dataclasses.replace(
-        scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=PATIENCE
+        scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=ready_timeout
     )
     poil = dataclasses.replace(scenario.poil, hardware=hardware)
     return with_own_networks(dataclasses.replace(scenario, poil=poil))

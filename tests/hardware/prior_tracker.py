@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +20,10 @@ class PriorState:
 
     Attributes:
         points: (N, 3) positions [m].
-        steps: Number of steps.
         carried: Number of steps in which the object moved.
     """
 
     points: np.ndarray
-    steps: int = 0
     carried: int = 0
 
 
@@ -66,9 +64,7 @@ class PriorTracker:
         if self.stall and moves and carried == 3:
             time.sleep(self.stall)
         points = transform_points(X_M, state.points)
-        return self._output(
-            replace(state, points=points, steps=state.steps + 1, carried=carried), frame
-        )
+        return self._output(PriorState(points, carried), frame)
 
     @property
     def _was_killed(self) -> bool:

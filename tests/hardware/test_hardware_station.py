@@ -1,40 +1,40 @@
 """The real robot's station against a stand-in robot in another process."""
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_bench import HOME, hardware_scenario, stand_in
+from hardware_bench import HOME, StandIn, hardware_scenario, stand_in
 from machine_pace import SLOWEST
 
-from poil_drake.diagrams.scenario.hardware_config import LcmImages
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station import (
-    CaptureFrame,
-    HardwareStation,
-    MakeStation,
-    RequireLabels,
-)
-from poil_drake.errors import ScenarioError, StationError
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.errors import StationError
 
 pytestmark = pytest.mark.render
 
 
 @pytest.fixture
-def robot_scenario(scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[Scenario]:
-    """A scenario whose stand-in robot is running."""
-    scenario = hardware_scenario(scenario, time_scale=SLOWEST)
-    with stand_in(scenario, pictures, tmp_path):
-        yield scenario
+def robot_scenario(scenario: Scenario) -> Scenario:
+    return hardware_scenario(scenario, time_scale=SLOWEST)
 
 
-def test_images_and_arm_state_are_the_robots(robot_scenario: Scenario, pictures: Path) -> None:
+@pytest.fixture
+def robot(robot_scenario: Scenario, pictures: Path, tmp_path: Path) -> Iterator[StandIn]:
+    """The stand-in robot of the scenario."""
+    with stand_in(robot_scenario, pictures, tmp_path) as robot:
+        yield robot
+
+
+def test_images_and_arm_state_are_the_robots_and_nothing_is_commanded(
+    robot: StandIn, robot_scenario: Scenario, pictures: Path
+) -> None:
     with MakeStation(robot_scenario, hardware=True) as dut:
         context = dut.CreateDefaultContext()
         frame = CaptureFrame(dut, context, labels=True)
         position, problems = dut.ArmPosition(context), dut.Problems()
+    record = robot.finish()
 
     truth = np.load(pictures)
     np.testing.assert_array_equal(position, HOME)
@@ -44,6 +44,8 @@ def test_images_and_arm_state_are_the_robots(robot_scenario: Scenario, pictures:
         np.testing.assert_array_equal(image.label, truth[f"{camera.name}.label"])
     assert {"mug", "mug/handle", "rack"} <= frame.label_ids.keys()
     assert problems == ()
+    assert record["commanded"] == []
+    assert record["hand_told"] == []
 
 
 def test_cameras_have_the_same_models_as_in_simulation(robot_scenario: Scenario) -> None:
@@ -57,43 +59,11 @@ def test_cameras_have_the_same_models_as_in_simulation(robot_scenario: Scenario)
     assert hardware.robot_base_pose().IsExactlyEqualTo(simulated.robot_base_pose())
 
 
-def waiting(scenario: Scenario, seconds: float) -> Scenario:
-    hardware = dataclasses.replace(scenario.poil.hardware, ready_timeout=seconds)
-    return dataclasses.replace(scenario, poil=dataclasses.replace(scenario.poil, hardware=hardware))
-
-
 def test_everything_that_is_missing_is_named(scenario: Scenario) -> None:
-    dut = MakeStation(waiting(hardware_scenario(scenario), 0.1), hardware=True)
+    dut = MakeStation(hardware_scenario(scenario, ready_timeout=0.1), hardware=True)
 
     with pytest.raises(StationError) as error, dut:
         pass
 
     for missing in ("the robot's status", "the hand's status", "'left'", "'right'"):
         assert missing in str(error.value)
-
-
-def test_a_detector_that_reads_labels_refuses_a_camera_without_labels(
-    scenario: Scenario,
-) -> None:
-    hardware = dataclasses.replace(
-        scenario.poil.hardware, cameras={"right": LcmImages(labels=False)}
-    )
-    poil = dataclasses.replace(scenario.poil, hardware=hardware)
-    dut = MakeStation(dataclasses.replace(scenario, poil=poil), hardware=True)
-
-    with pytest.raises(ScenarioError, match="camera 'right' does not give"):
-        RequireLabels(dut)
-    assert dut.HasOutputPort("left.label_image")
-    assert not dut.HasOutputPort("right.label_image")
-
-
-def test_a_capture_sends_no_commands(scenario: Scenario, pictures: Path, tmp_path: Path) -> None:
-    scenario = hardware_scenario(scenario, time_scale=SLOWEST)
-    with stand_in(scenario, pictures, tmp_path) as robot:
-        with MakeStation(scenario, hardware=True) as dut:
-            CaptureFrame(dut, dut.CreateDefaultContext())
-        record = robot.finish()
-
-    assert isinstance(dut, HardwareStation)
-    assert record["commanded"] == []
-    assert record["hand_told"] == []

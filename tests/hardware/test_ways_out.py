@@ -73,7 +73,6 @@ class Run:
     def becomes_fast(self) -> bool:
         """Waits until its arm is fast; returns False if the run ends before."""
         stdout = self.robot.process.stdout
-        assert stdout is not None
         while not select.select([stdout], [], [], 0.1)[0]:
             if self.process.poll() is not None:
                 return False

@@ -5,7 +5,8 @@ from pydrake.multibody.parsing import PackageMap
 
 from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
@@ -13,13 +14,9 @@ GRIPPER = """<robot name="tool"><link name="base"><inertial><mass value="0.1"/>
 <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 
 
-def load(data: str = "{}") -> Scenario:
-    return LoadScenario(filename=default_scenario_file(), data=data)
-
-
 def with_more(more: str) -> Scenario:
     """Returns the package's scenario with directives added."""
-    scenario = load()
+    scenario = ChooseScenario()
     scenario.directives.extend(LoadScenario(data=f"directives: {more}").directives)
     return scenario
 
@@ -34,7 +31,7 @@ def models(scenario: Scenario) -> dict[str, str]:
 
 
 def test_the_robot_is_removed_and_the_object_replaced() -> None:
-    assert models(load()) == {
+    assert models(ChooseScenario()) == {
         "table": "package://poil_drake/fixtures/table.sdf",
         "rack": "package://poil_drake/fixtures/rack.sdf",
         "mug": "package://poil_drake/mugs/mug_demo/mug_demo.sdf",
@@ -42,7 +39,7 @@ def test_the_robot_is_removed_and_the_object_replaced() -> None:
 
 
 def test_the_scenario_keeps_its_own_object() -> None:
-    scenario = load()
+    scenario = ChooseScenario()
     files = [d.add_model.file for d in scenario.directives if d.add_model is not None]
 
     directives(scenario)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
+from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
@@ -17,15 +18,12 @@ poil:
 """
 
 
-def load(data=SMALL):
-    return LoadScenario(filename=default_scenario_file(), data=data)
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorder") / "demo.mcap"
     progress = []
-    count = RecordDemonstration(load(), path, progress=lambda *step: progress.append(step))
+    small = ChooseScenario(data=SMALL)
+    count = RecordDemonstration(small, path, progress=lambda *step: progress.append(step))
     return path, count, progress
 
 
@@ -51,7 +49,7 @@ def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
 
     (tmp_path / "scenario.yaml").write_text(dut.scenario_text)
     again = LoadScenario(filename=tmp_path / "scenario.yaml")
-    assert again.poil == load().poil
+    assert again.poil == ChooseScenario(data=SMALL).poil
     assert again.cameras["right"].width == 160
     assert again.source.name == dut.metadata["scenario"] == "HangMug"
     assert dut.metadata["scenario_file"] == str(default_scenario_file())
@@ -93,7 +91,7 @@ def test_depth_has_the_sensors_noise(dut):
 
 @pytest.mark.render
 def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
-    RecordDemonstration(load(), tmp_path / "again.mcap")
+    RecordDemonstration(ChooseScenario(data=SMALL), tmp_path / "again.mcap")
 
     assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()
 
@@ -106,7 +104,7 @@ def test_keyframes_can_be_given(tmp_path):
     - { time: 0, translation: [0.45, -0.1, 0.0] }
     - { time: 2, translation: [0.45, 0.0, 0.1], rpy: [0, 0, 90] }
 """
-    count = RecordDemonstration(load(SMALL + keyframes), tmp_path / "demo.mcap")
+    count = RecordDemonstration(ChooseScenario(data=SMALL + keyframes), tmp_path / "demo.mcap")
 
     assert count == 3
 

@@ -2,36 +2,28 @@ import numpy as np
 import pytest
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene, demonstrated_parts
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.errors import ScenarioError
-
-
-def load(data="{}"):
-    return LoadScenario(filename=default_scenario_file(), data=data)
+from poil_drake.geometry.rigid_transform import make_transform
 
 
 @pytest.fixture(scope="module")
 def dut():
-    return DemonstrationScene(load(), cameras=False)
-
-
-def at(x, y, z):
-    X = np.eye(4)
-    X[:3, 3] = [x, y, z]
-    return X
+    return DemonstrationScene(ChooseScenario(), cameras=False)
 
 
 def test_the_distance_to_the_table_is_negative_within_it(dut):
-    assert dut.distance(at(0.4, 0.0, -0.004), ".*", "table", ".*") == pytest.approx(
-        -0.004, abs=1e-4
-    )
+    X_WO = make_transform(np.eye(3), [0.4, 0.0, -0.004])
+
+    assert dut.distance(X_WO, ".*", "table", ".*") == pytest.approx(-0.004, abs=1e-4)
 
 
 def test_the_distance_between_links(dut):
     # The mug's bottom is 0.12 m straight above the post's top, but for the feet that it stands on.
-    distance = dut.distance(at(0.55, 0.30, 0.40), "body", "rack", "stand")
+    X_WO = make_transform(np.eye(3), [0.55, 0.30, 0.40])
 
-    assert distance == pytest.approx(0.12, abs=3e-3)
+    assert dut.distance(X_WO, "body", "rack", "stand") == pytest.approx(0.12, abs=3e-3)
 
 
 def test_the_box_around_the_rod(dut):
@@ -42,6 +34,8 @@ def test_the_box_around_the_rod(dut):
     u = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
     np.testing.assert_allclose(X_WB[:3, 3], [0.55, 0.30, 0.26] + 0.07 * u, atol=1e-5)
     assert dut.boxes("rack", "hook") == []
+    # An invalid pattern matches no part.
+    assert dut.boxes("rack", "(") == []
 
 
 @pytest.mark.parametrize(
@@ -58,7 +52,7 @@ def test_the_box_around_the_rod(dut):
     ],
 )
 def test_the_packages_mugs_have_a_part_called_handle(text, parts):
-    assert demonstrated_parts(load(f"{{poil: {text}}}").poil) == parts
+    assert demonstrated_parts(ChooseScenario(data=f"{{poil: {text}}}").poil) == parts
 
 
 @pytest.mark.parametrize(
@@ -71,11 +65,11 @@ def test_the_packages_mugs_have_a_part_called_handle(text, parts):
 )
 def test_unknown_names_are_named(text, says):
     with pytest.raises(ScenarioError, match=says):
-        DemonstrationScene(load(text), cameras=False)
+        DemonstrationScene(ChooseScenario(data=text), cameras=False)
 
 
 def test_the_object_must_be_free():
-    scenario = load()
+    scenario = ChooseScenario()
     weld = "directives: [{add_weld: {parent: world, child: 'mug::body'}}]"
     scenario.directives.extend(LoadScenario(data=weld).directives)
 
@@ -84,16 +78,14 @@ def test_the_object_must_be_free():
 
 
 def test_initial_positions_of_robot_and_object_are_ignored():
-    DemonstrationScene(load("{initial_position: {mug: {lid_hinge: [0]}}}"), cameras=False)
+    scenario = ChooseScenario(data="{initial_position: {mug: {lid_hinge: [0]}}}")
 
-
-def test_an_invalid_pattern_matches_no_part(dut):
-    assert dut.boxes("rack", "(") == []
+    DemonstrationScene(scenario, cameras=False)
 
 
 @pytest.mark.render
 def test_a_camera_on_the_robot_is_refused():
-    mounted = "{cameras: {left: {X_PB: {base_frame: 'panda::panda_link0'}}}}"
+    mounted = ChooseScenario(data="{cameras: {left: {X_PB: {base_frame: 'panda::panda_link0'}}}}")
 
     with pytest.raises(ScenarioError, match=r"left\.X_PB .*base_frame that is not the robot's"):
-        DemonstrationScene(load(mounted))
+        DemonstrationScene(mounted)

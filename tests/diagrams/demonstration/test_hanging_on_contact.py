@@ -8,12 +8,12 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.run.task_success import HangingJudge, HolderGeometries, TouchedGeometries
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
 from poil_drake.diagrams.station.station_state import SetObjectPose
 
-DURATION = 1.0
+DURATION = 2.0
 BASE_TOP = 0.015
 """Height of the rack's base plate [m], see rack.sdf; the rack stands at (0.55, 0.30)."""
 
@@ -22,7 +22,7 @@ BASE_TOP = 0.015
 def scenario() -> Scenario:
     """The package's, with the same mug in the demonstration as on the table."""
     same = "{poil: {demonstration_object: 'package://poil_drake/mugs/mug_a/mug_a.sdf'}}"
-    return LoadScenario(filename=default_scenario_file(), data=same)
+    return ChooseScenario(data=same)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Who sees what at one instant between the cameras and the propagator, on rendered images.
+"""What each system sees at one instant between cameras and propagator, on rendered images.
 
 Images appear at their delay; the propagator then says how the object has moved until their capture;
 one control period later the tracker takes them, with that motion; its points come at the latency.
@@ -31,11 +31,11 @@ class Event(NamedTuple):
     """An event handler was called; the image time, or the stamp, that it saw at a port."""
 
     time: float
-    who: str
+    name: str
     seen: float
 
 
-# System, handler, and the input port whose value is noted.
+# System, handler, and the input port whose value is recorded.
 WATCHED = {
     (DelayedCameras, "_capture"): ("expose", ""),
     (DelayedCameras, "_release"): ("show", ""),
@@ -49,59 +49,57 @@ WATCHED = {
 @pytest.fixture(scope="module")
 def events() -> list[Event]:
     """What happened in the first half second of a loop."""
-    noted: list[Event] = []
+    recorded: list[Event] = []
     with pytest.MonkeyPatch.context() as patch:
         for owner, method in (
             (CaptureAndRelease, "_capture"),
             (CaptureAndRelease, "_release"),
             (FkPropagator, "_update"),
         ):
-            patch.setattr(owner, method, _noting(noted, owner, method))
+            patch.setattr(owner, method, _record(recorded, owner, method))
         loop = MakeClosedLoop(ChooseScenario(), short_plan())
         Simulator(loop.diagram).AdvanceTo(0.5)
         loop.Close()
-    return noted
+    return recorded
 
 
-def _noting(noted: list[Event], owner: type, method: str) -> Callable[..., None]:
+def _record(recorded: list[Event], owner: type, method: str) -> Callable[..., None]:
     handler = getattr(owner, method)
 
     def seen_at(system: LeafSystem, port: str, context: Context) -> float:
         value = system.GetInputPort(port).Eval(context) if port else np.array([np.nan])
         return float(value[0] if isinstance(value, np.ndarray) else value.stamp)
 
-    def note(self: Any, context: Context, state: Any) -> None:
+    def record(self: Any, context: Context, state: Any) -> None:
         system = self._system if owner is CaptureAndRelease else self
-        who, port = WATCHED[type(system), method]
-        noted.append(Event(context.get_time(), who, seen_at(system, port, context)))
-        if who == "propagate":
-            noted.append(Event(context.get_time(), "move", seen_at(self, "image_time", context)))
+        name, port = WATCHED[type(system), method]
+        recorded.append(Event(context.get_time(), name, seen_at(system, port, context)))
+        if name == "propagate":
+            recorded.append(Event(context.get_time(), "move", seen_at(self, "image_time", context)))
         handler(self, context, state)
 
-    return note
+    return record
 
 
-def times(events: list[Event], who: str) -> list[float]:
-    return [event.time for event in events if event.who == who]
+def times(events: list[Event], name: str) -> list[float]:
+    return [event.time for event in events if event.name == name]
 
 
-def seen_by(events: list[Event], who: str) -> dict[float, float]:
-    return {event.time: event.seen for event in events if event.who == who}
+def seen_by(events: list[Event], name: str) -> dict[float, float]:
+    return {event.time: event.seen for event in events if event.name == name}
 
 
-def test_everything_comes_at_its_time(events: list[Event]) -> None:
+def test_images_and_tracks_are_released_at_their_times(events: list[Event]) -> None:
     assert times(events, "expose") == [k * TRACKER for k in range(4)]
     assert times(events, "show") == [k * TRACKER + DELAY for k in range(4)]
-    assert times(events, "detect") == [k * TRACKER + LOOK for k in range(4)]
-    assert times(events, "look") == [k * TRACKER + LOOK for k in range(4)]
     assert times(events, "release") == [k * TRACKER + LATENCY for k in range(3)]
 
 
-def test_tracker_and_detector_look_at_images_as_soon_as_they_are_there(
+def test_tracker_and_detector_read_images_one_period_after_their_release(
     events: list[Event],
 ) -> None:
-    for who in ("look", "detect"):
-        assert seen_by(events, who) == {k * TRACKER + LOOK: k * TRACKER for k in range(4)}
+    for name in ("look", "detect"):
+        assert seen_by(events, name) == {k * TRACKER + LOOK: k * TRACKER for k in range(4)}
 
 
 def test_the_propagator_knows_of_the_images_before_the_tracker_looks(events: list[Event]) -> None:

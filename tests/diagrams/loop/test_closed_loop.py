@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 from pydrake.systems.analysis import Simulator
-from short_skill import short_plan, short_scenario
+from short_skill import short_plan
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import InvalidValueError, ScenarioError, StationError
 
 
@@ -20,10 +19,6 @@ def children() -> set[int]:
         for task in Path("/proc/self/task").iterdir()
         for pid in (task / "children").read_text().split()
     }
-
-
-def with_poil(scenario: Scenario, **changed: object) -> Scenario:
-    return dataclasses.replace(scenario, poil=dataclasses.replace(scenario.poil, **changed))
 
 
 @pytest.mark.render
@@ -45,20 +40,20 @@ def test_a_loop_that_cannot_be_built_leaves_no_process() -> None:
     before = children()
 
     with pytest.raises(InvalidValueError, match="magic"):
-        MakeClosedLoop(with_poil(ChooseScenario(), detector="magic"), short_plan())
+        MakeClosedLoop(ChooseScenario(detector="magic"), short_plan())
 
     assert children() <= before
 
 
 def test_a_tracker_of_images_needs_cameras() -> None:
-    blind = with_poil(short_scenario(), tracker="rigid_flow")
+    blind = dataclasses.replace(ChooseScenario(), cameras={})
 
     with pytest.raises(ScenarioError, match=r"names none.*ground_truth"):
         MakeClosedLoop(blind, short_plan())
 
 
 def test_the_ground_truth_may_be_faster_than_the_cameras() -> None:
-    scenario = with_poil(ChooseScenario(), tracker="ground_truth", latency=1 / 32)
+    scenario = ChooseScenario(data="{poil: {tracker: ground_truth, latency: 1/32}}")
 
     with MakeClosedLoop(scenario, short_plan()) as loop:
         assert loop.detector is None

@@ -1,6 +1,6 @@
-"""Who sees what at one instant, in the real closed loop.
+"""What each system sees at one instant, in the real closed loop.
 
-At a time t Drake first publishes what the step that ends at t came to. Then, in the step that
+At a time t Drake first publishes the results of the step that ends at t. Then, in the step that
 begins at t, come unrestricted updates (the tracker), then discrete updates, all of which read what
 was before any of them wrote: so each stage of the loop is one control period behind the one before.
 """
@@ -41,7 +41,7 @@ class Event(NamedTuple):
     """An event handler was called; what it saw at its ports."""
 
     time: float
-    who: str
+    name: str
     seen: dict[str, Any]
 
 
@@ -71,27 +71,27 @@ class SilentLog:
 @pytest.fixture(scope="module")
 def events() -> list[Event]:
     """What happened in a loop that follows its field, whose object jumps at `MOVED`."""
-    noted: list[Event] = []
+    recorded: list[Event] = []
     with pytest.MonkeyPatch.context() as patch:
-        for who, (system, method, ports) in WATCHED.items():
-            patch.setattr(system, method, _noting(noted, who, getattr(system, method), ports))
+        for name, (system, method, ports) in WATCHED.items():
+            patch.setattr(system, method, _record(recorded, name, getattr(system, method), ports))
         loop = MakeClosedLoop(short_scenario(), short_plan(), log=SilentLog())
         _simulate(loop)
-    return noted
+    return recorded
 
 
-def _noting(
-    noted: list[Event], who: str, handler: Callable[..., None], ports: tuple[str, ...]
+def _record(
+    recorded: list[Event], name: str, handler: Callable[..., None], ports: tuple[str, ...]
 ) -> Callable[..., None]:
-    def note(self: LeafSystem, context: Context, *state: Any) -> None:
+    def record(self: LeafSystem, context: Context, *state: Any) -> None:
         seen = {}
-        for name in ports:
-            value = self.GetInputPort(name).Eval(context)
-            seen[name] = value.copy() if isinstance(value, np.ndarray) else value
-        noted.append(Event(context.get_time(), who, seen))
+        for port in ports:
+            value = self.GetInputPort(port).Eval(context)
+            seen[port] = value.copy() if isinstance(value, np.ndarray) else value
+        recorded.append(Event(context.get_time(), name, seen))
         handler(self, context, *state)
 
-    return note
+    return record
 
 
 def _simulate(loop: ClosedLoop) -> None:
@@ -112,9 +112,9 @@ def at(events: list[Event], time: float) -> list[Event]:
     return [event for event in events if event.time == time]
 
 
-def seen_by(events: list[Event], who: str, port: str) -> dict[float, Any]:
-    """Returns what somebody saw at a port, by time."""
-    return {event.time: event.seen[port] for event in events if event.who == who}
+def seen_by(events: list[Event], name: str, port: str) -> dict[float, Any]:
+    """Returns what a system saw at a port, by time."""
+    return {event.time: event.seen[port] for event in events if event.name == name}
 
 
 def first_jump(values: dict[float, np.ndarray], *, after: float) -> float:
@@ -134,14 +134,14 @@ def changes(values: dict[float, np.ndarray]) -> dict[float, np.ndarray]:
 def test_an_instant_is_published_then_tracked_then_controlled(events: list[Event]) -> None:
     # Both a capture's and a release's instant; the logger's, too.
     for time, tracking in ((TRACKER, "capture"), (TRACKER + LATENCY, "release")):
-        order = [event.who for event in at(events, time)]
+        order = [event.name for event in at(events, time)]
         assert order[:2] == ["log", tracking]
         assert set(order[2:]) == {"propagate", "ik", "sequence", "driver"}
 
 
 def test_captures_and_releases_take_turns_at_their_times(events: list[Event]) -> None:
-    captures = [event.time for event in events if event.who == "capture"]
-    releases = [event.time for event in events if event.who == "release"]
+    captures = [event.time for event in events if event.name == "capture"]
+    releases = [event.time for event in events if event.name == "release"]
 
     assert captures == [k * TRACKER for k in range(6)]
     assert releases == [k * TRACKER + LATENCY for k in range(5)]

@@ -43,12 +43,8 @@ def test_a_file_holds_the_frames_of_its_recording_only(meshcat, tmp_path):
 def test_the_file_is_written_when_the_run_fails(meshcat, tmp_path):
     path = tmp_path / "run.html"
 
-    def fail():
-        with HtmlRecording(meshcat, path):
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
+    with pytest.raises(ZeroDivisionError), HtmlRecording(meshcat, path):
+        raise ZeroDivisionError
 
     assert "meshcat" in path.read_text().lower()
 

@@ -29,25 +29,24 @@ def test_check_leaves_the_outputs_alone(tmp_path: Path) -> None:
     assert (tmp_path / "run.json").exists()
 
 
-@pytest.mark.parametrize("kind", ["html", "mcap", "png", "json"])
-def test_check_rejects_an_output_that_is_a_folder(kind: str, tmp_path: Path) -> None:
-    (tmp_path / f"run.{kind}").mkdir()
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        ({"html": "folder"}, "folder' is a folder"),
+        ({"mcap": "folder"}, "folder' is a folder"),
+        ({"png": "folder.png"}, "folder.png' is a folder"),
+        ({"json": "folder"}, "folder' is a folder"),
+        ({"html": "run.txt", "json": "run.txt"}, "'html' and 'json' both go to"),
+        ({"png": "run.gif"}, r"\.png, \.pdf, \.svg"),
+        ({"png": "run"}, r"\.png, \.pdf, \.svg"),
+    ],
+)
+def test_check_rejects_unsuitable_outputs(names: dict[str, str], says: str, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.png").mkdir()
 
-    with pytest.raises(OutputError, match=f"run.{kind}' is a folder"):
-        OutputPaths.under(tmp_path).check()
-
-
-def test_check_rejects_two_outputs_in_one_file(tmp_path: Path) -> None:
-    same = tmp_path / "run.txt"
-
-    with pytest.raises(OutputError, match="'html' and 'json' both go to"):
-        OutputPaths(html=same, json=same).check()
-
-
-@pytest.mark.parametrize("name", ["run.gif", "run"])
-def test_check_rejects_a_picture_of_unknown_format(name: str, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"\.png, \.pdf, \.svg"):
-        OutputPaths(png=tmp_path / name).check()
+    with pytest.raises(OutputError, match=says):
+        OutputPaths(**{kind: tmp_path / name for kind, name in names.items()}).check()
 
 
 def test_unlink_removes_regular_files_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

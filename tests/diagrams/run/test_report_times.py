@@ -4,12 +4,18 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
-from short_skill import lasting, short_plan, short_scenario
+from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.run import skill_run
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.report import Report
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
+
+
+def execute(scenario: Scenario, **options: object) -> None:
+    skill_run.ExecutePlan(
+        short_plan(), scenario, outputs=OutputPaths(), show=False, show_progress=False, **options
+    )
 
 
 @pytest.mark.parametrize(
@@ -20,10 +26,8 @@ from poil_drake.diagrams.scenario.load import LoadScenario
 def test_every_track_is_compared_with_the_truth(
     tracker: float, logger: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scenario = LoadScenario(
-        data=f"{{poil: {{latency: 1/64, rates: {{tracker: {tracker}, logger: {logger}}}}}}}",
-        defaults=lasting(short_scenario(), 0.375),
-    )
+    poil = f"{{latency: 1/64, rates: {{tracker: {tracker}, logger: {logger}}}}}"
+    scenario = short_scenario(f"{{simulation_duration: 0.375, poil: {poil}}}")
     reports: list[Report] = []
 
     def keep(report: Report, **_: object) -> Report:
@@ -31,9 +35,7 @@ def test_every_track_is_compared_with_the_truth(
         return report
 
     monkeypatch.setattr(skill_run, "WriteReport", keep)
-    skill_run.ExecutePlan(
-        short_plan(), scenario, outputs=OutputPaths(), show=False, show_progress=False
-    )
+    execute(scenario)
 
     stamps, errors = reports[0].recorder.tracking_errors()
     # All that were captured and released before the end.
@@ -54,19 +56,10 @@ def test_the_simulator_has_the_scenarios_settings_but_the_callers_rate(
         return simulators[-1]
 
     monkeypatch.setattr(skill_run, "Simulator", make)
-    scenario = LoadScenario(
-        data="{simulator_config: {target_realtime_rate: 0.5, max_step_size: 0.004}}",
-        defaults=lasting(short_scenario(), 0.03125),
-    )
+    simulator = "{target_realtime_rate: 0.5, max_step_size: 0.004}"
+    scenario = short_scenario(f"{{simulation_duration: 0.03125, simulator_config: {simulator}}}")
 
-    skill_run.ExecutePlan(
-        short_plan(),
-        scenario,
-        outputs=OutputPaths(),
-        show=False,
-        show_progress=False,
-        realtime_rate=given,
-    )
+    execute(scenario, realtime_rate=given)
 
     assert simulators[0].get_target_realtime_rate() == rate
     assert simulators[0].get_integrator().get_maximum_step_size() == 0.004

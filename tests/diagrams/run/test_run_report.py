@@ -42,10 +42,13 @@ class Samples:
         return np.array([0.25, 0.75]), np.array([[0.001, 0.003], [np.nan, 0.002]])
 
 
-def hanging(since: float = 0.0) -> HangingJudge:
-    """A judge for which the mug has hung on the rod since then [s]."""
+def judge_of(*touched: str, hanging_since: float | None = None) -> HangingJudge:
+    """A judge that saw the mug touch geometries, and hang on the rod since then [s]."""
     return HangingJudge(
-        fixture="rack", holder=frozenset({ROD}), hanging_since=since, last_touched=frozenset({ROD})
+        fixture="rack",
+        holder=frozenset({ROD}),
+        hanging_since=hanging_since,
+        last_touched=frozenset(touched),
     )
 
 
@@ -55,7 +58,7 @@ def make_report(
     fields: dict = {
         "plan": short_plan(),
         "scenario": short_scenario(),
-        "recorder": Samples(judge or hanging(), *last_phases),
+        "recorder": Samples(judge or judge_of(ROD, hanging_since=0.0), *last_phases),
         "fault": Fault.NONE,
         "simulated": 5.0,
         "wall": 4.0,
@@ -71,29 +74,25 @@ def verdict(report: Report) -> tuple[bool, str]:
     return summary.success, summary.reason
 
 
-@pytest.mark.parametrize(
-    ("since", "expected"),
-    [
-        (3.0, (True, "the mug hangs on the rack (for 2.0 s so far)")),
-        (3.01, (False, "the mug does not hang on the rack: it touches rack::rod")),
-    ],
-)
-def test_an_object_must_hang_for_two_seconds_at_the_end(
-    since: float, expected: tuple[bool, str]
-) -> None:
-    assert verdict(make_report(Phase.DONE, judge=hanging(since=since))) == expected
+def test_an_object_must_hang_for_two_seconds_at_the_end() -> None:
+    judge = judge_of(ROD, hanging_since=3.0)
+
+    assert verdict(make_report(Phase.DONE, judge=judge)) == (
+        True,
+        "the mug hangs on the rack (for 2.0 s so far)",
+    )
 
 
 @pytest.mark.parametrize(
-    ("touched", "named"),
+    ("judge", "named"),
     [
-        ({"table::table::top", "rack::stand::post"}, "rack::stand, table::table"),
-        (set(), "nothing"),
+        # It hangs for less than two seconds.
+        (judge_of(ROD, hanging_since=3.01), "rack::rod"),
+        (judge_of("table::table::top", "rack::stand::post"), "rack::stand, table::table"),
+        (judge_of(), "nothing"),
     ],
 )
-def test_the_reason_names_what_the_object_touches_instead(touched: set[str], named: str) -> None:
-    judge = HangingJudge(fixture="rack", holder=frozenset({ROD}), last_touched=frozenset(touched))
-
+def test_the_reason_names_what_the_object_touches(judge: HangingJudge, named: str) -> None:
     assert verdict(make_report(Phase.DONE, judge=judge)) == (
         False,
         f"the mug does not hang on the rack: it touches {named}",
@@ -129,9 +128,7 @@ def test_the_supervisors_fault_is_reported_with_all_problems() -> None:
 
 
 def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported() -> None:
-    report = make_report(
-        Phase.SETTLE, Phase.DONE, judge=hanging(), safety_fault=SafetyFault.EXTERNAL_TORQUE
-    )
+    report = make_report(Phase.SETTLE, Phase.DONE, safety_fault=SafetyFault.EXTERNAL_TORQUE)
 
     success, reason = verdict(report)
 

@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import make_reader
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
-from short_skill import lasting, short_plan, short_scenario
+from short_skill import short_plan, short_scenario
 from stopped_run import SAMPLES
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
@@ -49,7 +49,7 @@ def read_log(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 def execute(folder: Path) -> tuple[RunSummary, OutputPaths]:
     outputs = OutputPaths.under(folder)
-    chosen = lasting(short_scenario(), 2.0)
+    chosen = short_scenario("{simulation_duration: 2}")
     summary = ExecutePlan(short_plan(), chosen, outputs=outputs, show=False, show_progress=False)
     return summary, outputs
 
@@ -168,22 +168,16 @@ def test_disturbances_are_logged_with_their_bodies(tmp_path: Path) -> None:
 
     # At 5/32, 6/32 and 7/32 s: sin 45, 90 and 135 degrees; the last record ends the push.
     pushes = [[push["force"][1] for push in record["applied"]] for record in records]
-    root_half = 0.5 * 0.5**0.5
-    assert pushes[:3] == [
-        [pytest.approx(root_half)],
-        [pytest.approx(0.5)],
-        [pytest.approx(root_half)],
-    ]
-    assert pushes[3:] == [[]]
+    rise = pytest.approx(0.5 * 0.5**0.5)
+    assert pushes == [[rise], [pytest.approx(0.5)], [rise], []]
     assert records[0]["applied"][0]["body"] == "mug::body"
 
 
-def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(
-    tmp_path: Path,
-) -> None:
-    execute(tmp_path)
-    wrong = LoadScenario(data="{poil: {part: spout}}", defaults=short_scenario())
+def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(tmp_path: Path) -> None:
+    wrong = short_scenario("{poil: {part: spout}}")
     outputs = OutputPaths.under(tmp_path)
+    outputs.png.touch()
+    outputs.mcap.touch()
 
     with pytest.raises(PoilError, match="spout"):
         ExecutePlan(short_plan(), wrong, outputs=outputs, show=False, show_progress=False)
@@ -196,7 +190,7 @@ def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(
 
 
 def test_a_job_that_cannot_start_leaves_its_figures(tmp_path: Path) -> None:
-    wrong = LoadScenario(data="{poil: {detector: magic}}", defaults=short_scenario())
+    wrong = short_scenario("{poil: {detector: magic}}")
 
     with pytest.raises(PoilError, match="magic"):
         RunSkill(wrong, outputs=OutputPaths.under(tmp_path), show=False)
@@ -227,7 +221,7 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(
 
 
 @pytest.mark.render
-def test_a_run_whose_camera_process_dies_says_so_and_leaves_its_log(
+def test_a_run_whose_camera_process_dies_reports_it_and_leaves_its_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sample = RunRecorder.sample

@@ -8,6 +8,7 @@ from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.errors import ScenarioError
+from poil_drake.perception.capture.config import RealSense
 
 TEST_FILE = Path(__file__).parents[1] / "scenarios.yaml"
 
@@ -41,6 +42,7 @@ def test_choices_are_dumped(tmp_path: Path) -> None:
     dut = again(scenario, tmp_path)
 
     assert dut.poil == scenario.poil
+    assert dut.poil.hardware.cameras["left"] == RealSense(serial="0123")
     assert (dut.poil.tracker, dut.poil.eta) == ("ground_truth", 1.75)
     assert dut.random_seed == scenario.random_seed != 0
     mug, drawn = dut.directives[-1].add_model, scenario.directives[-1].add_model

@@ -3,9 +3,8 @@ import time
 import pytest
 
 from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.hardware_config import HardwareConfig, LcmImages
+from poil_drake.diagrams.scenario.hardware_config import HardwareConfig
 from poil_drake.errors import PoilError, ScenarioError
-from poil_drake.perception.capture.config import RealSense
 
 
 @pytest.mark.parametrize(
@@ -53,9 +52,7 @@ def test_the_same_table_height_can_be_given_twice() -> None:
     assert ChooseScenario(data=text).poil.safety.posture.table_height == 0.05
 
 
-def test_the_steady_clock_ignores_the_system_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_steady_clock_ignores_the_system_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "time", lambda: 2000.0)
     monkeypatch.setattr(time, "monotonic", lambda: 30.0)
     clock = HardwareConfig(time_scale=0.5).steady_clock()
@@ -65,18 +62,6 @@ def test_the_steady_clock_ignores_the_system_time(
     monkeypatch.setattr(time, "monotonic", lambda: 31.0)
 
     assert clock() == 0.5 * 2001.0
-
-
-def test_cameras_are_chosen_by_their_tag() -> None:
-    scenario = ChooseScenario(
-        data="{poil: {hardware: {cameras: {left: !RealSense {serial: '0123'}, "
-        "right: !LcmImages {labels: false}}}}}"
-    )
-
-    cameras = scenario.poil.hardware.cameras
-
-    assert cameras["left"] == RealSense(serial="0123")
-    assert cameras["right"] == LcmImages(labels=False)
 
 
 @pytest.mark.parametrize(("scale", "duration"), [(1.0, 10.0), (0.5, 5.0)])

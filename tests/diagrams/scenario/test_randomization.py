@@ -2,17 +2,12 @@ import numpy as np
 import pytest
 from pydrake.common.schema import Transform
 
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.randomization import ApplyRandomization, ObjectDirective
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
-NO_RANGES = "{poil: {randomization: {models: [], x: [], y: [], yaw: []}}}"
-
-
-@pytest.fixture
-def scenario() -> Scenario:
-    return LoadScenario(filename=default_scenario_file())
+NO_RANGES = "poil: {randomization: {models: [], x: [], y: [], yaw: []}}"
 
 
 def draw(scenario: Scenario, seed: int) -> tuple[str, Transform]:
@@ -28,12 +23,9 @@ def test_draws_cover_their_ranges(scenario: Scenario) -> None:
     assert files == set(scenario.poil.randomization.models)
     np.testing.assert_allclose(positions.min(axis=0), [0.38, -0.25, 0], atol=0.01)
     np.testing.assert_allclose(positions.max(axis=0), [0.55, 0.0, 0], atol=0.01)
-
-
-def test_yaw_is_about_the_vertical(scenario: Scenario) -> None:
-    for seed in range(5):
-        R = draw(scenario, seed)[1].GetDeterministicValue().rotation().matrix()
-        np.testing.assert_allclose(R[2], [0, 0, 1], atol=1e-9)
+    for _, pose in draws:
+        up = pose.GetDeterministicValue().rotation().matrix()[2]
+        np.testing.assert_allclose(up, [0, 0, 1], atol=1e-9)
 
 
 def test_a_seed_always_draws_the_same_trial(scenario: Scenario) -> None:
@@ -55,8 +47,8 @@ def test_the_given_scenario_does_not_change(scenario: Scenario) -> None:
     assert ObjectDirective(list(scenario.directives), "mug").file == before
 
 
-def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
-    fixed = LoadScenario(data=NO_RANGES, defaults=scenario)
+def test_without_ranges_only_the_noise_changes() -> None:
+    fixed = ChooseScenario(data=f"{{{NO_RANGES}}}")
 
     file, pose = draw(fixed, 1)
 
@@ -70,10 +62,7 @@ def test_without_ranges_only_the_noise_changes(scenario: Scenario) -> None:
 
 @pytest.mark.parametrize("directives", ["[]", "[{add_directives: {file: all.yaml}}]"])
 def test_a_seed_without_ranges_needs_no_pose(scenario: Scenario, directives: str) -> None:
-    fixed = LoadScenario(
-        data=f"{{directives: {directives}}}",
-        defaults=LoadScenario(data=NO_RANGES, defaults=scenario),
-    )
+    fixed = ChooseScenario(data=f"{{directives: {directives}, {NO_RANGES}}}")
 
     dut = ApplyRandomization(fixed, 1)
 
@@ -81,13 +70,13 @@ def test_a_seed_without_ranges_needs_no_pose(scenario: Scenario, directives: str
     assert dut.random_seed == ApplyRandomization(scenario, 1).random_seed
 
 
-def test_a_random_model_needs_no_pose(scenario: Scenario) -> None:
+def test_a_random_model_needs_no_pose() -> None:
     text = (
         "{poil: {randomization: {models: ['package://a/b.sdf'], x: [], y: [], yaw: []}},"
         "directives: [{add_model: {name: mug, file: 'package://a/a.sdf'}}]}"
     )
 
-    dut = ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)
+    dut = ApplyRandomization(ChooseScenario(data=text), 1)
 
     assert dut.directives[0].add_model.file == "package://a/b.sdf"
 
@@ -105,11 +94,9 @@ def test_a_random_model_needs_no_pose(scenario: Scenario) -> None:
         ),
     ],
 )
-def test_ranges_need_an_object_with_one_deterministic_pose(
-    scenario: Scenario, name: str, pose: str, says: str
-) -> None:
+def test_ranges_need_an_object_with_one_deterministic_pose(name: str, pose: str, says: str) -> None:
     model = f"{{name: {name}, file: 'package://a/a.sdf', default_free_body_pose: {pose}}}"
     text = f"directives: [{{add_model: {model}}}]"
 
     with pytest.raises(ScenarioError, match=says):
-        ApplyRandomization(LoadScenario(data=text, defaults=scenario), 1)
+        ApplyRandomization(ChooseScenario(data=text), 1)

@@ -6,12 +6,6 @@ from poil_drake.diagrams.scenario.rates import Rates
 from poil_drake.errors import ScenarioError
 
 
-def test_the_default_periods() -> None:
-    dut = Rates()
-
-    assert (dut.plant, dut.control, dut.tracker, dut.logger) == (1 / 512, 1 / 256, 1 / 8, 1 / 32)
-
-
 @pytest.mark.parametrize(
     ("periods", "says"),
     [

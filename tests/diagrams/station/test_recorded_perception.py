@@ -57,7 +57,7 @@ def test_tracks_are_repeated_with_their_times_and_statuses():
     ]
 
 
-def test_a_status_that_was_logged_with_the_track_counts_more_than_the_next():
+def test_a_status_logged_with_the_track_takes_precedence():
     run = make_run(said=(TrackerStatus.LOST, TrackerStatus.TRACKING))
 
     tracks = RecordedTracks(run)
@@ -65,13 +65,13 @@ def test_a_status_that_was_logged_with_the_track_counts_more_than_the_next():
     assert [t.status for t in tracks] == [TrackerStatus.LOST, TrackerStatus.TRACKING]
 
 
-def test_times_that_cannot_be_are_named_with_their_topic():
+def test_impossible_times_are_reported_with_their_topic():
     with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* before its capture"):
         RecordedTimings(make_run(early=0.2), period=1 / 256)
 
 
 @pytest.mark.parametrize("statuses", [(), ((0.25, NAN), (0.5, NAN)), ((0.25, 9.0), (0.5, -1.0))])
-def test_statuses_that_are_not_known_follow_from_what_was_seen(statuses):
+def test_unknown_statuses_follow_from_the_tracks(statuses):
     tracks = RecordedTracks(make_run(statuses=statuses))
 
     assert [t.status for t in tracks] == [TrackerStatus.TRACKING, TrackerStatus.LOST]
@@ -79,7 +79,7 @@ def test_statuses_that_are_not_known_follow_from_what_was_seen(statuses):
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.875])
 @pytest.mark.parametrize("period", [1 / 256, 0.005])
-def test_frames_are_captured_where_in_their_periods_they_were(share, period):
+def test_captures_keep_their_offset_within_the_period(share, period):
     begun = [(k + share) * period for k in (3, 36, 70, 103)]
     run = make_run()
     run.numbers["/tracker/times"] = Series.of([(t, [t, NAN, NAN, NAN]) for t in begun], 4)
@@ -88,7 +88,7 @@ def test_frames_are_captured_where_in_their_periods_they_were(share, period):
         assert timing.offset == share * period
 
 
-def test_without_captures_nothing_is_late():
+def test_without_captures_the_offset_is_zero():
     run = make_run()
     run.numbers |= {topic: Series.of([], 4) for topic in ("/tracker/times", "/detector/times")}
 

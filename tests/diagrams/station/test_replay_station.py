@@ -1,16 +1,17 @@
-"""A replayed station has the ports of the others, and shows what the log says."""
+"""A replayed station has the ports of the others, and outputs what the log contains."""
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from diagram_wiring import ports, wires
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem
 from recorded_runs import record
 from short_skill import short_plan, short_scenario
 
-from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.station.replay_station import ReplayStation
 from poil_drake.perception.images import RgbdImage
@@ -22,27 +23,6 @@ from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 PERIOD = 1 / 256
-ROBOT_PORTS = {
-    *("panda.velocity", "panda.velocity_time", "hand.width"),
-    *("panda.position_measured", "panda.velocity_measured", "panda.torque_external"),
-    *("panda.status", "hand.width_measured"),
-}
-
-
-def ports(station: object) -> set[str]:
-    inputs = [station.get_input_port(k) for k in range(station.num_input_ports())]
-    outputs = [station.get_output_port(k) for k in range(station.num_output_ports())]
-    return {port.get_name() for port in (*inputs, *outputs)}
-
-
-def wires(loop: ClosedLoop) -> set[tuple[str, str]]:
-    return {
-        (
-            f"{giver.get_name()}.{giver.get_output_port(output).get_name()}",
-            f"{taker.get_name()}.{taker.get_input_port(input_).get_name()}",
-        )
-        for (taker, input_), (giver, output) in loop.diagram.connection_map().items()
-    }
 
 
 class Controller(LeafSystem):
@@ -77,10 +57,10 @@ def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
 
     assert replayed.station is station
     assert isinstance(replayed.tracker, RecordedTracker)
-    # The truth came from the simulator; nobody else's wires differ.
-    only_there, only_here = wires(simulated) - wires(replayed), wires(replayed) - wires(simulated)
-    assert only_there == {("station.body_poses", "tracker.body_poses")}
-    assert only_here == {("station.panda.position_commanded", "supervisor.position_commanded")}
+    # The truth came from the simulator; no other wires differ.
+    before, after = wires(simulated.diagram), wires(replayed.diagram)
+    assert before - after == {("station.body_poses", "tracker.body_poses")}
+    assert after - before == {("station.panda.position_commanded", "supervisor.position_commanded")}
 
 
 def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
@@ -88,12 +68,14 @@ def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
 
     dut = ReplayStation(ChooseScenario(), run)
 
-    images = {
-        f"{camera}.{kind}"
-        for camera in ("left", "right")
-        for kind in ("rgb_image", "depth_image", "image_time")
+    inputs, outputs = ports(dut)
+    assert inputs.keys() == {"panda.velocity", "panda.velocity_time", "hand.width"}
+    assert outputs.keys() == {
+        *("panda.position_measured", "panda.velocity_measured", "panda.torque_external"),
+        *("panda.status", "panda.position_commanded", "hand.width_measured"),
+        *("left.rgb_image", "left.depth_image", "left.image_time"),
+        *("right.rgb_image", "right.depth_image", "right.image_time"),
     }
-    assert ports(dut) == ROBOT_PORTS | images | {"panda.position_commanded"}
     assert dut.camera_names == ("left", "right")
 
 
@@ -127,11 +109,11 @@ def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path)
     assert list(shown.values()) == [0, 480 * 640]
     assert dut.GetOutputPort("left.label_image").Eval(context).data[0, 0, 0] == 3
     assert not dut.HasOutputPort("right.label_image")
-    # What the log says, not what the models would have been given.
+    # From the log, not from the models of the scenario.
     assert dut.label_ids == {"cup": (3,)}
 
 
-def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path) -> None:
+def test_images_of_real_cameras_are_there_before_a_capture(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with RunLogWriter(path, metadata={"station": "hardware"}) as log:
         log.write_image("left", np.zeros((480, 640, 3), np.uint8), time=0.5, stamp=0.4)
@@ -162,7 +144,7 @@ def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path)
         ("dry_run", PERIOD / 2, 1, [np.nan, 1.0, 1.0]),
     ],
 )
-def test_measurements_are_seen_when_they_were(
+def test_measurements_appear_at_their_recorded_times(
     tmp_path: Path, station: str, offset: float, unknown: int, seen: list[float]
 ) -> None:
     run = empty_run(tmp_path / "run.mcap", station=station)

@@ -1,9 +1,8 @@
-"""Pictures taken in a process of its own."""
+"""Pictures that a separate process takes."""
 
-import dataclasses
 import os
 import signal
-from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from mjcf_kitchen import write_kitchen
 from pydrake.math import RigidTransform
 
 from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
@@ -28,48 +27,30 @@ def drawn() -> Scenario:
     return ChooseScenario(seed=5)
 
 
-@pytest.fixture(scope="module")
-def dut(drawn: Scenario) -> Iterator[CameraProcess]:
-    process = CameraProcess(drawn)
-    yield process
-    process.close()
-
-
+@pytest.mark.parametrize("models", ["the package's", "the user's"])
 def test_pictures_are_those_of_the_station_itself_to_the_last_bit(
-    dut: CameraProcess, drawn: Scenario
+    models: str, drawn: Scenario, tmp_path: Path
 ) -> None:
-    check_pictures(dut, drawn)
-
-
-def test_models_of_a_users_own_are_drawn_as_well(tmp_path: Path) -> None:
-    kitchen = LoadScenario(filename=write_kitchen(tmp_path))
-    dut = CameraProcess(kitchen)
-    try:
-        check_pictures(dut, kitchen)
-    finally:
-        dut.close()
-
-
-def check_pictures(dut: CameraProcess, scenario: Scenario) -> None:
-    """Compares pictures at two times, with the object at two places, with the station's."""
+    own = models == "the user's"
+    scenario = LoadScenario(filename=write_kitchen(tmp_path)) if own else drawn
     station = MakeStation(scenario, ignore_output_delay=True)
     context = station.CreateDefaultContext()
-    for time, x in ((0.375, 0.45), (1.0, 0.5)):
-        SetObjectPose(station, context, RigidTransform([x, -0.1, 0.15]))
-        context.SetTime(time)
-        positions = station.plant().GetPositions(
-            station.GetSubsystemContext(station.plant(), context)
-        )
+    with closing(CameraProcess(scenario)) as dut:
+        for time, x in ((0.375, 0.45), (1.0, 0.5)):
+            SetObjectPose(station, context, RigidTransform([x, -0.1, 0.15]))
+            context.SetTime(time)
+            plant = station.plant()
+            positions = plant.GetPositions(station.GetSubsystemContext(plant, context))
 
-        images, labels = dut.render(positions, time), dut.render_labels(positions, time)
+            images, labels = dut.render(positions, time), dut.render_labels(positions, time)
 
-        expected = CaptureFrame(station, context, labels=True).images
-        assert len(images) == len(labels) == len(expected) == 2
-        for image, label, wanted in zip(images, labels, expected, strict=True):
-            np.testing.assert_array_equal(image.rgb, wanted.rgb)
-            np.testing.assert_array_equal(image.depth, wanted.depth)
-            np.testing.assert_array_equal(label, wanted.label)
-            assert image.stamp == time
+            expected = CaptureFrame(station, context, labels=True).images
+            assert len(images) == len(labels) == len(expected) == 2
+            for image, label, wanted in zip(images, labels, expected, strict=True):
+                np.testing.assert_array_equal(image.rgb, wanted.rgb)
+                np.testing.assert_array_equal(image.depth, wanted.depth)
+                np.testing.assert_array_equal(label, wanted.label)
+                assert image.stamp == time
 
 
 def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) -> None:
@@ -94,31 +75,27 @@ def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) 
         np.testing.assert_array_equal(a.K, b.K)
 
 
-def test_nothing_is_started_before_a_picture_is_wanted(drawn: Scenario) -> None:
+def test_no_process_starts_before_the_first_picture(drawn: Scenario) -> None:
     assert CameraProcess(drawn).pid is None
 
 
 def test_a_process_that_has_died_is_named_with_a_remedy(drawn: Scenario) -> None:
-    dut = CameraProcess(drawn)
-    dut.start()
-    os.kill(dut.pid, signal.SIGKILL)
+    with closing(CameraProcess(drawn)) as dut:
+        dut.start()
+        os.kill(dut.pid, signal.SIGKILL)
 
-    with pytest.raises(StationError, match=r"cameras' process has ended with status -9") as info:
-        dut.warm_up()
+        with pytest.raises(StationError, match="cameras' process has ended with status -9") as info:
+            dut.warm_up()
 
     assert "output_delay 0" in info.value.remedy
-    dut.close()
 
 
-def test_what_the_process_cannot_build_is_named() -> None:
-    scenario = LoadScenario(filename=default_scenario_file())
-    nowhere = dataclasses.replace(scenario, poil=dataclasses.replace(scenario.poil, robot="arm"))
-    dut = CameraProcess(nowhere)
-
-    with pytest.raises(PoilError, match="arm"):
+def test_a_scenario_that_cannot_be_built_is_reported() -> None:
+    with (
+        closing(CameraProcess(ChooseScenario(data="{poil: {robot: arm}}"))) as dut,
+        pytest.raises(PoilError, match="arm"),
+    ):
         dut.warm_up()
-
-    dut.close()
 
 
 def test_after_closing_there_are_no_pictures(drawn: Scenario) -> None:

@@ -18,6 +18,6 @@ def test_the_packages_own_scenario_can_run() -> None:
         ("hardware: {cameras: {left: !McapPlayback {file: no.mcap}}}", "left plays '.*no.mcap'"),
     ],
 )
-def test_what_cannot_do_its_work_is_named(text: str, says: str) -> None:
+def test_unsuitable_settings_are_refused(text: str, says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         CheckHardwareRun(ChooseScenario(data=f"{{poil: {{{text}}}}}"))

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from diagram_wiring import ports
 from network_bench import NetworkBench
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from system_bench import SystemBench
 
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -53,12 +54,6 @@ def bench(scenario: Scenario) -> HardwareBench:
     return HardwareBench(scenario)
 
 
-def ports(system: Diagram) -> tuple[dict[str, int], dict[str, int]]:
-    inputs = [system.get_input_port(k) for k in range(system.num_input_ports())]
-    outputs = [system.get_output_port(k) for k in range(system.num_output_ports())]
-    return {p.get_name(): p.size() for p in inputs}, {p.get_name(): p.size() for p in outputs}
-
-
 @pytest.mark.parametrize("dry_run", [False, True])
 def test_ports_are_those_of_the_simulated_robot(scenario: Scenario, dry_run: bool) -> None:
     bench = HardwareBench(scenario, dry_run=dry_run)
@@ -73,7 +68,7 @@ def test_ports_are_those_of_the_simulated_robot(scenario: Scenario, dry_run: boo
     assert set(station_outputs) - set(outputs) == cheats
 
 
-def test_arm_moves_as_commanded_and_is_seen_to(bench: HardwareBench) -> None:
+def test_arm_moves_as_commanded_and_reports_its_motion(bench: HardwareBench) -> None:
     bench.advance(0.1)
     before = bench.read("panda.position_measured")
 
@@ -110,7 +105,6 @@ def test_before_the_first_status_nothing_moves(bench: HardwareBench) -> None:
 def test_nothing_is_sent_long_after_an_update(bench: HardwareBench) -> None:
     bench.advance(0.1)
     sender, pump = bench.hardware.sender, bench.dut.GetSubsystemByName("lcm")
-    assert sender is not None
     sent = bench.robot.hear("PANDA_COMMAND")
     bench.robot.lcm.HandleSubscriptions(0)
     sent.clear()
@@ -128,7 +122,6 @@ def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario
     bench.advance(0.1)
     before = bench.read("panda.position_measured")
     real = bench.hardware.arm.newest
-    assert real is not None
 
     bench.fix("panda.velocity", WANTED)
     bench.fix("hand.width", 0.03)
