@@ -88,7 +88,7 @@ CASES = [
         "the driver's clock jumps 1 s back",
         SafetyFault.CLOCK_OFF.text,
         0.15,
-        "1.00 s before it came: are the clocks in step?",
+        "1.00 s before it came: are the clocks synchronized?",
     ),
     Case(
         "reflex",

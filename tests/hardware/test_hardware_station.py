@@ -81,7 +81,7 @@ def test_a_detector_that_reads_labels_refuses_a_camera_without_labels(
     poil = dataclasses.replace(scenario.poil, hardware=hardware)
     dut = MakeStation(dataclasses.replace(scenario, poil=poil), hardware=True)
 
-    with pytest.raises(ScenarioError, match="camera 'right' does not give"):
+    with pytest.raises(ScenarioError, match="camera 'right' does not provide"):
         RequireLabels(dut)
     assert dut.HasOutputPort("left.label_image")
     assert not dut.HasOutputPort("right.label_image")

@@ -176,7 +176,7 @@ class ZedDevice:
         if not get("optimized", True):
             raise CaptureError(
                 f"{self._source}: the network of the depth mode {mode} is not yet optimized for "
-                "this GPU. That takes minutes, during which a control loop would stand still.",
+                "this GPU. That takes minutes, during which a control loop would stop.",
                 remedy="Optimize that network with ZED_Diagnostic, or choose the depth mode "
                 "PERFORMANCE.",
             )

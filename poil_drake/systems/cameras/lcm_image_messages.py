@@ -73,7 +73,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     try:
         array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
-        raise _unusable(f"{len(message)} bytes are no lcmt_image_array ({error})") from error
+        raise _unusable(f"{len(message)} bytes are not an lcmt_image_array ({error})") from error
     if len(array.images) > _MOST_IMAGES:
         raise _unusable(f"a message holds {len(array.images)} images")
     rgb = depth = label = None
@@ -132,7 +132,7 @@ def _inflated(data: bytes, size: int) -> bytes:
         # One byte more than needed, however much the data unfolds to.
         return zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as error:
-        raise _unusable(f"an image is no zlib data ({error})") from error
+        raise _unusable(f"an image is not zlib data ({error})") from error
 
 
 def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> np.ndarray:

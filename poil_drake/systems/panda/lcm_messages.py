@@ -58,7 +58,7 @@ def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
         return lcm_type.decode(message)
     except (ValueError, struct.error) as error:
         raise InvalidValueError(
-            f"A message of {len(message)} bytes is no {kind}: {error}", remedy=_OTHER_SENDERS
+            f"A message of {len(message)} bytes is not a {kind}: {error}", remedy=_OTHER_SENDERS
         ) from error
 
 
@@ -100,7 +100,7 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     known_mode = decoded.robot_mode in RobotMode.__members__.values()
     if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
-            "This is no status of a Panda that can be used: it has the robot mode "
+            "This status of a Panda cannot be used: it has the robot mode "
             f"{decoded.robot_mode} and the joint values {joints.tolist()}.",
             remedy=_OTHER_SENDERS,
         )

@@ -213,7 +213,7 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     digest = hashlib.sha256(log.read_bytes()).hexdigest()
     assert (metadata["replay_of"], metadata["replay_of_sha256"]) == ("run.mcap", digest)
     assert (metadata["replay_tracker"], metadata["replay_scenario_text"]) == ("recorded", "")
-    assert again.notes == ("this is the log of a replay, of run.mcap, and of no run",)
+    assert again.notes == ("this is the log of a replay of run.mcap, not of a run",)
 
 
 def test_older_outputs_stay_until_it_is_sure_that_there_will_be_new_ones(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> N
     moved = rewritten(seen, tmp_path / "moved.mcap", message=elsewhere)
 
     assert replay(seen).notes == ()
-    assert replay(moved).notes == ("camera 'left' stood 23 mm elsewhere in the run",)
+    assert replay(moved).notes == ("camera 'left' was 23 mm elsewhere in the run",)
     # Nobody looks through it.
     assert replay(moved, tracker="recorded").notes == ()
 

@@ -327,6 +327,4 @@ def test_the_log_of_a_replay_is_told_from_one_of_a_run(log: Path, tmp_path: Path
 
     spoilt = rewritten(log, tmp_path / "again.mcap", metadata=of_a_replay)
 
-    assert SetUpReplay(spoilt).notes == (
-        "this is the log of a replay, of first.mcap, and of no run",
-    )
+    assert SetUpReplay(spoilt).notes == ("this is the log of a replay of first.mcap, not of a run",)

@@ -136,7 +136,7 @@ def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported() -> None:
     success, reason = verdict(report)
 
     assert not success
-    assert reason.startswith("something pushed the arm harder than it may")
+    assert reason.startswith("something pushed the arm too hard")
 
 
 def test_an_exception_is_a_failure_even_if_the_object_hangs() -> None:

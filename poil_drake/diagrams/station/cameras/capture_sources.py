@@ -107,6 +107,6 @@ def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
             raise ScenarioError(
                 f"poil.hardware.cameras gives '{first}' the serial number '{one.serial}' and "
                 f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
-                "cannot be told from each other.",
+                "cannot be told apart.",
                 remedy="Give each the serial number printed on it.",
             )

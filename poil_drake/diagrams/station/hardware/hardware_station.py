@@ -345,7 +345,7 @@ class HardwareStation(Station):
             if age < -_AHEAD:
                 found.append(
                     f"camera '{name}': its images are stamped {-age:.2f} s in the future: are the "
-                    "clocks in step?"
+                    "clocks synchronized?"
                 )
         return tuple(found)
 

@@ -87,7 +87,7 @@ def test_a_camera_whose_clock_is_ahead_is_named(
     (problem,) = dut.Problems()
 
     assert problem.startswith("camera 'right': its images are stamped")
-    assert problem.endswith("s in the future: are the clocks in step?")
+    assert problem.endswith("s in the future: are the clocks synchronized?")
 
 
 def test_a_recording_with_labels_suits_a_detector_that_reads_them(
@@ -109,5 +109,5 @@ def test_images_without_labels_do_not_suit_it_and_the_remedy_names_what_exists(
 ) -> None:
     dut = make_station(f"right: {source}")
 
-    with pytest.raises(ScenarioError, match=r"camera 'right' does not give.*!LcmImages.*!McapPl"):
+    with pytest.raises(ScenarioError, match=r"camera 'right' does not provide.*!LcmImages.*!Mcap"):
         RequireLabels(dut)
