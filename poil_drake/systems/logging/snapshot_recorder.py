@@ -115,8 +115,8 @@ class SnapshotRecorder(LeafSystem):
             camera: The first of the frames' cameras, whose pictures are kept.
             reference: The reference of the N points; its closest configuration is their target.
             period: Time between captures [s].
-            offset: Time of the first look [s], e.g. the control period: a publish event at the time
-                of a capture would still see the frame before.
+            offset: Time of the first capture [s], e.g. the control period: a publish event at the
+                time of a capture would still see the frame before.
         """
         super().__init__()
         self._album, self._reference = album, reference
