@@ -30,12 +30,12 @@ def AddPerception(
     """Adds detector and tracker, and returns them by name.
 
     Args:
-        builder: Gets the systems.
+        builder: Receives the systems.
         scenario: Names the detector and the tracker.
         plan: Its points are followed.
-        station: Has the cameras, and says when images are captured and results released.
+        station: Provides the cameras and the times of captures and releases.
         dry_run: Whether tracking stops once the points were found, as the object does not move.
-        stopwatch: Gets the time that captures, searches and tracking take.
+        stopwatch: Receives the time that captures, searches and tracking take.
 
     Raises:
         ScenarioError: if there are no cameras.

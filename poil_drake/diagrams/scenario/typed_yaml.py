@@ -46,7 +46,7 @@ def merge_yaml(
             np.ndarray, or Optional, Union, list, tuple or Mapping[str, ...] of those.
         default: The value that the node changes, or None if there is none.
         path: The node's place in the document, for errors, e.g. "poil.rates".
-        unknown: Gets the places of unknown keys, which are skipped; None: they are errors.
+        unknown: Receives the places of unknown keys, which are skipped; None: they are errors.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text names the place, the value and

@@ -43,7 +43,7 @@ class ZedDevice:
         Args:
             config: Which camera to open, and how.
             camera: Its model in the scenario. Its images must not be larger than the camera's.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
 
         Raises:
             MissingDependencyError: if the SDK's Python API is not installed.

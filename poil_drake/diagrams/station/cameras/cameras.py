@@ -89,7 +89,7 @@ def AddDelayedCameras(
     Exports the same ports as `AddCameras`.
 
     Args:
-        builder: Gets the cameras.
+        builder: Receives the cameras.
         plant: The plant they see.
         cameras: Their configuration.
         lcm_buses: The networks; images are not sent to them.

@@ -61,7 +61,7 @@ def MakeCaptureDevice(
         source: The source of its images.
         scenario: Its networks.
         camera: Its model.
-        clock: The time now [s since the epoch].
+        clock: Returns the current time [s since the epoch].
 
     Raises:
         PoilError: if it cannot be used.

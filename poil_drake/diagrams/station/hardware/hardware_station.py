@@ -90,8 +90,8 @@ class HardwareStation(Station):
     In a dry run nothing is sent to the robot. The commands move a `KinematicRobot` instead, which
     starts at the posture of the real one and whose measurements are exported.
 
-    It is to be simulated at the pace of its clock (see `RealTimeLoop`). The scenario's models tell
-    where the robot's base and the cameras stand, and Meshcat shows them, the robot as it is
+    Simulate it at the pace of its clock (see `RealTimeLoop`). The scenario's models give
+    the poses of the robot's base and the cameras, and Meshcat shows them, with the robot as
     measured and without the object.
     """
 
