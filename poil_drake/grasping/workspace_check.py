@@ -1,4 +1,4 @@
-"""Whether planned motions stay inside the boxes that the arm may be in."""
+"""Whether planned motions stay inside the boxes of the arm's workspace."""
 
 from typing import Self
 

@@ -137,7 +137,7 @@ class ReplaySummary:
         )
 
     def write_json(self, path: str | Path) -> Path:
-        """Writes all fields as JSON, makes the folder if needed, and returns the path."""
+        """Writes all fields as JSON, creates the folder if needed, and returns the path."""
         write_json(self.to_dict(), Path(path))
         return Path(path)
 

@@ -71,7 +71,7 @@ class Feasibility:
         cost: Smaller is better; infinite where not feasible.
         workspace_clearance: How far the arm stays inside its boxes [m]; NaN where there are none,
             or the arm cannot follow.
-        tightest_face: The face that the arm comes too near to, as a clause; empty where it does
+        tightest_face: The face that the arm comes too close to, as a clause; empty if it does
             not.
     """
 
