@@ -40,7 +40,7 @@ PATIENCE = 3600.0  # [s]: reached only by a failing test.
 def hardware_scenario(
     scenario: Scenario, *, time_scale: float = 1.0, speed: float = 0.2
 ) -> Scenario:
-    """Returns a scenario with networks of its own."""
+    """Returns a scenario with its own networks."""
     hardware = dataclasses.replace(
         scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=PATIENCE
     )
@@ -108,8 +108,8 @@ class RobotRecord(NamedTuple):
     Attributes:
         speeds: Times and the largest joint speed then [rad/s].
         commanded: Stamps of the received commands.
-        told: Times and the largest joint speed that a command then asked for [rad/s].
-        hand_told: Times and the finger opening that a command then asked for [m].
+        told: Times and the largest joint speed commanded then [rad/s].
+        hand_told: Times and the finger opening commanded then [m].
         fault_at: Start of the fault; None if there was none.
         moved_at: Start of the arm's motion; None if it did not move.
     """

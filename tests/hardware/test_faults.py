@@ -1,6 +1,6 @@
 """Faults in a laboratory: the arm rests soon, the reason is right, and no output is lost.
 
-Each run is in real time, slowed down as far as this machine needs, against a stand-in robot in
+Each run is in real time, slowed down as much as this machine requires, against a stand-in robot in
 another process, whose fault begins 0.6 s after its arm starts to move. All times are the robot's.
 The last test compares the results with the table in the documentation.
 """
@@ -233,7 +233,7 @@ def test_the_arm_rests_while_a_tracker_stalls_for_long(
     _ROWS.append(
         Row(
             "the tracker stalls for 3 s",
-            "no fault: the arm waits, then goes on",
+            "no fault: the arm waits, then continues",
             math.nan,
             math.nan,
         )
@@ -241,7 +241,7 @@ def test_the_arm_rests_while_a_tracker_stalls_for_long(
 
 
 def went_on(summary: RunSummary) -> bool:
-    """Returns whether the run went on until it released the object."""
+    """Returns whether the run continued until it released the object."""
     names = [span.name for span in summary.phases]
     return "release" in names and "fault" not in names
 
@@ -264,7 +264,7 @@ def test_a_killed_tracker_is_restarted(execute_with: ExecuteWith, tmp_path: Path
     _ROWS.append(
         Row(
             "the tracker's process is killed once",
-            "no fault: the arm waits for a new process, then goes on",
+            "no fault: the arm waits for a new process, then continues",
             math.nan,
             math.nan,
         )

@@ -1,4 +1,4 @@
-"""A scene, a tracker whose points tell of every frame, and both in a diagram with the system."""
+"""A scene, a tracker whose points depend on every frame, and both in a diagram with the system."""
 
 from collections.abc import Callable
 

@@ -62,7 +62,7 @@ def test_no_mug_ever_intersects_table_or_rack(mug):
 
 @pytest.mark.parametrize("mug", sorted(MUGS))
 def test_the_rod_passes_through_every_handle(mug):
-    """Looks along the rod at the curve that the handle's middle and the wall enclose."""
+    """The curve that the handle's middle and the wall enclose, viewed along the rod."""
     X_MW = np.linalg.inv(motion_in(scene_of(mug)).pose(100.0))
     u = np.array([0.0, -np.cos(np.radians(15)), np.sin(np.radians(15))])
     base = X_MW[:3, :3] @ [0.55, 0.30, 0.26] + X_MW[:3, 3]

@@ -1,6 +1,6 @@
-"""Who sees what at one instant between the cameras and the propagator, on rendered images.
+"""The order of events at one instant from the cameras to the propagator, on rendered images.
 
-Images appear at their delay; the propagator then says how the object has moved until their capture;
+Images appear at their delay; the propagator then reports the object's motion at their capture;
 one control period later the tracker takes them, with that motion; its points come at the latency.
 """
 
@@ -97,14 +97,14 @@ def test_everything_comes_at_its_time(events: list[Event]) -> None:
     assert times(events, "release") == [k * TRACKER + LATENCY for k in range(3)]
 
 
-def test_tracker_and_detector_look_at_images_as_soon_as_they_are_there(
+def test_tracker_and_detector_take_images_as_soon_as_they_appear(
     events: list[Event],
 ) -> None:
     for who in ("look", "detect"):
         assert seen_by(events, who) == {k * TRACKER + LOOK: k * TRACKER for k in range(4)}
 
 
-def test_the_propagator_knows_of_the_images_before_the_tracker_looks(events: list[Event]) -> None:
+def test_the_propagator_knows_of_the_images_before_the_tracker(events: list[Event]) -> None:
     image_times = seen_by(events, "move")
 
     np.testing.assert_equal(image_times[DELAY - CONTROL], np.nan)

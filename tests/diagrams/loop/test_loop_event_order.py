@@ -1,8 +1,8 @@
-"""Who sees what at one instant, in the real closed loop.
+"""The order of events at one instant, in the real closed loop.
 
-At a time t Drake first publishes what the step that ends at t came to. Then, in the step that
-begins at t, come unrestricted updates (the tracker), then discrete updates, all of which read what
-was before any of them wrote: so each stage of the loop is one control period behind the one before.
+At a time t Drake first publishes the result of the step that ends at t. Then, in the step that
+begins at t, come unrestricted updates (the tracker), then discrete updates, all of which read the
+state from before any of them: so each stage of the loop is one control period behind the previous.
 """
 
 from collections.abc import Callable
@@ -62,7 +62,7 @@ WATCHED: dict[str, tuple[type, str, tuple[str, ...]]] = {
 
 
 class SilentLog:
-    """Stands for a RunLogWriter that forgets everything."""
+    """A fake RunLogWriter that discards everything."""
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         return lambda *args, **kwargs: None
@@ -97,7 +97,7 @@ def _noting(
 def _simulate(loop: ClosedLoop) -> None:
     simulator = Simulator(loop.diagram)
     root = simulator.get_mutable_context()
-    # The field leads at once, though nothing is held; so every stage of the loop has its say.
+    # The field leads at once, though nothing is held, so that every stage of the loop takes part.
     sequencer = loop.sequencer.GetMyMutableContextFromRoot(root)
     sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW, width=0.0)))
     simulator.AdvanceTo(MOVED)
@@ -113,7 +113,7 @@ def at(events: list[Event], time: float) -> list[Event]:
 
 
 def seen_by(events: list[Event], who: str, port: str) -> dict[float, Any]:
-    """Returns what somebody saw at a port, by time."""
+    """Returns the values that a handler saw at a port, by time."""
     return {event.time: event.seen[port] for event in events if event.who == who}
 
 

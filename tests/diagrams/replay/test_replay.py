@@ -1,4 +1,4 @@
-"""A replay of a run commands what the run commanded; where it should not, it says so."""
+"""A replay of a run commands what the run commanded, and reports differences."""
 
 import dataclasses
 import hashlib
@@ -159,7 +159,7 @@ def test_other_settings_show_what_they_would_have_changed(log: Path) -> None:
 
     assert summary.changed
     assert not summary.same
-    # Joint 7 may do 2.61 rad/s; a twentieth of that is less than the approach wants.
+    # Joint 7 may do 2.61 rad/s; a twentieth of that is less than the approach needs.
     assert summary.comparison.first is not None
     assert summary.comparison.first.phase == "approach"
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum == pytest.approx(
@@ -178,7 +178,7 @@ def test_a_log_that_is_cut_off_is_replayed_as_far_as_it_goes(log: Path, tmp_path
     assert f"the log is cut off, its last sample is of {summary.replayed:.2f} s" in summary.notes
 
 
-def test_sparse_signals_are_held_and_said_to_be(log: Path, tmp_path: Path) -> None:
+def test_sparse_signals_are_held_and_reported(log: Path, tmp_path: Path) -> None:
     def seldom(topic: str, message: Message) -> bytes | None:
         dense = topic in ("/robot/joint_states", "/robot/status", "/hand/status")
         return None if dense and message.log_time % 31_250_000 else message.data
@@ -206,7 +206,7 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     )
     assert figures["signals"][JOINT_VELOCITY]["phases"]["approach"]["count"] > 200
     assert (tmp_path / "again.png").stat().st_size > 10_000
-    # The log of a replay can be replayed, and is told from that of a run.
+    # The log of a replay can be replayed, and is distinguished from that of a run.
     again = replay(tmp_path / "again.mcap")
     assert again.same
     metadata = load_recorded_run(tmp_path / "again.mcap", joint_names=ARM_JOINTS).metadata
@@ -273,7 +273,7 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
     points = summary.comparison.statistics_by_phase(TRACKED_POINTS)
     assert points["follow"].maximum < 0.003
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 0.13
-    # While the field moves the arm, that goes on to the commands, and to nothing before.
+    # The difference reaches the commands only while the field moves the arm.
     phases = summary.comparison.statistics_by_phase(LINEAR_VELOCITY)
     assert phases["follow"].maximum > 0.0
     assert phases["lift"].maximum == 0.0
@@ -286,7 +286,7 @@ def seen(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.render
-def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> None:
+def test_cameras_with_other_poses_are_noted(seen: Path, tmp_path: Path) -> None:
     def elsewhere(topic: str, message: Message) -> bytes:
         transform = FrameTransform.FromString(message.data) if topic == "/tf" else None
         if transform is None or transform.child_frame_id != "left_optical_frame":
@@ -298,7 +298,7 @@ def test_cameras_that_stood_elsewhere_are_noted(seen: Path, tmp_path: Path) -> N
 
     assert replay(seen).notes == ()
     assert replay(moved).notes == ("camera 'left' was 23 mm elsewhere in the run",)
-    # Nobody looks through it.
+    # Nothing uses this camera.
     assert replay(moved, tracker="recorded").notes == ()
 
 

@@ -14,7 +14,7 @@ TURNED = np.array([[np.cos(0.01), -np.sin(0.01), 0], [np.sin(0.01), np.cos(0.01)
 
 
 def run_with(K=K, size=(640, 480), X_WC=None):
-    """A run whose camera "left" stood at the origin, or elsewhere."""
+    """A run whose camera "left" was at the origin, or elsewhere."""
     return RecordedRun(
         Path("run.mcap"),
         (),

@@ -34,7 +34,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(path, short_scenario(), short_plan(), 0.125)
 
 
-def test_a_log_says_what_was_run(log: Path) -> None:
+def test_a_log_contains_what_was_run(log: Path) -> None:
     dut = SetUpReplay(log)
 
     assert dut.scenario.poil == short_scenario().poil
@@ -87,7 +87,7 @@ def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
         SetUpReplay(tmp_path / "run.mcap")
 
 
-def test_a_log_that_was_cut_off_too_early_says_so(log: Path, tmp_path: Path) -> None:
+def test_a_log_that_was_cut_off_too_early_is_reported(log: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[:5000])
 
@@ -321,7 +321,7 @@ def test_what_a_log_lacks_is_noted(log: Path, tmp_path: Path) -> None:
     assert "written with drake 0.1" in notes
 
 
-def test_the_log_of_a_replay_is_told_from_one_of_a_run(log: Path, tmp_path: Path) -> None:
+def test_the_log_of_a_replay_is_distinguished_from_one_of_a_run(log: Path, tmp_path: Path) -> None:
     def of_a_replay(values: dict[str, str]) -> dict[str, str]:
         return values | {"replay_of": "first.mcap"}
 

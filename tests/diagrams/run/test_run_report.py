@@ -18,7 +18,7 @@ PICTURED = (Phase.WAIT, Phase.FOLLOW, Phase.FOLLOW)
 
 
 class Samples:
-    """Stands for a RunRecorder: three samples, the skill's last phases, and a judge."""
+    """A fake RunRecorder: three samples, the skill's last phases, and a judge."""
 
     def __init__(self, judge: HangingJudge, *last_phases: Phase):
         phases = [*PICTURED, *last_phases]

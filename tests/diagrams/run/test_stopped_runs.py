@@ -227,7 +227,7 @@ def test_the_stages_and_the_parts_of_a_run_are_measured(
 
 
 @pytest.mark.render
-def test_a_run_whose_camera_process_dies_says_so_and_leaves_its_log(
+def test_a_run_whose_camera_process_dies_reports_it_and_leaves_its_log(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sample = RunRecorder.sample

@@ -1,4 +1,4 @@
-"""A replayed station has the ports of the others, and shows what the log says."""
+"""A replayed station has the ports of the others, and shows the content of the log."""
 
 import dataclasses
 from pathlib import Path
@@ -77,7 +77,7 @@ def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
 
     assert replayed.station is station
     assert isinstance(replayed.tracker, RecordedTracker)
-    # The truth came from the simulator; nobody else's wires differ.
+    # The truth came from the simulator; no other wires differ.
     only_there, only_here = wires(simulated) - wires(replayed), wires(replayed) - wires(simulated)
     assert only_there == {("station.body_poses", "tracker.body_poses")}
     assert only_here == {("station.panda.position_commanded", "supervisor.position_commanded")}
@@ -127,11 +127,11 @@ def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path)
     assert list(shown.values()) == [0, 480 * 640]
     assert dut.GetOutputPort("left.label_image").Eval(context).data[0, 0, 0] == 3
     assert not dut.HasOutputPort("right.label_image")
-    # What the log says, not what the models would have been given.
+    # The log's labels, not those that the models would have been given.
     assert dut.label_ids == {"cup": (3,)}
 
 
-def test_images_of_real_cameras_are_there_before_somebody_looked(tmp_path: Path) -> None:
+def test_images_of_real_cameras_appear_before_their_first_use(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with RunLogWriter(path, metadata={"station": "hardware"}) as log:
         log.write_image("left", np.zeros((480, 640, 3), np.uint8), time=0.5, stamp=0.4)

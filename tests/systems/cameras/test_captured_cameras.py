@@ -10,7 +10,7 @@ H, W = 3, 4
 
 
 class Source:
-    """Stands for a capture thread."""
+    """A fake capture thread."""
 
     newest: RgbdImage | None = None
 

@@ -34,7 +34,7 @@ class Moving(LeafSystem):
 
 
 class Painter:
-    """A renderer whose images tell what it was given: depth is position, view, and sum."""
+    """A renderer whose images encode its arguments: depth is position, view, and sum."""
 
     def __init__(self) -> None:
         self.go = threading.Event()
@@ -131,13 +131,13 @@ def test_labels_are_rendered_of_the_images_shown_and_only_when_wanted(
     assert painter.labels_of == [0.375], "once for all cameras"
 
 
-def test_the_simulation_goes_on_until_images_are_due_and_waits_for_them_then(
+def test_the_simulation_continues_until_images_are_due_and_then_waits_for_them(
     bench: SystemBench, painter: Painter
 ) -> None:
     painter.go.clear()
     bench.advance_to(3 / 32)  # would never come back if it waited at the capture
 
-    # Somebody else lets the painter go, some time after the release has begun to wait.
+    # Another thread lets the renderer continue, a while after the release has begun to wait.
     threading.Timer(0.05, painter.go.set).start()
     bench.advance_to(3 / 32 + AFTER)
 
@@ -172,7 +172,7 @@ def test_a_context_that_is_reset_shows_nothing_of_the_run_before(bench: SystemBe
     assert bench.read("left.image_time") == 0.0
 
 
-def test_after_closing_an_error_says_what_was_closed(bench: SystemBench) -> None:
+def test_after_closing_an_error_names_what_was_closed(bench: SystemBench) -> None:
     bench.advance_to(PERIOD)
     bench.dut.close()
 

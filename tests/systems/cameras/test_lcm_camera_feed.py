@@ -16,7 +16,7 @@ H, W = 3, 4
 
 
 class Renderer:
-    """Renders the first position as the colour, when it may go on."""
+    """Renders the first position as the colour, once it is allowed to continue."""
 
     def __init__(self) -> None:
         self.go, self.begun = threading.Event(), threading.Event()

@@ -79,7 +79,7 @@ def test_nothing_comes_from_a_silent_channel(
     assert dut.read() is None
 
 
-def test_garbage_is_said(dut: LcmImageDevice, url: str) -> None:
+def test_garbage_is_reported(dut: LcmImageDevice, url: str) -> None:
     dut.open()
     DrakeLcm(url).Publish("CAMERA", b"garbage")
 

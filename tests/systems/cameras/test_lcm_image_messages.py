@@ -156,13 +156,13 @@ def test_images_may_be_compressed() -> None:
         ),
     ],
 )
-def test_what_cannot_be_used_is_said(sent: bytes, said: str) -> None:
+def test_what_cannot_be_used_is_reported(sent: bytes, said: str) -> None:
     with pytest.raises(NoImageError, match=said):
         decode_images(sent, size=(H, W))
 
 
 @pytest.mark.parametrize("kind", [".png", ".jpg"])
-def test_a_small_message_that_stands_for_many_pixels_is_not_decoded(
+def test_a_small_message_with_many_pixels_is_not_decoded(
     monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     method = {
@@ -179,7 +179,7 @@ def test_a_small_message_that_stands_for_many_pixels_is_not_decoded(
 
 
 def bomb_message(data: bytes, method: int, *, size: tuple[int, int]) -> bytes:
-    """Returns a message whose colour image says one size and holds another."""
+    """Returns a message whose colour image declares one size and holds another."""
     rgb = np.zeros((*size, 3), np.uint8)
     depth = np.ones(size, np.float32)
     sent = lcmt_image_array.decode(encode_images(RgbdImage(rgb, depth, STAMP), camera="left"))

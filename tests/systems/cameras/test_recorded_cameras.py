@@ -9,7 +9,7 @@ H, W = 3, 4
 
 
 class Reader:
-    """Makes images that tell their number."""
+    """Makes images that encode their number."""
 
     def __init__(self, labelled=()):
         self.reads, self._labelled = [], labelled
@@ -60,7 +60,7 @@ def test_before_the_first_image_there_is_none():
     assert np.isnan(look(dut, "left.image_time", 0.2)[0])
 
 
-def test_images_are_decoded_only_when_somebody_looks():
+def test_images_are_decoded_only_when_a_port_is_evaluated():
     reader = Reader()
     dut = make(reader)
 

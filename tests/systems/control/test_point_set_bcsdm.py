@@ -238,7 +238,7 @@ def test_it_stands_still_while_there_is_nothing_to_follow(reference: PointTrajec
     assert bench.read("status") == ControllerStatus.LOST
 
 
-def test_it_finds_its_place_again_after_it_stood_still(reference: PointTrajectory) -> None:
+def test_it_finds_its_place_again_after_a_stop(reference: PointTrajectory) -> None:
     bench = make_bench(reference, reference.positions[4], WINDOWED)
     plan = shifted(reference, np.zeros(3))
     bench.fix(reference=plan)

@@ -122,7 +122,7 @@ def test_the_same_reference_is_given_until_there_is_another_plan(planner):
     second = bench.read("reference")
 
     bench.fix(points=ASIDE)
-    # One look at the points at least every 1/16 s, and 0.1 s of patience.
+    # One check of the points at least every 1/16 s, and 0.1 s of patience.
     bench.advance_to(0.1)
     held = bench.read("reference")
     np.testing.assert_array_equal(bench.read("spatial_velocity"), np.zeros(6))

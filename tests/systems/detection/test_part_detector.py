@@ -199,7 +199,7 @@ def test_images_without_labels_are_waited_for_where_labels_are_connected(
 
 
 class PausedDetector(MiddleDetector):
-    """Goes on only when told."""
+    """Continues only on request."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -226,7 +226,7 @@ def test_a_search_that_is_not_awaited_is_late_and_blocks_nothing() -> None:
     assert detector.searches == [0.0]
 
 
-def test_the_times_and_the_frame_of_a_search_are_told() -> None:
+def test_the_times_and_the_frame_of_a_search_are_shown() -> None:
     detector = PausedDetector()
     bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
     before = bench.read("frame")

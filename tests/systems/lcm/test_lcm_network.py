@@ -19,12 +19,12 @@ def url() -> str:
 
 
 def receive(dut: LcmNetwork, count: int, got: list[bytes]) -> None:
-    """Handles messages until so many are there."""
+    """Handles messages until this many have arrived."""
     while len(got) < count:
         dut.HandleSubscriptions(100)
 
 
-def test_all_messages_between_two_looks_are_handled_in_order(url: str) -> None:
+def test_all_messages_between_two_calls_are_handled_in_order(url: str) -> None:
     dut, got = LcmNetwork(url), []
     dut.Subscribe("CHANNEL", got.append)
     sender = LcmNetwork(url)
@@ -86,7 +86,7 @@ def test_the_pump_comes_before_those_that_were_added_later(url: str) -> None:
 
     for tick in range(1, 4):
         sender.Publish("CHANNEL", b"again")
-        # Until it has arrived, which LCM tells only by handling it.
+        # Until it has arrived, which shows only when LCM handles it.
         while len(got) < tick:
             simulator.AdvanceTo(simulator.get_context().get_time() + PERIOD)
 

@@ -288,7 +288,7 @@ def test_the_trackers_status_is_written_with_its_times(log):
     [
         # The image of 0.3125 s is noticed at once; the rest is the usual period.
         (0.1, [0.0, 0.375, 0.5]),
-        # Images of cameras without delay are no news.
+        # Images of cameras without delay are not new.
         (0.0, [0.0, 0.5]),
     ],
 )

@@ -80,7 +80,7 @@ def test_width_of_the_hand_is_shown_while_it_is_news(hand: RobotBench) -> None:
 
     assert hand.show("width_measured") == pytest.approx(0.035)
     hand.elapsed += 0.6
-    # What stops the whole robot is for others to say first.
+    # A failure of the whole robot must be detected by the arm's status first.
     believed = [hand.show("width_measured") for _ in range(round(0.12 / PERIOD))]
     assert believed[0] == pytest.approx(0.035)
     assert np.isnan(believed[-1])

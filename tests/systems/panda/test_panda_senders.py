@@ -160,7 +160,7 @@ def test_an_arm_that_speeds_up_brakes_within_its_limits(
     fake_time: FakeTime, arm: RobotBench
 ) -> None:
     arm.report(arm_status(START))
-    speed_up(arm, speed=0.1)  # It would go on to 2 rad/s.
+    speed_up(arm, speed=0.1)  # It would continue to 2 rad/s.
     motion = JointMotion.at_rest(np.array(JOINTS))
     sent = []
     for _ in range(8):
@@ -230,7 +230,7 @@ def test_the_arm_brakes_when_the_velocity_becomes_nan(arm: RobotBench) -> None:
 
     found = [arm.send(velocity=np.full(7, np.nan))[0].joint_velocity for _ in expected]
 
-    # From what was sent it is known how the arm brakes, a little late at each change of jerk.
+    # The braking is known from the sent velocities, a little late at each change of jerk.
     np.testing.assert_allclose(found, expected, atol=0.03)
     assert np.abs(found[-1]).max() < 0.03
 

@@ -111,7 +111,7 @@ def test_before_the_first_sample_nothing_is_known():
         assert np.isnan(dut.GetOutputPort(port).Eval(context)).all()
 
 
-def test_the_clock_stands_as_it_stood_in_each_period():
+def test_the_clock_shows_the_recorded_time_in_each_period():
     clock = RecordedClock()
     simulator = Simulator(make(clock=clock))
     times = []

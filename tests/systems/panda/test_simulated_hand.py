@@ -25,7 +25,7 @@ def test_before_the_first_command_the_hand_holds_what_it_has(bench: NetworkBench
     assert np.isnan(bench.read("width"))
 
 
-def test_width_is_taken_at_the_next_look(bench: NetworkBench) -> None:
+def test_width_is_read_in_the_next_cycle(bench: NetworkBench) -> None:
     bench.advance(HAND_PERIOD)
 
     tell(bench, 0.03)

@@ -29,7 +29,7 @@ def allowed_start(rng: np.random.Generator) -> np.ndarray:
 
 
 def random_wish(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
-    """Returns a velocity that a twist, a jump of a reference or a mistake asks for."""
+    """Returns a velocity as from a twist, a jump of a reference or a mistake."""
     kind = rng.integers(8)
     if kind == 0:
         wish = rng.normal(size=7)

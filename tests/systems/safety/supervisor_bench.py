@@ -76,7 +76,7 @@ class SupervisorBench(SystemBench):
             self.advance_to(len(self.velocities) * PERIOD)
 
     def hold_up(self, duration: float) -> None:
-        """Lets the clock, and the arm with its last velocity, go on for a while [s] by itself."""
+        """Advances the clock, and the arm at its last velocity, for a time [s] without updates."""
         self.held_up += duration
         self.q = self.q + duration * self.velocities[-1]
 

@@ -70,7 +70,7 @@ def test_a_step_is_that_of_the_limiter() -> None:
 
 
 def test_the_speed_override_holds() -> None:
-    # A fifth of 2.175 rad/s is 0.435; half of what is wanted.
+    # A fifth of 2.175 rad/s is 0.435; half of the desired velocity.
     dut = moving_bench(wanted=0.87 * np.eye(7)[0], config=SLOW)
 
     assert dut.read("velocity")[0] == pytest.approx(0.435)
@@ -117,7 +117,7 @@ def test_a_cause_stops_the_arm_until_a_reset(fault: SafetyFault) -> None:
     dut.tick(20)
     assert dut.fault is fault
     assert not dut.read("velocity").any()
-    # Rest is said all the time.
+    # Zero velocity is commanded all the time.
     assert dut.read("velocity_time")[0] == pytest.approx(dut.time - PERIOD)
 
     dut.tick(60, reset=[1.0])
@@ -132,7 +132,7 @@ def test_a_reset_does_not_release_while_the_cause_persists(fault: SafetyFault) -
     dut.tick(300, **CAUSES[fault])
     dut.tick(20, reset=[1.0])
 
-    # A stop ends at once, and an arm that stands cannot be off its track.
+    # A stop ends at once, and an arm at rest has no tracking error.
     ended = {SafetyFault.STOP_REQUESTED, SafetyFault.TRACKING_ERROR}
     assert dut.fault is (SafetyFault.NONE if fault in ended else fault)
 
@@ -164,7 +164,7 @@ def test_without_a_status_the_arm_brakes_along_what_was_commanded() -> None:
     like.tick(30, velocity=np.zeros(7))
 
     np.testing.assert_array_equal(dut.velocities, like.velocities)
-    # What stands is taken where it is measured, which rounds.
+    # At rest the posture is set to the measured one, which rounds.
     np.testing.assert_allclose(dut.commanded, like.commanded, atol=1e-4)
 
 
@@ -202,7 +202,7 @@ def test_a_standing_arm_is_taken_where_it_is_measured() -> None:
     np.testing.assert_array_equal(dut.commanded, pushed)
 
 
-def test_an_arm_moved_by_hand_after_a_fault_goes_on_from_there() -> None:
+def test_an_arm_moved_by_hand_after_a_fault_continues_from_there() -> None:
     dut = moving_bench()
     dut.tick(60, stop=[1.0])
     dut.q = np.array(NOMINAL_POSTURE) + 0.3 * DOWN
@@ -248,7 +248,7 @@ def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault, sa
     assert problem is not None
     assert problem.startswith(said)
 
-    # It stays there as long as it shall go on, and may come back.
+    # It stays there as long as it is commanded onward, and may come back.
     q = dut.q
     dut.tick(20, reset=[1.0])
     assert dut.fault is fault
@@ -258,7 +258,7 @@ def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault, sa
 
 
 def test_an_arm_that_breaks_a_rule_may_come_back() -> None:
-    # The finger tips, 4 cm above the plane of the world, stand 1 cm below this table.
+    # The finger tips, 4 cm above the plane of the world, are 1 cm below this table.
     config = SafetyConfig(posture=PostureGuardConfig(table_height=0.05))
     dut = SupervisorBench(LOW, config=config)
 
@@ -306,12 +306,12 @@ def test_torques_and_joints_must_be_seven() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(derandomize=True, max_examples=25)
 def test_no_limit_is_exceeded_by_any_wanted_velocity(seed: int) -> None:
-    """A thousand wishes: 25 times 40."""
+    """A thousand desired velocities: 25 times 40."""
     rng = np.random.default_rng(seed)
     dut = SupervisorBench(allowed_start(rng), config=SafetyConfig(posture=CELL))
     postures = [dut.q]
     for _ in range(40):
-        # A fault of the last wish is over once the arm stands.
+        # A fault due to the last velocity is reset once the arm is at rest.
         dut.inputs |= {"velocity": random_wish(rng, dut.q)}
         for _ in range(rng.integers(3, 24)):
             dut.tick(reset=[float(len(postures))])

@@ -179,7 +179,7 @@ def test_a_clock_that_is_off_from_the_start_is_a_fault(offset: float) -> None:
 @pytest.mark.parametrize(
     ("ages", "fault"),
     [
-        ([0.2] * 30, SafetyFault.NO_STATUS),  # Late statuses are no wrong clock.
+        ([0.2] * 30, SafetyFault.NO_STATUS),  # Late statuses are not a wrong clock.
         # A delay of our own: the status is old for one tick, until the queued ones are read.
         ([0.001, 0.3, 0.001, 0.001], SafetyFault.NONE),
         # Silence after a jump of the clock.
@@ -209,7 +209,7 @@ def test_a_fault_stays_when_its_cause_goes_or_another_comes(moving: dut.SafetyMe
         {"resets": 0.0},
     ],
 )
-def test_a_reset_releases_only_an_arm_that_stands_without_a_cause(
+def test_a_reset_releases_only_an_arm_at_rest_without_a_cause(
     moving: dut.SafetyMemory, changes
 ) -> None:
     faulty = watch(moving, mode=0.0)

@@ -96,7 +96,7 @@ def test_after_a_suspension_the_arm_brakes_from_its_measured_motion(
 @pytest.mark.parametrize(
     ("held_up", "age", "expected"),
     [
-        (1.0, 0.001, 0.0),  # It was looked at, and then the process was halted.
+        (1.0, 0.001, 0.0),  # It was read, and then the process was halted.
         (1.0, 0.95, 0.0),  # It had waited in the socket.
         (0.15, 0.149, 0.0),
         (0.09, 0.089, 0.2),  # The driver follows the last command still.

@@ -130,7 +130,7 @@ def test_faults(phase: Phase, seen: Observation, duration: float, fault: Fault) 
     assert (Phase(int(last.phase)), Fault(int(last.fault))) == (Phase.FAULT, fault)
 
 
-def test_detection_is_asked_for_once_after_the_grace_time() -> None:
+def test_detection_is_requested_once_after_the_grace_time() -> None:
     lost = SEEN._replace(points_lost=True)
     states = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_fault - 0.1)
     asked = [s.last_time for s in states if s.detect_requests == 1.0]
@@ -138,7 +138,7 @@ def test_detection_is_asked_for_once_after_the_grace_time() -> None:
     assert states[-1].detect_requests == 1.0
 
 
-def test_each_loss_is_asked_about() -> None:
+def test_each_loss_requests_a_detection() -> None:
     lost, found = SEEN._replace(points_lost=True), SEEN
     once = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_grace + 0.1)[-1]
     again = run(once, found._replace(time=once.last_time), duration=0.1)[-1]

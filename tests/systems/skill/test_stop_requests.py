@@ -63,7 +63,7 @@ def test_the_button_goes_when_closed_and_its_clicks_stay(page: Meshcat) -> None:
     click(page)
 
     dut.close()
-    dut.close()  # Once more is no error.
+    dut.close()  # A second call is not an error.
 
     assert BUTTON not in page.GetButtonNames()
     assert shown(dut, simulator, PERIOD) == 1.0

@@ -27,7 +27,7 @@ class Noticing(StopSwitch):
 
 @pytest.fixture
 def keyboard() -> Iterator[tuple[int, io.TextIOWrapper]]:
-    """The end at which one types, and the terminal."""
+    """The end that receives typed keys, and the terminal."""
     typing, terminal = pty.openpty()
     with os.fdopen(terminal, "r") as stream:
         yield typing, stream
@@ -53,7 +53,7 @@ def test_other_keys_do_nothing(keyboard) -> None:
     switch = Noticing()
 
     with terminal_stop_key(switch, stream=terminal):
-        # Keys are looked at in order: once the space is seen, so was what came before it.
+        # Keys are read in order: once the space was read, so were those before it.
         os.write(typing, b"abc1/-")
         os.write(typing, b" ")
         assert switch.pressed.acquire(timeout=PATIENCE)

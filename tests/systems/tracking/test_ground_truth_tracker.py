@@ -107,7 +107,7 @@ def test_a_lost_frame_is_reported_as_lost() -> None:
     np.testing.assert_array_equal(bench.read("tracked_points").confidence, np.zeros(N))
 
 
-def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
+def test_the_noise_has_the_requested_size_and_is_repeatable() -> None:
     config = GroundTruthTrackerConfig(noise=0.002, seed=3)
     points = np.zeros((2000, 3))
 
@@ -119,7 +119,7 @@ def test_the_noise_has_the_size_asked_for_and_is_repeatable() -> None:
     assert np.std(first.positions) == pytest.approx(0.002, rel=0.05)
 
 
-def test_points_drop_out_as_often_as_asked_for() -> None:
+def test_points_drop_out_as_often_as_requested() -> None:
     config = GroundTruthTrackerConfig(point_dropout=0.3)
 
     seen = observe(np.zeros((5000, 3)), 0.0, 0, config)
@@ -129,7 +129,7 @@ def test_points_drop_out_as_often_as_asked_for() -> None:
     np.testing.assert_array_equal(np.isnan(seen.positions[:, 0]), seen.confidence == 0.0)
 
 
-def test_frames_drop_out_as_often_as_asked_for() -> None:
+def test_frames_drop_out_as_often_as_requested() -> None:
     config = GroundTruthTrackerConfig(frame_dropout=0.25)
 
     frames = [observe(QUERY, 0.0, tick, config).confidence for tick in range(800)]

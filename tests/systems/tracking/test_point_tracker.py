@@ -24,7 +24,7 @@ def test_points_are_those_of_the_tracker_fed_by_hand(make_bench: MakeBench) -> N
 
     bench.advance_to(2 * PERIOD + 1 / 16 + AFTER)
 
-    # Depth is 1 + t, and each prior says 1/8 m along x.
+    # Depth is 1 + t, and each prior is 1/8 m along x.
     first = np.sin(QUERY) + np.float32(1 + PERIOD) + PERIOD
     second = np.sin(first) + np.float32(1 + 2 * PERIOD) + PERIOD
     np.testing.assert_allclose(bench.points.positions, second, atol=1e-12)
@@ -123,7 +123,7 @@ def test_before_the_first_event_nothing_is_tracked(make_bench: MakeBench) -> Non
     assert bench.read("frame") is ABSENT
 
 
-def test_images_are_looked_at_once_per_capture(make_bench: MakeBench) -> None:
+def test_images_are_read_once_per_capture(make_bench: MakeBench) -> None:
     bench = make_bench(timing=SimulatedDelay(latency=1 / 16))
 
     for time in np.arange(AFTER, 0.5, 1 / 64):
@@ -151,17 +151,17 @@ def test_a_stopwatch_counts_the_work(make_bench: MakeBench) -> None:
     assert stopwatch.durations("tracking").shape == (3,)
 
 
-def test_images_may_be_looked_for_more_often_than_they_are_tracked(make_bench: MakeBench) -> None:
+def test_images_may_be_checked_for_more_often_than_they_are_tracked(make_bench: MakeBench) -> None:
     timing = SimulatedDelay(period=1 / 64, latency=0.0)
     bench = make_bench(timing=timing, min_interval=0.1, with_stamps=True)
 
     bench.advance_to(0.5)
 
-    # The first look at which the image is 0.1 s newer than the one before, each time.
+    # Each time, the first check at which the image is 0.1 s newer than the one before.
     assert bench.scene.looks == [0.0, 7 / 64, 14 / 64, 21 / 64, 28 / 64]
 
 
-def test_points_may_be_looked_for_only_until_they_are_found(make_bench: MakeBench) -> None:
+def test_points_may_be_searched_only_until_they_are_found(make_bench: MakeBench) -> None:
     timing = SimulatedDelay(latency=0.0)
     bench = make_bench(timing=timing, once=True, masks=ABSENT, with_stamps=True)
     bench.advance_to(2 * PERIOD + AFTER)

@@ -35,7 +35,7 @@ def test_tracks_are_released_when_they_were():
     ]
 
 
-def test_the_times_tell_of_the_last_release():
+def test_the_times_are_those_of_the_last_release():
     dut = RecordedTracker(tracks=[make_track(0.0, 0.125)], num_points=3, period=1 / 16)
     simulator = Simulator(dut)
 

@@ -2,7 +2,7 @@ import pytest
 
 
 class Spy:
-    """Stands for a Meshcat: keeps the latest pose, properties and object of each path.
+    """A fake Meshcat: keeps the latest pose, properties and object of each path.
 
     Attributes:
         poses: Path -> pose.

@@ -17,7 +17,7 @@ RED, BLACK = Rgba(1.0, 0.0, 0.0), Rgba(0.0, 0.0, 0.0)
 
 
 class Spy:
-    """Stands for a Meshcat: decodes the picture that is drawn, and its rectangle."""
+    """A fake Meshcat: decodes the picture that is drawn, and its rectangle."""
 
     def SetObject(self, path, mesh):
         gltf = json.loads(mesh.source().in_memory().mesh_file.contents())

@@ -1,4 +1,4 @@
-"""Pictures taken in a process of its own."""
+"""Images rendered in a separate process."""
 
 import dataclasses
 import os

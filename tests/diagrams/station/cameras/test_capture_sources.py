@@ -55,7 +55,7 @@ def test_a_network_that_would_be_another_one_is_refused(bus: str, says: str) -> 
 
     with pytest.raises(ScenarioError, match=says):
         BusUrl(scenario, bus, IMAGE_BUS_URL)
-    # LCM would look into the environment.
+    # LCM would read the environment.
     assert BusUrl(scenario, "open", IMAGE_BUS_URL) == IMAGE_BUS_URL
 
 
@@ -109,7 +109,7 @@ def test_two_cameras_that_may_be_one_device_are_refused(text: str) -> None:
         "left: !LcmImages {}, right: !LcmImages {}",
     ],
 )
-def test_cameras_that_can_be_told_from_each_other_are_taken(text: str) -> None:
+def test_cameras_that_can_be_told_apart_are_accepted(text: str) -> None:
     CheckHardwareCameras(with_cameras(text))
 
 

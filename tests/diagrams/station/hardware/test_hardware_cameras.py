@@ -16,7 +16,7 @@ _NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://
 
 
 class Thread:
-    """In place of a capture thread: what it has seen is set by hand."""
+    """A fake capture thread whose attributes are set by the test."""
 
     def __init__(self, device: object, *, name: str, **options: object) -> None:
         self.newest: RgbdImage | None = None
