@@ -129,7 +129,7 @@ def transfer(
 
 
 def execute(
-    plan: Annotated[Path, typer.Argument(help="A plan (npz) of `poil transfer`.")],
+    plan: Annotated[Path, typer.Argument(help="A plan (npz) from `poil transfer`.")],
     scenario: options.ScenarioArgument = None,
     scenario_name: options.ScenarioName = None,
     scenario_text: options.ScenarioText = None,

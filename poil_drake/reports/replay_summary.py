@@ -86,7 +86,7 @@ class ReplaySummary:
             if found.count:
                 clauses.append(
                     f"{name} differ by {scale * found.median:.2g} {unit} (median), "
-                    f"{scale * found.maximum:.2g} {unit} (most)"
+                    f"{scale * found.maximum:.2g} {unit} (max)"
                 )
         tracks = self.comparison.tracks
         clauses.append(
