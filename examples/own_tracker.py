@@ -26,7 +26,7 @@ from poil_drake.systems import (
 
 
 class Report(NamedTuple):
-    """What the tracker says at a release."""
+    """What the tracker reports at a release."""
 
     points: TrackedPoints
     status: TrackerStatus

@@ -39,8 +39,8 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 class ClosedLoop:
     """The closed loop and its named parts.
 
-    With a tracker of images, processes run beside the simulation: `Close` the loop after the run,
-    or use it as a `with` block.
+    With an image-based tracker, processes run beside the simulation: `Close` the loop after the
+    run, or use it as a `with` block.
 
     Attributes:
         diagram: The whole, ready for a Simulator.

@@ -17,7 +17,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 GROUND_TRUTH = "ground_truth"
-"""The name of the tracker that gives the simulator's own poses: a labelled baseline."""
+"""The name of the tracker that gives the simulator's own poses: a baseline for comparison."""
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""

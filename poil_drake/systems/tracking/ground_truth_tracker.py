@@ -75,7 +75,7 @@ def observe(
 
 
 class GroundTruthTracker(LeafSystem):
-    """Reports the true points at a tracker's rate and latency: a labelled baseline.
+    """Reports the true points at a tracker's rate and latency: a baseline for comparison.
 
     .. pydrake_system::
 
