@@ -50,10 +50,10 @@ def test_a_loop_that_cannot_be_built_leaves_no_process() -> None:
     assert children() <= before
 
 
-def test_a_tracker_of_images_needs_cameras() -> None:
+def test_an_image_based_tracker_needs_cameras() -> None:
     blind = with_poil(short_scenario(), tracker="rigid_flow")
 
-    with pytest.raises(ScenarioError, match=r"names none.*ground_truth"):
+    with pytest.raises(ScenarioError, match=r"has none.*ground_truth"):
         MakeClosedLoop(blind, short_plan())
 
 

@@ -83,7 +83,7 @@ def test_garbage_is_reported(dut: LcmImageDevice, url: str) -> None:
     dut.open()
     DrakeLcm(url).Publish("CAMERA", b"garbage")
 
-    with pytest.raises(NoImageError, match="no lcmt_image_array"):
+    with pytest.raises(NoImageError, match="not an lcmt_image_array"):
         dut.read()
 
 

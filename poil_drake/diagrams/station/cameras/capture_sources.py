@@ -40,7 +40,7 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
     if params.channel_suffix:
         raise ScenarioError(
             f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', which hardware's "
-            "channels do not get.",
+            "channels do not use.",
             remedy="Leave it out, and write whole names in poil.hardware.channels, and in the "
             "channel of each !LcmImages.",
         )
