@@ -164,5 +164,5 @@ def test_an_object_without_a_handle_is_refused():
         data=f"{{poil: {{part: rim, parts: {{rim: 'body'}}, demonstration_object: '{mug}'}}}}",
     )
 
-    with pytest.raises(ScenarioError, match="no handle"):
+    with pytest.raises(ScenarioError, match="not a handle"):
         motion_in(DemonstrationScene(scenario, cameras=False))
