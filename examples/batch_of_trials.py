@@ -1,6 +1,6 @@
-"""Many trials side by side: pushes of growing force on the arm, each in a process of its own.
+"""Many trials side by side: pushes of growing force on the arm, each in its own process.
 
-Needs a plan of `poil transfer`:
+Needs a plan from `poil transfer`:
 python examples/batch_of_trials.py out/plan.npz 0 10 20
 """
 

@@ -1,4 +1,4 @@
-"""The controller alone: it takes a free body from afar, all but upside down, along an arc."""
+"""The controller alone: it takes a free body from far away, almost upside down, along an arc."""
 
 import sys
 
@@ -30,7 +30,7 @@ reference = PointTrajectory(times, positions, velocities)
 
 
 class FreeBody(LeafSystem):
-    """A body that moves as it is told: its pose is the integral of the spatial velocity."""
+    """A body that moves as commanded: its pose is the integral of the spatial velocity."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,6 +1,6 @@
-"""Your own station: an obstacle beside the rack, and a look at what the arm touches.
+"""Your own station: an obstacle beside the rack, and a list of what the arm touches.
 
-Needs a plan of `poil transfer`: python examples/own_station.py out/plan.npz
+Needs a plan from `poil transfer`: python examples/own_station.py out/plan.npz
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Your own task: another mug, the rack turned and moved, and a demonstration of your own scene.
 
-Writes the files of `poil run` to the folder that is named: python examples/own_task.py out/own
+Writes the files of `poil run` to the given folder: python examples/own_task.py out/own
 """
 
 import sys
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import poil_drake as poil
 
-# Laid over the package's scenario; a file of your own does as well, `LoadScenario(filename=...)`.
+# Laid over the package's scenario; a file of your own works as well, `LoadScenario(filename=...)`.
 TASK = """
 directives:
 - add_model: {name: table, file: "package://poil_drake/fixtures/table.sdf"}

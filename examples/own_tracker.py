@@ -1,6 +1,6 @@
 """Your own system in place of the tracker: it follows poses that some pose estimator reports.
 
-Needs a plan of `poil transfer`: python examples/own_tracker.py out/plan.npz
+Needs a plan from `poil transfer`: python examples/own_tracker.py out/plan.npz
 """
 
 import sys
@@ -26,7 +26,7 @@ from poil_drake.systems import (
 
 
 class Report(NamedTuple):
-    """What the tracker says at a release."""
+    """What the tracker reports at a release."""
 
     points: TrackedPoints
     status: TrackerStatus

@@ -37,8 +37,8 @@ def run(
     """Do the whole job: demonstration, transfer, grasp, closed loop.
 
     The outputs are out/run.html, out/run.mcap (with the plan), out/run.png and out/run.json, or
-    where the options say; a list of them is printed at the end. The built-in demonstration is
-    recorded to demo.mcap beside run.json.
+    the paths given by the options; a list of them is printed at the end. The built-in
+    demonstration is recorded to demo.mcap beside run.json.
     """
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
     from poil_drake.diagrams.run.output_paths import OutputPaths
@@ -113,7 +113,7 @@ def transfer(
     seed: options.Seed = None,
     detector: options.Detector = None,
     hardware: Annotated[
-        bool, typer.Option("--hardware", help="Look at the real scene, through the real cameras.")
+        bool, typer.Option("--hardware", help="Use the real cameras to see the scene.")
     ] = False,
 ) -> None:
     """Make a plan from a demonstration for the scenario's object."""
@@ -129,7 +129,7 @@ def transfer(
 
 
 def execute(
-    plan: Annotated[Path, typer.Argument(help="A plan (npz) of `poil transfer`.")],
+    plan: Annotated[Path, typer.Argument(help="A plan (npz) from `poil transfer`.")],
     scenario: options.ScenarioArgument = None,
     scenario_name: options.ScenarioName = None,
     scenario_text: options.ScenarioText = None,

@@ -70,8 +70,8 @@ def plan_joint_path(
     if found is None:
         raise PlanningError(
             f"No free path to the pre-grasp was found in {iterations} rounds of search.",
-            remedy="Clear the space between the arm and the object, or widen the box that the arm "
-            "may be in (poil.safety.posture).",
+            remedy="Clear the space between the arm and the object, or widen the arm's workspace "
+            "box (poil.safety.posture).",
         )
     corners = shorten_path(found, edges, _SHORTCUTS, np.random.default_rng(seed))
     return round_corners(corners, edges, width=_SMOOTHING)

@@ -58,7 +58,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
     stream = io.BytesIO(data)
     try:
         if not zipfile.is_zipfile(stream):  # NumPy would try to unpickle it.
-            raise TypeError("it is no archive")
+            raise TypeError("it is not an archive")
         # Checked before reading: a small file may unpack to more than fits into memory.
         with zipfile.ZipFile(stream) as packed:
             if sum(entry.file_size for entry in packed.infolist()) > LARGEST_PLAN:
@@ -68,7 +68,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
             values = dict(archive)
         for entry, value in values.items():
             if not isinstance(value, np.ndarray):  # NumPy returns unknown entries as bytes.
-                raise TypeError(f"its entry '{entry}' is no array")
+                raise TypeError(f"its entry '{entry}' is not an array")
     # Damage makes zip, zlib, NumPy or Python's tokenizer fail, each with its own errors.
     except Exception as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__

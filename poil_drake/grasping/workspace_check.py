@@ -1,4 +1,4 @@
-"""Whether planned motions stay inside the boxes that the arm may be in."""
+"""Whether planned motions stay inside the boxes of the arm's workspace."""
 
 from typing import Self
 
@@ -40,8 +40,7 @@ class WorkspaceCheck:
         start = guard.face_distances(q_start[None])[0]
         if start.min() < -_SAG:
             raise PlanningError(
-                "The arm stands outside the box that it may be in: "
-                f"{guard.tightest_face(q_start[None])}.",
+                f"The arm is outside its workspace box: {guard.tightest_face(q_start[None])}.",
                 remedy="Move it inside, or widen the box (poil.safety.posture).",
             )
         self._least = np.minimum(margin - _SLACK, start) - _ROUNDING
@@ -77,7 +76,7 @@ class WorkspaceCheck:
         within = self.is_within(q)
         if not within.all():
             raise PlanningError(
-                f"{what} comes too near to a face of the box that the arm may be in: "
+                f"{what} comes too close to a face of the workspace box: "
                 f"{self._guard.tightest_face(q[~within])}.",
                 remedy="Widen the box (poil.safety.posture), move the object away from that face, "
                 "or lower FeasibilityConfig.workspace_margin.",

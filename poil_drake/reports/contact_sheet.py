@@ -29,7 +29,7 @@ def contact_sheet(
 
     Args:
         demonstration: The demonstration. Only the frames shown are decoded.
-        path: The file, whose name ends in .png; its folder is made if needed.
+        path: The file, whose name ends in .png; its folder is created if needed.
         columns: How many frames are shown, evenly spaced from the first to the last.
         tile_width: Width of one image [px].
 

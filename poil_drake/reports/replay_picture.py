@@ -33,7 +33,7 @@ def make_replay_picture(
     replayed: RecordedRun,
     velocity_limits: np.ndarray,
 ) -> Path:
-    """Draws the picture, makes its folder if needed, and returns its path.
+    """Draws the picture, creates its folder if needed, and returns its path.
 
     Args:
         path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.

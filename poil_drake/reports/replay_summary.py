@@ -86,7 +86,7 @@ class ReplaySummary:
             if found.count:
                 clauses.append(
                     f"{name} differ by {scale * found.median:.2g} {unit} (median), "
-                    f"{scale * found.maximum:.2g} {unit} (most)"
+                    f"{scale * found.maximum:.2g} {unit} (max)"
                 )
         tracks = self.comparison.tracks
         clauses.append(
@@ -137,7 +137,7 @@ class ReplaySummary:
         )
 
     def write_json(self, path: str | Path) -> Path:
-        """Writes all fields as JSON, makes the folder if needed, and returns the path."""
+        """Writes all fields as JSON, creates the folder if needed, and returns the path."""
         write_json(self.to_dict(), Path(path))
         return Path(path)
 

@@ -159,7 +159,7 @@ class RunSummary:
         return plain_json(values)
 
     def write_json(self, path: str | Path) -> Path:
-        """Writes all fields as JSON, makes the folder if needed, and returns the path."""
+        """Writes all fields as JSON, creates the folder if needed, and returns the path."""
         write_json(self.to_dict(), Path(path))
         return Path(path)
 

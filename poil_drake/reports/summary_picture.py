@@ -33,7 +33,7 @@ _GAP = 0.14  # [in] between panels.
 
 
 def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
-    """Draws the picture, makes its folder if needed, and returns its path.
+    """Draws the picture, creates its folder if needed, and returns its path.
 
     Args:
         path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.

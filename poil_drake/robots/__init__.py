@@ -1,4 +1,4 @@
-"""The Panda: its data, kinematics, shape, limits and inverse kinematics, without Drake."""
+"""The Panda: data, kinematics, IK, shape, limits; no pydrake. Its drivers: `systems.panda`."""
 
 import lazy_loader
 

@@ -50,7 +50,7 @@ def pose_error(X_target: np.ndarray, X: np.ndarray) -> np.ndarray:
     """Returns the error (..., 6): rotation vector [rad] and translation [m] from X to the target.
 
     Args:
-        X_target: (..., 4, 4) wanted poses.
+        X_target: (..., 4, 4) desired poses.
         X: (..., 4, 4) current poses.
     """
     rotation = rotation_log(X_target[..., :3, :3] @ np.swapaxes(X[..., :3, :3], -1, -2))

@@ -39,7 +39,7 @@ class PostureRule(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PostureGuardConfig:
-    """The space in which the arm may be.
+    """The workspace that the arm must stay in.
 
     The boxes are along the world's axes, measured from the robot's base [m]. By default they
     contain all of the arm's useful reach; narrow them to the cell.

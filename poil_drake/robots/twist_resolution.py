@@ -73,13 +73,13 @@ def resolve_twist(
     the joints' speeds (reduced near position limits) allow, and a pull to the nominal posture in
     the null space of J. (2) `approach_velocity`: ONE factor shortens the change from `previous` to
     that velocity until every joint's acceleration is allowed. So the twist keeps its direction
-    from rest and along a steady direction; after a change of the wanted direction the command
+    from rest and along a steady direction; after a change of the desired direction the command
     moves straight, in joint space, from the old velocity to the new one.
 
     A zero twist brings the arm to rest, the null space included.
 
     Args:
-        V_WG: (6,) wanted (ω [rad/s], v [m/s]) of the gripper frame, in the world.
+        V_WG: (6,) desired (ω [rad/s], v [m/s]) of the gripper frame, in the world.
         J: (6, n) V_WG = J qdot, n <= 7.
         positions: (n,) measured joint positions [rad].
         previous: (n,) velocities commanded one time step ago [rad/s].
@@ -121,9 +121,9 @@ def direction_preserving_velocity(
     in the plane (a, z) remains, and eliminating z (Fourier-Motzkin) solves it exactly.
 
     Args:
-        V: (6,) the wanted twist.
+        V: (6,) the desired twist.
         J: (6, n), n <= 7.
-        pull: (n,) velocities wanted in the null space [rad/s].
+        pull: (n,) desired velocities in the null space [rad/s].
         lowest: (n,) not above 0 [rad/s].
         highest: (n,) not below 0 [rad/s].
         pull_speed: Largest speed in the null space [rad/s]. It is also at most |J^+ V|, so that it
@@ -185,9 +185,9 @@ def approach_velocity(
 
 
 def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray) -> float:
-    """Returns the fraction of a wanted twist (6,) that `achieved` (6,) has, in [0, 1].
+    """Returns the fraction of a desired twist (6,) that `achieved` (6,) has, in [0, 1].
 
-    It is the projection onto the wanted twist, with angular speeds times a length of 0.1 m; 1 for
+    It is the projection onto the desired twist, with angular speeds times a length of 0.1 m; 1 for
     a zero twist.
     """
     square = _LENGTH**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])

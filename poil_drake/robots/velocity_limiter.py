@@ -17,7 +17,7 @@ from poil_drake.robots.panda import JERK_LIMITS
 Reason = TypeVar("Reason")
 
 _SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Shares of the wanted velocity to try, in this order, before the arm brakes."""
+"""Shares of the desired velocity to try, in this order, before the arm brakes."""
 
 
 class JointMotion(NamedTuple):
@@ -40,11 +40,11 @@ class JointMotion(NamedTuple):
 
 
 class GuardedStep(NamedTuple, Generic[Reason]):
-    """A step of the limiter, and the share of the wanted velocity that it heads for.
+    """A step of the limiter, and the share of the desired velocity that it heads for.
 
     Attributes:
         motion: The motion one period later.
-        share: The share of the wanted velocity that the arm heads for, in [0, 1]: 1 without an
+        share: The share of the desired velocity that the arm heads for, in [0, 1]: 1 without an
             obstacle, less beyond the speed limits, 0 if the arm brakes instead.
         reason: Why a larger share was refused; None if nothing or only the joints' limits forbade
             it.
@@ -91,7 +91,7 @@ class VelocityLimiterConfig:
 class VelocityLimiter:
     """Keeps joint velocities within limits of position, speed, acceleration and jerk.
 
-    Ruckig (Berscheid and Kroeger 2021) finds the fastest motion to a wanted velocity. All joints
+    Ruckig (Berscheid and Kroeger 2021) finds the fastest motion to a desired velocity. All joints
     share one scale, which keeps the direction where possible. After every step the arm can brake
     within the position limits: the limiter plans the braking that would follow a step before it
     takes the step, and chooses a smaller share of the velocity, or braking, if the arm would stop
@@ -171,7 +171,7 @@ class VelocityLimiter:
     ) -> GuardedStep[Reason]:
         """Returns the motion one period later, for an arm with forbidden postures.
 
-        The step heads for the largest share of the wanted velocity after which the arm can still
+        The step heads for the largest share of the desired velocity after which the arm can still
         brake within the joints' limits and in allowed postures; without one, the arm brakes.
 
         Args:

@@ -17,7 +17,7 @@ _BACK_OFF = 0.1
 
 
 class InterpreterTurns:
-    """Tells other threads whether a loop computes. Each process has one: `TURNS`."""
+    """Lets other threads know whether a loop is computing. Each process has one: `TURNS`."""
 
     def __init__(self) -> None:
         """Starts without a loop."""

@@ -16,11 +16,11 @@ class OutputError(PoilError):
 
 
 def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) -> None:
-    """Checks that a file can be written. Makes its folder if needed; leaves the file alone.
+    """Checks that a file can be written. Creates its folder if needed; does not touch the file.
 
     Args:
         path: The output.
-        inputs: Files that the output must not overwrite; None stands for no file.
+        inputs: Files that the output must not overwrite; None means no file.
 
     Raises:
         OutputError: if it cannot be written, or is one of the inputs.
@@ -51,7 +51,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Yields a binary file to write to, which replaces `path` once it is closed.
 
     If writing fails, the old file stays. Readers therefore never see half a file, and several
-    processes may write the same one. Folders are made if needed. An existing path that is not a
+    processes may write the same one. Folders are created if needed. An existing path that is not a
     regular file, such as /dev/stdout, is written to directly.
 
     Args:

@@ -103,7 +103,7 @@ class WorkerProcess:
         return answer
 
     def ended(self) -> WorkerEndedError:
-        """Returns the error that says how the process has ended."""
+        """Returns the error that describes how the process ended."""
         status = self._process.poll()
         return WorkerEndedError(
             "has ended" + (f" with status {status}" if status is not None else "")

@@ -53,7 +53,7 @@ class CaptureAndRelease:
                 there is nothing to capture. Its last argument is the previous capture.
             wanted: Returns whether there is something new to capture.
             thread: Name of a thread for the work; None: the work is done at the capture.
-            stopwatch: Gets the time spent waiting for results ("waiting").
+            stopwatch: Receives the time spent waiting for results ("waiting").
         """
         self._timing, self._begin, self._wanted = timing, begin, wanted
         self._stopwatch = stopwatch or Stopwatch()

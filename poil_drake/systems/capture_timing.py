@@ -24,7 +24,7 @@ class Captured(SharedOnCopy):
     Attributes:
         tick: Number of the capture.
         time: When it happened [s].
-        result: What comes of it.
+        result: The future of its result.
     """
 
     tick: int
@@ -63,7 +63,7 @@ class CaptureTiming(Protocol):
         """Returns the queue after a capture at `time` [s]; drops what will not be released."""
 
     def due(self, queue: Queue, time: float) -> Captured | None:
-        """Returns the newest capture whose result is to be known at `time` [s], if any.
+        """Returns the newest capture whose result is due at `time` [s], if any.
 
         Its result may have to be waited for.
         """
@@ -127,15 +127,15 @@ class SimulatedDelay:
 
 @dataclass(frozen=True, kw_only=True)
 class Worker:
-    """Captures whenever the last result is there; releases results as they come, never waiting.
+    """Captures whenever the last result is ready; releases results as they arrive, never waits.
 
     For hardware, where the loop must not be held up: frames that come while the worker is busy are
     skipped.
 
     Attributes:
-        period: How often to see whether there is something new to capture [s].
-        offset: When to see that first [s].
-        poll_period: How often to see whether a result has come [s].
+        period: Time between checks for something new to capture [s].
+        offset: Time of the first of these checks [s].
+        poll_period: Time between checks for a finished result [s].
     """
 
     period: float = 1 / 128
@@ -174,7 +174,7 @@ class RecordedTiming:
         captured: When each capture happened [s], ascending.
         released: When each result was released [s], ascending, and the number of its capture. Not
             every capture needs a release.
-        period: How often to see whether something is due [s]: the control period.
+        period: Time between checks whether something is due [s]: the control period.
         offset: Time of captures within that period [s].
     """
 

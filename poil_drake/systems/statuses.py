@@ -52,7 +52,7 @@ class IkStatus(IntEnum):
     """Of `DifferentialInverseKinematics`."""
 
     OK = 0
-    LIMITED = 1  # The arm follows the wanted twist at reduced speed.
+    LIMITED = 1  # The arm follows the desired twist at reduced speed.
     STUCK = 2  # The arm cannot follow it at all: joint limit or singularity.
     INVALID_INPUT = 3  # An input is not finite; the arm brakes to rest.
 

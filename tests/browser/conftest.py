@@ -101,7 +101,7 @@ class MeshcatPage:
         url = address.resolve().as_uri() if isinstance(address, Path) else address
         self._driver.get(url)
         self._wait_for("return typeof viewer !== 'undefined' && !!viewer.scene_tree;")
-        # A recording starts to play, and comes to rest only if it is paused.
+        # A recording starts playing; only when paused does the page stop changing.
         self._driver.execute_script("viewer.animator.pause();")
         self._address = address
         self.settle()
@@ -198,7 +198,7 @@ class MeshcatPage:
             if np.array_equal(now, last):
                 return
             last = now
-        pytest.fail("The page does not come to rest.")
+        pytest.fail("The page keeps changing.")
 
     def _render(self) -> None:
         self._driver.execute_async_script(

@@ -47,7 +47,7 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
                 *("run", "--hardware", "--scenario_text"),
                 "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}}}}}",
             ],
-            "which camera 'left' does not give",
+            "which camera 'left' does not provide",
         ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
         (["transfer", "missing.mcap"], "missing.mcap"),

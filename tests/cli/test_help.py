@@ -1,4 +1,4 @@
-"""What the command line and the Makefile tell a user about themselves."""
+"""The help texts of the command line and the Makefile."""
 
 import re
 import subprocess

@@ -60,7 +60,7 @@ def test_an_object_out_of_reach(command: Command, demonstration: Path, tmp_path:
     assert figures["timing"]["stages"].keys() == {"planning"}
 
 
-def test_a_recording_without_labels_says_what_the_detector_needs(
+def test_the_error_without_labels_names_what_the_detector_needs(
     command: Command, demonstration: Path, tmp_path: Path
 ) -> None:
     with DemonstrationWriter(tmp_path / "unlabelled.mcap", ["left", "right"], {}) as writer:

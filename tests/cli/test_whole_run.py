@@ -27,7 +27,7 @@ def test_the_mug_hangs(figures: dict) -> None:
 
 def test_the_tracker_stays_on_the_object(figures: dict) -> None:
     assert figures["tracker"] == "rigid_flow"
-    # What the benchmark asks of twenty runs together holds for this one.
+    # The benchmark's limits for twenty runs together hold for this one.
     assert figures["tracking_error"]["median"] < 0.005
     assert figures["tracking_error"]["percentile_95"] < 0.015
 

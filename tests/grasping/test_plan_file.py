@@ -108,7 +108,7 @@ def test_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "plan.npz"
     path.write_bytes(content)
 
-    with pytest.raises(PlanFileError, match=r"plan.npz' cannot be read: it is no archive"):
+    with pytest.raises(PlanFileError, match=r"plan.npz' cannot be read: it is not an archive"):
         ExecutionPlan.load(path)
 
 
@@ -117,7 +117,7 @@ def test_entry_without_content_is_named(data):
     with zipfile.ZipFile(stream, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
         archive.writestr("nominal_posture.npy", b"")
 
-    with pytest.raises(PlanFileError, match="'nominal_posture' is no array"):
+    with pytest.raises(PlanFileError, match="'nominal_posture' is not an array"):
         ExecutionPlan.from_bytes(stream.getvalue(), name="the log")
 
 

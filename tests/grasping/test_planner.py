@@ -75,7 +75,7 @@ def test_an_arm_outside_its_box_is_rejected_before_sampling(make_plan, model, sc
     reported: list[str] = []
     height = model.gripper_pose(home)[2, 3]
 
-    with pytest.raises(PlanningError, match=r"stands outside .*gripper_upper\[2\].* 5.0 mm"):
+    with pytest.raises(PlanningError, match=r"is outside .*gripper_upper\[2\].* 5.0 mm"):
         make_plan(
             screen,
             config=boxed(gripper_upper=(0.85, 0.85, height - 0.005)),
@@ -85,7 +85,7 @@ def test_an_arm_outside_its_box_is_rejected_before_sampling(make_plan, model, sc
     assert not reported
 
 
-def test_metadata_tells_the_origin_of_the_plan(plan):
+def test_metadata_contains_the_origin_of_the_plan(plan):
     assert plan.metadata["scenario"] == "test"
     assert plan.metadata["seed"] == 0
     assert plan.metadata["feasible_pairs"] >= 1
@@ -111,7 +111,7 @@ def test_result_holds_what_the_plan_was_chosen_from(planned, screen):
     counts = len(planned.feasible), len(planned.feasible) + len(planned.rejected)
     metadata = planned.plan.metadata
     assert counts == (metadata["feasible_pairs"], metadata["candidates"])
-    # Only points of the screen remain: those of table, object and robot are no obstacles.
+    # Only points of the screen remain: those of table, object and robot are not obstacles.
     upright = {tuple(point) for point in screen.tolist() if point[2] > 0.0}
     assert {tuple(point) for point in planned.scene_points.tolist()} <= upright
 

@@ -14,7 +14,7 @@ in another process, in real time or slowed down; all times are the robot's. When
 the arm swings at about 0.25 rad/s, more than half of what a fifth of the usual speed allows.
 *Detected* is the time from the event to its detection, *at rest* the time from there until neither
 the arm nor any command is faster than 0.01 rad/s. Every run ends with a non-zero exit status, a
-complete log and all figures, unless its report says that it goes on.
+complete log and all figures, unless its report says that it continues.
 
 | event | report | detected [ms] | at rest [ms] |
 |---|---|---:|---:|

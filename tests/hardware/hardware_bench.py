@@ -112,8 +112,8 @@ class RobotRecord(NamedTuple):
     Attributes:
         speeds: Times and the largest joint speed then [rad/s].
         commanded: Stamps of the received commands.
-        told: Times and the largest joint speed that a command then asked for [rad/s].
-        hand_told: Times and the finger opening that a command then asked for [m].
+        told: Times and the largest joint speed commanded then [rad/s].
+        hand_told: Times and the finger opening commanded then [m].
         fault_at: Start of the fault; None if there was none.
         moved_at: Start of the arm's motion; None if it did not move.
     """

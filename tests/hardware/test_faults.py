@@ -1,6 +1,6 @@
 """Faults in a laboratory: the arm rests soon, the reason is right, and no output is lost.
 
-Each run is in real time, slowed down as far as this machine needs, against a stand-in robot in
+Each run is in real time, slowed down as much as this machine requires, against a stand-in robot in
 another process, whose fault begins 0.6 s after its arm starts to move. All times are the robot's.
 The last test compares the results with the table in the documentation.
 """
@@ -78,7 +78,7 @@ CASES = [
         "clock_behind",
         "the driver's clock jumps 1 s back",
         CLOCK,
-        "1.00 s before it came: are the clocks in step?",
+        "1.00 s before it came: are the clocks synchronized?",
     ),
     Case("reflex", "a reflex stops the robot", SafetyFault.ROBOT_MODE.text, detection=0.1),
     Case("pushed", "the arm is pushed with 60 N m", SafetyFault.EXTERNAL_TORQUE.text),
@@ -216,11 +216,11 @@ def test_the_arm_rests_while_a_tracker_stalls_for_long(execute_with: ExecuteWith
     assert went_on(summary), summary.reason
     # Points are propagated for 0.69 s; for two of the 3 s nothing moves.
     assert longest_rest(record, summary) > 1.5
-    _ROWS.append(Row("the tracker stalls for 3 s", "no fault: the arm waits, then goes on"))
+    _ROWS.append(Row("the tracker stalls for 3 s", "no fault: the arm waits, then continues"))
 
 
 def went_on(summary: RunSummary) -> bool:
-    """Returns whether the run went on until it released the object."""
+    """Returns whether the run continued until it released the object."""
     names = [span.name for span in summary.phases]
     return "release" in names and "fault" not in names
 
@@ -243,7 +243,7 @@ def test_a_killed_tracker_is_restarted(execute_with: ExecuteWith, tmp_path: Path
     _ROWS.append(
         Row(
             "the tracker's process is killed once",
-            "no fault: the arm waits for a new process, then goes on",
+            "no fault: the arm waits for a new process, then continues",
         )
     )
 

@@ -246,4 +246,4 @@ def test_a_second_run_refuses_to_command_beside_the_first(act_on_run: ActOnRun) 
     assert ended[-1].returncode != 0
     assert "Another process commands the robot" in ended[-1].stderr
     reason = json.loads((first.folder / "second" / "run.json").read_text())["reason"]
-    assert "somebody else commands" in reason.lower()
+    assert "another process commands" in reason.lower()

@@ -14,8 +14,8 @@ def test_the_closing_line_sums_up_a_replay_without_differences():
     # 33 of 65 samples are of the faster motion. The shift of 0.5 mm is along all three axes.
     assert dut.closing_line() == (
         "SAME: the same 2 phases; "
-        "joint velocities differ by 0.02 rad/s (median), 0.02 rad/s (most); "
-        "tracked points differ by 0.87 mm (median), 0.87 mm (most); "
+        "joint velocities differ by 0.02 rad/s (median), 0.02 rad/s (max); "
+        "tracked points differ by 0.87 mm (median), 0.87 mm (max); "
         "0 of 12 tracks and 0 of 36 points in one of the two only; the log is cut off; "
         "2.0 s replayed in 0.2 s."
     )

@@ -38,7 +38,7 @@ def test_every_grasp_pose_over_the_table_has_a_solution(model: PandaModel):
     assert np.all(model.limit_margin(q) >= config.limit_margin - 1e-12)
 
 
-def test_a_robot_that_stands_elsewhere_finds_the_same_solutions(model: PandaModel):
+def test_a_robot_in_another_place_finds_the_same_solutions(model: PandaModel):
     X_WB = make_transform(rotation_exp([0.0, 0.0, 2.5]), [-0.4, 0.7, 0.3])
     poses = grasp_poses()[:4]
     expected, _ = distinct_solutions(model, poses)

@@ -130,7 +130,7 @@ def test_postures_to_check_are_those_after_the_step_and_of_the_braking():
 
     after = limiter.guarded_step(moving, np.full(7, 0.5), asked.append).motion
 
-    # The braking is that of the limiter itself, until it stands.
+    # The braking is that of the limiter itself, until it is at rest.
     braked, q = after, []
     while braked.velocity.any():
         braked = limiter.step(braked, np.zeros(7))
@@ -144,7 +144,7 @@ def test_postures_to_check_are_those_after_the_step_and_of_the_braking():
 def test_a_smaller_share_is_taken_if_the_whole_is_refused():
     moving = dut.JointMotion(MIDDLE, 0.3 * np.eye(7)[0], np.zeros(7))
     wanted = 0.6 * np.eye(7)[0]
-    # The wall is a hair before where the arm would stand if the whole were allowed.
+    # The wall is just before where the arm would stop if the full velocity were allowed.
     ends = []
     make_limiter().guarded_step(moving, wanted, lambda postures: ends.append(postures[-1, 0]))
     wall = ends[0] - 1e-6
@@ -191,7 +191,7 @@ def test_braking_is_never_refused():
 
 
 def test_an_arm_never_stops_beyond_a_wall():
-    # The wall is where the first joint is at 0.3 rad; it is looked for at every speed.
+    # The wall is where the first joint is at 0.3 rad; every speed is checked against it.
     motion, limiter, reasons = dut.JointMotion.at_rest(MIDDLE), make_limiter(), set()
     for _ in range(400):
         step = limiter.guarded_step(

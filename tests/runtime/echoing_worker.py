@@ -1,4 +1,4 @@
-"""A worker for the tests: it answers with what it was asked, or fails on demand."""
+"""A worker for the tests: it echoes requests, or fails on demand."""
 
 import os
 from typing import Any

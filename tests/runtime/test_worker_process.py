@@ -73,7 +73,7 @@ def test_answers_are_not_overwritten_by_later_ones(dut: WorkerProcess) -> None:
         ("stumble", RuntimeError, "ZeroDivisionError: by mistake"),
     ],
 )
-def test_an_error_of_the_worker_is_raised_here_and_the_worker_goes_on(
+def test_an_error_of_the_worker_is_raised_here_and_the_worker_continues(
     dut: WorkerProcess, word: str, error: type[Exception], text: str
 ) -> None:
     with pytest.raises(error, match=text):

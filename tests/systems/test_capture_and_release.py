@@ -115,7 +115,7 @@ def test_without_a_capture_the_last_result_stays() -> None:
     assert bench.read("result") == (0.0, 2 * PERIOD)
 
 
-def test_the_simulation_goes_on_until_a_result_is_due_and_waits_for_it_then() -> None:
+def test_the_simulation_continues_until_a_result_is_due_and_then_waits_for_it() -> None:
     go, stopwatch = threading.Event(), Stopwatch()
     timing = SimulatedDelay(period=PERIOD, latency=1 / 16)
     bench = SystemBench(Chain(timing, go=go, stopwatch=stopwatch))

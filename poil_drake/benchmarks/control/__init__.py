@@ -1,1 +1,1 @@
-"""The control study: stable point-set control and its rivals on four tasks with contact."""
+"""The control study: stable point-set control and its baselines on four tasks with contact."""

@@ -1,4 +1,4 @@
-"""Durations of a control tick: the field, its rival on poses, and the whole control path."""
+"""Durations of a control tick: the field, its baseline on poses, and the whole control path."""
 
 import gc
 import os

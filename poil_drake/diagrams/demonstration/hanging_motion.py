@@ -95,7 +95,7 @@ def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
     if np.linalg.norm(outward) < 1e-3:
         raise _unsuitable(
             f"The part '{scene.part_link}' of the demonstration's object lies on the object's z "
-            "axis, so it is no handle.",
+            "axis, so it is not a handle.",
             "Choose another poil.part",
         )
     direction = outward / np.linalg.norm(outward)

@@ -39,15 +39,15 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 class ClosedLoop:
     """The closed loop and its named parts.
 
-    With a tracker of images, processes run beside the simulation: `Close` the loop after the run,
-    or use it as a `with` block.
+    With an image-based tracker, processes run beside the simulation: `Close` the loop after the
+    run, or use it as a `with` block.
 
     Attributes:
         diagram: The whole, ready for a Simulator.
         station: The robot and its surroundings.
         detector: Finds the part; None if the tracker needs no detector.
         tracker: `PointTracker`, `GroundTruthTracker`, in a replay `RecordedTracker`, or the user's.
-        propagator: Brings the tracked points up to now.
+        propagator: Propagates the tracked points to the present.
         controller: Point-set BCSDM.
         inverse_kinematics: From the gripper's twist to joint velocities.
         sequencer: The skill's phases.
@@ -111,11 +111,11 @@ def MakeClosedLoop(
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
             robot and the object really are.
-        log: Gets every signal and the images; the caller closes it after the run.
-        album: Gets pictures of the run.
+        log: Receives every signal and the images; the caller closes it after the run.
+        album: Receives pictures of the run.
         disturbances: Pushes on bodies of the simulated plant.
         stop_switch: Stops the arm, as does the button on the page of `meshcat`.
-        stopwatch: Gets the time that rendering, tracking, control and publishing take.
+        stopwatch: Receives the time that rendering, tracking, control and publishing take.
 
     Returns:
         The loop, which is to be closed after the run.

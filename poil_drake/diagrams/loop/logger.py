@@ -34,7 +34,7 @@ def MakeLoopLogger(
     Args:
         scenario: The station and the task.
         plan: The plan that is executed.
-        log: Gets the messages.
+        log: Receives the messages.
         station: Has the bodies that may be pushed, and the cameras whose times are logged.
     """
     plant = station.plant()

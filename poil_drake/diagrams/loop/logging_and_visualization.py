@@ -34,7 +34,7 @@ def AddLoggingAndVisualization(
     """Adds visualizer, logger and snapshots, and returns them by name; no other system uses them.
 
     Args:
-        builder: Gets the systems.
+        builder: Receives the systems.
         scenario: The station and the task.
         plan: The plan that is executed.
         station: The station.
@@ -69,7 +69,7 @@ def AddDisturbances(
     """Adds pushes on bodies of the simulated plant, and logs them where there is a logger.
 
     Args:
-        builder: Gets the injector, if there are any pushes.
+        builder: Receives the injector, if there are any pushes.
         pulses: The pushes.
         parts: The loop's parts by name.
     """

@@ -30,12 +30,12 @@ def AddPerception(
     """Adds detector and tracker, and returns them by name.
 
     Args:
-        builder: Gets the systems.
+        builder: Receives the systems.
         scenario: Names the detector and the tracker.
         plan: Its points are followed.
-        station: Has the cameras, and says when images are captured and results released.
+        station: Provides the cameras and the times of captures and releases.
         dry_run: Whether tracking stops once the points were found, as the object does not move.
-        stopwatch: Gets the time that captures, searches and tracking take.
+        stopwatch: Receives the time that captures, searches and tracking take.
 
     Raises:
         ScenarioError: if there are no cameras.
@@ -45,7 +45,7 @@ def AddPerception(
     cameras = station.camera_models
     if not cameras:
         raise ScenarioError(
-            f"The tracker '{poil.tracker}' looks through cameras, but the scenario names none.",
+            f"The tracker '{poil.tracker}' needs cameras, but the scenario has none.",
             remedy=f"Name cameras, or set poil.tracker to {GROUND_TRUTH}.",
         )
     detector = PartDetector(

@@ -1,4 +1,4 @@
-"""The tracker that a scenario asks for."""
+"""The tracker that a scenario selects."""
 
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
@@ -12,9 +12,9 @@ DEFAULT_TRACKER = "rigid_flow"
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
-    """Returns the tracker of images that a scenario asks for.
+    """Returns the image-based tracker that a scenario selects.
 
-    The ground-truth baseline sees no images; demonstrations are then followed by the default.
+    The ground-truth baseline sees no images; then the default tracker tracks demonstrations.
 
     Raises:
         InvalidValueError: if there is no tracker of that name.

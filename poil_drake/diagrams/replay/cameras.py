@@ -52,7 +52,7 @@ def _pose(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
     differences = []
     distance = float(np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3]))
     if distance > _SAME_LENGTH:
-        differences.append(f"stood {1e3 * distance:.2g} mm elsewhere")
+        differences.append(f"was {1e3 * distance:.2g} mm elsewhere")
     angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
     if angle > _SAME_ANGLE:
         differences.append(f"was turned by {np.rad2deg(angle):.2g} deg")

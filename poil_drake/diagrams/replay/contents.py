@@ -196,7 +196,7 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
     """
     notes = []
     if original := run.metadata.get(REPLAY_OF_KEY):
-        notes.append(f"this is the log of a replay, of {original}, and of no run")
+        notes.append(f"this is the log of a replay of {original}, not of a run")
     if run.cut_off:
         notes.append(f"the log is cut off, its last sample is of {run.end:.2f} s")
     if IsSparse(run, scenario):

@@ -52,8 +52,8 @@ def Replay(
 
     Args:
         path: The log of the run, which may have been killed.
-        tracker: A tracker of images, or `RECORDED`, which repeats the run's tracks. None: that of
-            the run; for the ground truth, its recorded tracks.
+        tracker: An image-based tracker, or `RECORDED`, which repeats the run's tracks. None: that
+            of the run; for the ground truth, its recorded tracks.
         scenario_text: YAML laid over the run's scenario, to try other settings.
         outputs: Paths of the replay's log, picture and figures.
         tolerances: Differences that count as equal; None: `CONTROL_TOLERANCES` where tracks are

@@ -44,7 +44,7 @@ class ReplaySetup:
         run: The recorded run.
         scenario: The scenario of the replay.
         plan: The plan that was executed.
-        tracker: A tracker of images, or `RECORDED`.
+        tracker: An image-based tracker, or `RECORDED`.
         changed: Whether the settings differ from the run's.
         scenario_text: YAML that was laid over the run's scenario, or empty.
         tolerances: Differences that count as equal.
@@ -95,7 +95,7 @@ def SetUpReplay(
         if recorded.poil.tracker != GROUND_TRUTH:
             raise RunLogError(
                 f"The tracker '{GROUND_TRUTH}' needs the simulator, which a log does not hold.",
-                remedy=f"Choose a tracker of images, or '{RECORDED}'.",
+                remedy=f"Choose an image-based tracker, or '{RECORDED}'.",
             )
         used = RECORDED
     if used != RECORDED:

@@ -12,11 +12,11 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from poil_drake.errors import StationError
 
 CAMERA_POSITION = (1.60, -0.10, 0.82)
-"""Where the page's camera stands at first [m, world]: in front of the robot and a little above, so
+"""Initial position of the page's camera [m, world]: in front of the robot and a little above, so
 that it sees the object, the fixture and the arm."""
 
 _CAMERA_TARGET = (0.30, 0.06, 0.34)
-"""What it looks at [m, world]."""
+"""The point that it looks at [m, world]."""
 
 
 def MakeMeshcat(*, host: str = "localhost", port: int | None = None) -> Meshcat:
@@ -60,7 +60,7 @@ def HtmlRecording(
 
     Args:
         meshcat: What to record. An older recording is dropped.
-        path: The HTML file; its folder is made if needed.
+        path: The HTML file; its folder is created if needed.
         title: The page's title.
         frames_per_second: The recording's frame rate [1/s]; best that of the systems that publish
             to Meshcat. A lower one loses frames, a higher one makes playback stutter.

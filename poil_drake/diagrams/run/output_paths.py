@@ -42,7 +42,7 @@ class OutputPaths:
         """Checks that all files can be written, and leaves them alone.
 
         Args:
-            inputs: Files that must not be overwritten; None stands for no file.
+            inputs: Files that must not be overwritten; None means no file.
 
         Raises:
             OutputError: if a file cannot be written or is an input, or if two are the same.
@@ -88,7 +88,7 @@ def FreshOutputs(
 ) -> Iterator[None]:
     """Removes older outputs, and writes figures even if the block raises.
 
-    If the block raises before it has written its own figures, those written here say that the job
+    If the block raises before it has written its own figures, those written here state that the job
     failed, and why. The exception propagates.
 
     Args:
@@ -120,7 +120,7 @@ def FreshOutputs(
 
 
 def failure_reason(error: BaseException) -> str:
-    """Returns one clause that says why a job ended with an exception."""
+    """Returns one clause on why a job ended with an exception."""
     if isinstance(error, PoilError):
         return error.problem.rstrip(".")
     text = " ".join(str(error).split())

@@ -69,7 +69,7 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
     joint = int(np.argmax(gaps))
     if gaps[joint] > _JOINT_TOLERANCE:
         raise PlanningError(
-            f"The arm does not stand where the plan begins: joint {joint + 1} is "
+            f"The arm is not where the plan begins: joint {joint + 1} is "
             f"{gaps[joint]:.3f} rad away.",
             remedy="Put it where it was when the plan was made (in simulation: initial_position), "
             "or plan again: poil transfer.",

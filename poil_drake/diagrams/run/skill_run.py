@@ -75,8 +75,8 @@ def RunSkill(
             in the scenario's `simulator_config`.
 
     Raises:
-        PoilError: if there is no plan to execute; the figures say so, too. A failed execution does
-            not raise: it is in the summary.
+        PoilError: if there is no plan to execute; the figures record that, too. A failed execution
+            does not raise: it is in the summary.
         BaseException: the one that stopped the run and is not an error, e.g. KeyboardInterrupt,
             after the outputs are written.
     """

@@ -86,7 +86,7 @@ class HangingJudge:
     last_touched: frozenset[str] = frozenset()
 
     def observe(self, time: float, touched: frozenset[str]) -> None:
-        """Takes in the scoped names of the geometries that the object touches at a time [s]."""
+        """Records the scoped names of the geometries that the object touches at a time [s]."""
         self.last_touched = touched
         if self.holder & touched:
             self.holder_touched_at = time

@@ -17,7 +17,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 GROUND_TRUTH = "ground_truth"
-"""The name of the tracker that gives the simulator's own poses: a labelled baseline."""
+"""The name of the tracker that gives the simulator's own poses: a baseline for comparison."""
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
@@ -65,7 +65,7 @@ def check_simulator(config: SimulatorConfig) -> None:
 
 def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
     """Checks that the two keys for the plant's period do not contradict each other."""
-    # Drake's default stands for an omitted key.
+    # An omitted key has Drake's default.
     if config.time_step not in (poil.rates.plant, MultibodyPlantConfig().time_step):
         raise ScenarioError(
             f"plant_config.time_step is {config.time_step} s, but poil.rates.plant is "

@@ -23,7 +23,7 @@ def ChooseScenario(
     """Returns a scenario with the values that a user chose; None keeps the scenario's.
 
     Args:
-        filename: The scenario file; None stands for the package's.
+        filename: The scenario file; None means the package's.
         scenario_name: The scenario of the file.
         data: YAML text merged over it.
         seed: Draws object, pose and noise from the scenario's `randomization`; None draws nothing.

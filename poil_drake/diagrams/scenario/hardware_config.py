@@ -22,7 +22,7 @@ class LcmImages:
     """A camera whose images another process captures or simulates, and sends over LCM.
 
     Attributes:
-        channel: LCM channel; empty stands for Drake's DRAKE_RGBD_CAMERA_IMAGES_<camera>.
+        channel: LCM channel; empty means Drake's DRAKE_RGBD_CAMERA_IMAGES_<camera>.
         labels: Whether the messages include label images, as from a segmentation node or a
             simulation; not every message needs one. Label numbers follow the order of the
             scenario's models (see `AssignLabels`).

@@ -17,7 +17,7 @@ from poil_drake.errors import ScenarioError
 DEFAULT_SCENARIO_NAME = "HangMug"
 """The scenario that runs when a file holds several and none is named."""
 
-# Places of paths in a scenario, relative to its file; "*" stands for every key and every item.
+# Places of paths in a scenario, relative to its file; "*" matches every key and every item.
 _URLS = (
     "directives.*.add_model.file",
     "directives.*.add_directives.file",
@@ -50,12 +50,12 @@ def LoadScenario(
         scenario_name: The scenario of the file to read. It may be omitted if the file has only
             one scenario, or one named "HangMug".
         defaults: The scenario that the file and the text change.
-        unknown: Gets the places of the file's unknown keys, which are skipped, as for files of
+        unknown: Receives the places of the file's unknown keys, which are skipped, as for files of
             other versions; None: they are errors.
 
     Raises:
-        ScenarioError: The file cannot be read, or a key or value is wrong. The text says in one
-            line what is wrong, where, and what is valid.
+        ScenarioError: The file cannot be read, or a key or value is wrong. The message states in
+            one line what is wrong, where, and what is valid.
     """
     scenario = copy.deepcopy(defaults) if defaults is not None else Scenario()
     if filename is not None:

@@ -52,13 +52,13 @@ class PoilConfig:
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
-        demonstration_object_label: The object's name in a recording; None stands for `object`.
+        demonstration_object_label: The object's name in a recording; None means `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
         demonstration_motion: The motion of that object.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
         num_points: Number of points on the functional part, N_k in the paper.
-        num_support_points: Number of points spread over the object, at least 4. They tell the
+        num_support_points: Number of points spread over the object, at least 4. They show the
             tracker how much of the object is visible (POIL: 40).
         eta: Attraction to the reference trajectory, η in the paper [1/s].
         max_angular_speed: Limit of the gripper's angular speed [rad/s]; the wrist follows well.

@@ -19,7 +19,7 @@ import numpy as np
 from poil_drake.errors import PoilError, ScenarioError
 
 _WANTED = {
-    str: "text (in quotes where it looks like a number)",
+    str: "text (in quotes if it looks like a number)",
     float: "a number or a fraction such as 1/8",
     int: "a whole number",
     bool: "true or false",
@@ -46,7 +46,7 @@ def merge_yaml(
             np.ndarray, or Optional, Union, list, tuple or Mapping[str, ...] of those.
         default: The value that the node changes, or None if there is none.
         path: The node's place in the document, for errors, e.g. "poil.rates".
-        unknown: Gets the places of unknown keys, which are skipped; None: they are errors.
+        unknown: Receives the places of unknown keys, which are skipped; None: they are errors.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text names the place, the value and
@@ -158,7 +158,7 @@ def _merge_structure(
 
 
 def _fields(schema: Any) -> dict[str, Any] | None:
-    """Returns the types of a structure's keys, or None if the schema is no structure."""
+    """Returns the types of a structure's keys, or None if the schema is not a structure."""
     if dataclasses.is_dataclass(schema):
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)

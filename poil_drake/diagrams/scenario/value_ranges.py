@@ -11,7 +11,7 @@ def require_positive(name: str, value: float, *, largest: float = math.inf) -> N
     Args:
         name: The number's place in the scenario, e.g. "poil.eta".
         value: The number.
-        largest: The largest valid number; math.inf stands for the largest finite one.
+        largest: The largest valid number; math.inf means the largest finite one.
 
     Raises:
         ScenarioError: The number is out of range, or not a number.

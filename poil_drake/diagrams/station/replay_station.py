@@ -77,7 +77,7 @@ class ReplayStation(Station):
     `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` exists for cameras of
     which the log has label images.
 
-    As there, the scenario's models tell where the robot's base and the cameras stand.
+    As there, the scenario's models give the poses of the robot's base and the cameras.
     """
 
     def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):

@@ -66,7 +66,7 @@ class SimulatedStation(Station):
 
     All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), [rad],
     [rad/s], [N m]; `panda.torque_external` is the effect of contacts on the joints. `hand.width` is
-    [m]. `panda` stands for the robot's name in the scenario.
+    [m]. `panda` represents the robot's name in the scenario.
 
     Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
     With one they are captured at the tracker's rate, rendered by a separate process, and appear
@@ -181,7 +181,7 @@ class SimulatedStation(Station):
         return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
-        """See `Station.MakeImagelessTracker`: the labelled baseline, if the scenario names it."""
+        """See `Station.MakeImagelessTracker`: ground truth, if the scenario names it."""
         poil = self._scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None

@@ -53,7 +53,7 @@ def MakeStation(
         ignore_output_delay: Whether images are rendered when evaluated, whatever the cameras'
             `output_delay`: for pictures without a simulation.
         package_xmls: Further `package.xml` files, for directives with `package://...`.
-        stopwatch: Gets the time that delayed cameras render, and are waited for.
+        stopwatch: Receives the time that delayed cameras render, and are waited for.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 

@@ -24,7 +24,7 @@ _INSERTION_DEPTHS = (0.016, 0.012)
 12 mm holds poorly, and more brings the hand near the edge."""
 
 _BODY_DEPTHS = (0.036, 0.026)
-"""The same for other bodies [m], as far as the fingers reach: round bodies are widest deep down."""
+"""The same for other bodies [m], all of the fingers' reach: round bodies are widest deep down."""
 
 _THIN_WALL = 0.015  # [m] Nothing wider than this is a thin wall.
 _GAP = 0.009  # [m] Wider gaps in the points along the closing axis separate two walls.

@@ -21,8 +21,8 @@ class Failure(enum.Enum):
     APPROACH = "cannot be approached along a straight line"
     PATH = "leave the arm's reach or joint limits on the way to the goal"
     RETREAT = "cannot be left at the goal along a straight line"
-    SINGULAR = "pass too near a singularity"
-    WORKSPACE = "come too near to a face of the box that the arm may be in"
+    SINGULAR = "pass too close to a singularity"
+    WORKSPACE = "come too close to a face of the workspace box"
     ROBOT_COLLISION = "bring the robot into collision"
     OBJECT_COLLISION = "bring the object into collision with the scene"
     NOT_CONVERGED = "do not bring the part to the end of its reference"
@@ -71,7 +71,7 @@ class Feasibility:
         cost: Smaller is better; infinite where not feasible.
         workspace_clearance: How far the arm stays inside its boxes [m]; NaN where there are none,
             or the arm cannot follow.
-        tightest_face: The face that the arm comes too near to, as a clause; empty where it does
+        tightest_face: The face that the arm comes too close to, as a clause; empty if it does
             not.
     """
 

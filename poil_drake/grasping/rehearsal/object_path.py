@@ -34,8 +34,8 @@ _GOAL_RADIUS, _GOAL_MARGIN = 0.05, 0.002
 close to the fixture, and it must only keep this margin [m]."""
 
 _STRAY_POINTS = 3
-"""So many of the object's points may be too close to the scene: noise of the cameras leaves some
-points beside the surfaces."""
+"""This many of the object's points may be too close to the scene: camera noise leaves some points
+beside the surfaces."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ _CENTERING_GAIN, _CENTERING_SPEED = 1.0, 0.3  # [1/s], [rad/s] Those of the cont
 _STEP = InverseKinematicsConfig(
     damping=0.005,
     rotation_scale=0.15,
-    largest_step=0.25,  # A larger one means that the arm would have to jump.
+    largest_step=0.25,  # A larger step would be a jump of the arm.
     limit_margin=LIMIT_MARGIN,
     posture_gain=1.0,
 )

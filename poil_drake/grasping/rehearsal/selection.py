@@ -114,7 +114,7 @@ _REMEDIES = {
     "that face, or lower FeasibilityConfig.workspace_margin.",
     Failure.ROBOT_COLLISION: "Clear the space around object and fixture, check that the cameras' "
     "poses are right, or lower CollisionConfig.robot_margin.",
-    Failure.OBJECT_COLLISION: "Check that the fixture stands where it did in the demonstration "
+    Failure.OBJECT_COLLISION: "Check that the fixture is where it was in the demonstration "
     "(or adapt the reference to it), and that the object is not there already.",
     Failure.NOT_CONVERGED: "Raise ObjectPathConfig.max_time, or check the reference.",
 }

@@ -115,7 +115,7 @@ class CaptureThread:
                 f"{self._last_stamp:.3f} s: the camera is frozen, or its clock has jumped"
             )
         if not image.depth.any():
-            return "its depth images are empty: the lens is covered, or everything is too near"
+            return "its depth images are empty: the lens is covered, or everything is too close"
         return ""
 
     def _close_device(self) -> None:

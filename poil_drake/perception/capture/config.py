@@ -28,7 +28,7 @@ class RealSense:
         depth_height: Likewise the height [px].
         latency: From a capture to the arrival of its image [s], used only where the camera has no
             global time. 30 ms is one period plus the transfer.
-        silence: After so long without a new image the camera is opened again [s]. Opening holds
+        silence: Time without a new image after which the camera is reopened [s]. Opening holds
             the interpreter for about a second, so a control loop must have stopped the robot by
             then, because of the age of the last image.
         settle: Images within this time after opening are dropped, while the exposure adapts [s].
@@ -65,7 +65,7 @@ class Zed:
         latency: From a capture to the SDK's stamp of its image [s]. The SDK stamps an image when it
             arrives in memory, by its documentation 2 to 3 periods after the capture: 67 ms are 2
             periods at 30 per second.
-        silence: After so long without a new image the camera is opened again [s]. The SDK recovers
+        silence: Time without a new image after which the camera is reopened [s]. The SDK recovers
             a camera itself, and closing and opening hold the interpreter for seconds, so this is
             the last resort.
         settle: Images within this time after opening are dropped, while the exposure adapts [s].
@@ -108,7 +108,7 @@ class OpenCvStreams:
         depth_fourcc: Format to request from a depth device, e.g. "Y16 ".
         largest_gap: Between the arrivals of a live colour and depth image that form a pair [s].
             The nearest images of two sources at 30 Hz are at most 17 ms apart.
-        silence: After so long without a new pair live sources are opened again [s].
+        silence: Time without a new pair after which live sources are reopened [s].
         settle: Live images within this time after opening are dropped, while the exposure adapts
             [s].
     """

@@ -6,7 +6,7 @@ from typing import Protocol
 from poil_drake.perception.images import RgbdImage
 
 Clock = Callable[[], float]
-"""Returns the time now [s since the epoch], possibly of a scaled clock."""
+"""Returns the current time [s since the epoch], possibly of a scaled clock."""
 
 PATIENCE = 0.1
 """How long `CaptureDevice.read` may wait for an image [s]."""

@@ -11,8 +11,8 @@ _LARGEST_OFFSET = 1.0
 different one."""
 
 _MAX_OLD = 30
-"""After a stall, a library delivers the at most 16 images of its queue. So many old stamps in a row
-are due to a wrong clock."""
+"""After a stall, a library delivers at most the 16 images of its queue, so this many old stamps in
+a row mean a wrong clock."""
 
 
 class HostStamps:
@@ -38,7 +38,7 @@ class HostStamps:
         self._last, self._old = -math.inf, 0
 
     def now(self) -> float:
-        """Returns the time now by the clock of the stamps [s]."""
+        """Returns the current time by the clock of the stamps [s]."""
         return self._host_clock()
 
     def convert(self, stamp: float) -> float | None:

@@ -23,7 +23,7 @@ def make_device(
     Args:
         config: Where its images come from.
         camera: Its model in the scenario.
-        clock: The time now [s since the epoch].
+        clock: Returns the current time [s since the epoch].
 
     Raises:
         MissingDependencyError: if the library that it needs is not installed.

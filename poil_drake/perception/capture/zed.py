@@ -43,7 +43,7 @@ class ZedDevice:
         Args:
             config: Which camera to open, and how.
             camera: Its model in the scenario. Its images must not be larger than the camera's.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
 
         Raises:
             MissingDependencyError: if the SDK's Python API is not installed.
@@ -176,7 +176,7 @@ class ZedDevice:
         if not get("optimized", True):
             raise CaptureError(
                 f"{self._source}: the network of the depth mode {mode} is not yet optimized for "
-                "this GPU. That takes minutes, during which a control loop would stand still.",
+                "this GPU. That takes minutes, during which a control loop would stop.",
                 remedy="Optimize that network with ZED_Diagnostic, or choose the depth mode "
                 "PERFORMANCE.",
             )

@@ -24,8 +24,8 @@ class ReplayTolerances:
         phase_start: Of the time at which a phase begins [s].
         shift: How much earlier or later the velocities may be [s] while points move the arm, and
             for `phase_start` after: where a point is slightly off, the field's reference jumps when
-            the arm is at a slightly different place. Oscillations faster than that are not told
-            apart.
+            the arm is at a slightly different place. Oscillations faster than that are not
+            distinguished.
         unmatched_tracks: Share of the tracks, in the phases in which points move the arm, that only
             one of the two has, or that show no point that both saw.
         point_phases: The phases in which the points move the arm. In others nothing depends on

@@ -28,7 +28,7 @@ class CameraPlayback:
         Args:
             config: The file, and how to play it.
             camera: The camera's model in the scenario, with the intrinsics of the recording.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
 
         Raises:
             InvalidValueError: if no file is given.

@@ -13,7 +13,7 @@ from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.mcap.timestamps import to_seconds
 
-# A 640 x 480 frame of two cameras takes 4 MB; a tracker looks at a frame and its predecessor.
+# A 640 x 480 frame of two cameras takes 4 MB; a tracker needs a frame and its predecessor.
 _CACHED_FRAMES = 4
 
 

@@ -35,7 +35,7 @@ class DemonstrationWriter:
     least two frames were written, so that a failed recording never looks complete.
 
     Args:
-        path: The MCAP file; its folder is made where needed.
+        path: The MCAP file; its folder is created if needed.
         cameras: The names of the cameras that every frame must have, in its order.
         metadata: Metadata of the file, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.

@@ -41,7 +41,7 @@ class MessageEncoder:
     After every 10,000 blocks of messages that are freed, protobuf calls `malloc_trim`, which walks
     through all free memory of the process: 10 ms in which no other thread gets the interpreter. The
     robot's signals alone would cause that every few seconds. A message, in turn, frees the bytes
-    of its fields only with itself. So messages are kept, and the bulk, their field `data`, is
+    of its fields only when it is freed. So messages are kept, and the bulk, their field `data`, is
     serialized apart from them.
 
     An encoder may be used by one thread at a time. All stamps are in [ns].

@@ -147,8 +147,8 @@ def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
 class _CheckedFile(io.BufferedReader):
     """A file whose reads return all bytes asked for, or raise an error.
 
-    `StreamReader` does not notice a short read, and requests as much memory as a damaged length
-    says.
+    `StreamReader` does not notice a short read, and allocates whatever a damaged length field
+    states.
 
     Attributes:
         position: Offset of the record that `records` is at [bytes].
@@ -225,6 +225,6 @@ def _unpack(record: McapRecord) -> list[McapRecord]:
         with _DECOMPRESSORS[record.compression](record.data) as stream:
             data = stream.read(size + 1)
         if len(data) != size:
-            raise ValueError("a chunk does not decompress to the size that it states")
+            raise ValueError("a chunk does not decompress to its stated size")
         record = replace(record, compression="", data=data)
     return breakup_chunk(record, validate_crc=True)

@@ -202,7 +202,7 @@ def _record(scanned: ScannedMessage) -> Mapping[str, Any]:
 
 
 def _number(value: Any) -> float:
-    """Returns a number of a record; null stands for one that is not finite."""
+    """Returns a number of a record; null means one that is not finite."""
     if value is None:
         return np.nan
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -20,7 +20,7 @@ REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
 """What to do about a log that cannot be used."""
 
 _CACHED_IMAGES = 2
-"""Tracker and detector look at the same image, and then at the next."""
+"""Tracker and detector process the same image, and then the next."""
 
 
 class PhaseStart(NamedTuple):
@@ -87,7 +87,7 @@ class RecordedRun:
 
     @property
     def label_ids(self) -> dict[str, tuple[int, ...]]:
-        """The labels of objects and parts; empty if the log does not say.
+        """The labels of objects and parts; empty if the log has none.
 
         Raises:
             RunLogError: if the metadata is not a table of labels.

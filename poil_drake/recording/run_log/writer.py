@@ -34,8 +34,8 @@ class RunLogConfig:
     """How a run is logged.
 
     Attributes:
-        color: How colour images are encoded. Quality 85 is good enough to look at and takes half
-            the room of 95.
+        color: How colour images are encoded. Quality 85 is good enough for viewing and takes half
+            the space of 95.
         exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
             log's size. With "raw" or "png" colour images, a replay then sees what the run saw.
         images: Whether images are written; a log without drops them at once.
@@ -73,7 +73,7 @@ class RunLogWriter:
     A write raises the error of an earlier write in the background thread, e.g. a full disk.
 
     Args:
-        path: The MCAP file; its folder is made where needed. An older file is overwritten.
+        path: The MCAP file; its folder is created if needed. An older file is overwritten.
         metadata: Metadata of the run, e.g. {"scenario": ..., "seed": ...}.
         scenario_text: The scenario as YAML, kept as an attachment.
         plan: The file of the plan that is executed, kept as an attachment.

@@ -26,7 +26,7 @@ def DeclareCameraOutputs(
     Images are empty while there is none.
 
     Args:
-        system: Gets the ports.
+        system: Receives the ports.
         camera: The camera's name.
         image: Returns the image that is shown, None for none.
         time: Returns the time of its capture [s].

@@ -33,9 +33,9 @@ class CameraPorts:
         """Declares the ports.
 
         Args:
-            system: Gets the ports.
+            system: Receives the ports.
             cameras: The cameras' models; their names begin the ports' names.
-            label_ids: What the labels stand for (see `MultiViewFrame`); None: no label ports.
+            label_ids: The meaning of the labels (see `MultiViewFrame`); None: no label ports.
         """
         self._system = system
         self._cameras = tuple(cameras)

@@ -68,7 +68,7 @@ class CapturedCameras(LeafSystem):
             sources: The source of each camera's images.
             labels: Whether each source sends label images.
             period: Time between two updates [s].
-            clock: The time now [s since the epoch], as in the images' stamps.
+            clock: Returns the current time [s since the epoch], as in the images' stamps.
         """
         super().__init__()
         self._sources, self._clock = tuple(sources), clock

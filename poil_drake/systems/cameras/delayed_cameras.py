@@ -98,8 +98,8 @@ class DelayedCameras(LeafSystem):
             num_velocities: Size of the plant's velocities, nv.
             period: Time from one capture to the next [s].
             delay: Time from a capture to its images [s].
-            stopwatch: Gets the time that images take ("rendering", beside the simulation) and the
-                time spent waiting for them ("waiting").
+            stopwatch: Receives the time that images take ("rendering", beside the simulation) and
+                the time spent waiting for them ("waiting").
 
         Raises:
             InvalidValueError: if there is no delay.

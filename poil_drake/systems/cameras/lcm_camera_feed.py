@@ -53,8 +53,8 @@ class LcmCameraFeed(LeafSystem):
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
             period: From one capture to the next [s].
-            label_every: Every so many captures have labels.
-            clock: The time now [s since the epoch].
+            label_every: One in this many captures has labels.
+            clock: Returns the current time [s since the epoch].
         """
         super().__init__()
         self._renderer, self._clock = renderer, clock
@@ -68,7 +68,7 @@ class LcmCameraFeed(LeafSystem):
         self.DeclarePeriodicPublishEvent(period, 0.0, self._capture)
 
     def close(self) -> None:
-        """Ends the thread after the images in hand."""
+        """Ends the thread after the images in progress."""
         self._background.close()
 
     def _capture(self, context: Context) -> None:

@@ -73,7 +73,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     try:
         array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
-        raise _unusable(f"{len(message)} bytes are no lcmt_image_array ({error})") from error
+        raise _unusable(f"{len(message)} bytes are not an lcmt_image_array ({error})") from error
     if len(array.images) > _MOST_IMAGES:
         raise _unusable(f"a message holds {len(array.images)} images")
     rgb = depth = label = None
@@ -129,10 +129,10 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
 
 def _inflated(data: bytes, size: int) -> bytes:
     try:
-        # One byte more than needed, however much the data unfolds to.
+        # At most one byte more than needed, however large the data would decompress to.
         return zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as error:
-        raise _unusable(f"an image is no zlib data ({error})") from error
+        raise _unusable(f"an image is not zlib data ({error})") from error
 
 
 def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> np.ndarray:
@@ -143,7 +143,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
         raise _unusable(f"an image is compressed by method {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
         raise _unusable("a compressed image is longer than one that is not")
-    # Before decoding: a few bytes may stand for very many pixels.
+    # Before decoding: a few bytes may decode to very many pixels.
     said = _encoded_size(image.data)
     if said != shape[:2]:
         found = "no size" if said is None else f"{said[1]} x {said[0]} pixels"

@@ -108,9 +108,9 @@ class PartDetector(LeafSystem):
             object_label: The object to find.
             part_label: Its functional part.
             timing: When frames are captured and results released; None: every 1/8 s, at once.
-            label_ids: What render labels stand for; None: there are no label ports.
+            label_ids: The meaning of render labels; None: there are no label ports.
             fusion: How views are merged into a cloud.
-            stopwatch: Gets the time of captures ("capture") and of searches ("detection").
+            stopwatch: Receives the time of captures ("capture") and of searches ("detection").
         """
         super().__init__()
         self._detector = detector

@@ -1,4 +1,4 @@
-"""Converts the gripper's wanted twist to joint velocities."""
+"""Converts the gripper's desired twist to joint velocities."""
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem

@@ -57,7 +57,7 @@ class LcmMailbox(Generic[S]):
             channel: The channel of the messages.
             decode: Decodes a message; raises an InvalidValueError if it cannot.
             same_sender: Returns whether two consecutive messages can be of one sender.
-            clock: The current time [s since the epoch].
+            clock: Returns the current time [s since the epoch].
         """
         self._decode, self._clock = decode, clock
         self._channel, self._same_sender = channel, same_sender

@@ -34,7 +34,7 @@ def check_channel(name: str, key: str) -> None:
     """
     if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
         raise InvalidValueError(
-            f"{key} is '{name}', which is no channel of LCM.",
+            f"{key} is '{name}', which is not an LCM channel.",
             remedy=f"Write 1 to {_LONGEST_CHANNEL} letters.",
         )
 

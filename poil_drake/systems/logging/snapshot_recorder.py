@@ -14,7 +14,7 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
 
 _REMEMBERED = 64
-"""The most pictures that wait for their track, in case the tracker stalls."""
+"""Largest number of pictures that wait for their track, in case the tracker stalls."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,7 +43,7 @@ class SnapshotAlbum:
         """Makes an empty album.
 
         Args:
-            capacity: The most snapshots that it holds, at least 2. When it is full, it drops every
+            capacity: Largest number of snapshots, at least 2. When it is full, it drops every
                 other one, and from then on takes every other one. At 640 x 480 one takes 0.9 MB.
         """
         self._capacity, self._stride, self._offered = capacity, 1, 0
@@ -115,8 +115,8 @@ class SnapshotRecorder(LeafSystem):
             camera: The first of the frames' cameras, whose pictures are kept.
             reference: The reference of the N points; its closest configuration is their target.
             period: Time between captures [s].
-            offset: Time of the first look [s], e.g. the control period: a publish event at the time
-                of a capture would still see the frame before.
+            offset: Time of the first capture [s], e.g. the control period: a publish event at the
+                time of a capture would still see the frame before.
         """
         super().__init__()
         self._album, self._reference = album, reference

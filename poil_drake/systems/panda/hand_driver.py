@@ -10,7 +10,7 @@ from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
 def step_width(*, width: float, wanted: float, speed: float, time_step: float) -> float:
-    """Moves the commanded width [m] towards the wanted one by at most speed * time_step."""
+    """Moves the commanded width [m] towards the desired one by at most speed * time_step."""
     wanted = min(max(wanted, 0.0), MAX_HAND_WIDTH)
     change = speed * time_step
     return min(max(wanted, width - change), width + change)
@@ -29,7 +29,7 @@ class HandDriver(LeafSystem):
         - finger_position
         - finger_velocity
 
-    Port `width` is the wanted opening between the pads [m]; if it is NaN or not connected, the
+    Port `width` is the desired opening between the pads [m]; if it is NaN or not connected, the
     hand holds its opening. A width smaller than the object between the fingers grips it; the
     actuator's effort limit bounds the force.
 

@@ -58,7 +58,7 @@ def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
         return lcm_type.decode(message)
     except (ValueError, struct.error) as error:
         raise InvalidValueError(
-            f"A message of {len(message)} bytes is no {kind}: {error}", remedy=_OTHER_SENDERS
+            f"A message of {len(message)} bytes is not a {kind}: {error}", remedy=_OTHER_SENDERS
         ) from error
 
 
@@ -100,7 +100,7 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     known_mode = decoded.robot_mode in RobotMode.__members__.values()
     if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
-            "This is no status of a Panda that can be used: it has the robot mode "
+            "This status of a Panda cannot be used: it has the robot mode "
             f"{decoded.robot_mode} and the joint values {joints.tolist()}.",
             remedy=_OTHER_SENDERS,
         )
@@ -138,8 +138,8 @@ def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> 
 
 
 _MAX_JUMP, _MAX_SPEED = 0.1, 3.0
-"""Between two statuses of one robot a joint moves at most so far [rad] plus so fast [rad/s];
-repeated and late statuses may be some time apart."""
+"""Between two statuses of one robot a joint moves at most this offset [rad] plus this speed [rad/s]
+times the elapsed time; repeated and late statuses may be some time apart."""
 
 _MAX_CLOCK_JUMP = 0.5
 """Between two statuses of one robot its clock and the driver's drift apart by at most this [s]."""
@@ -150,7 +150,7 @@ def same_panda(before: PandaStatus, after: PandaStatus) -> bool:
     elapsed = after.stamp - before.stamp
     jump = float(np.abs(after.position - before.position).max())
     clock_jump = abs(after.robot_stamp - before.robot_stamp - elapsed)
-    # An unknown robot_stamp (NaN) tells nothing.
+    # An unknown robot_stamp (NaN) excludes nothing.
     return jump <= _MAX_JUMP + _MAX_SPEED * abs(elapsed) and not clock_jump > _MAX_CLOCK_JUMP
 
 
@@ -161,7 +161,7 @@ class PandaCommand(NamedTuple):
         stamp: Time of the sender's clock [s since the epoch].
         mode: The control mode that the sender expects, see `PandaControlMode`.
         sizes: Numbers of positions, velocities and torques.
-        velocity: (n,) wanted [rad/s].
+        velocity: (n,) desired [rad/s].
     """
 
     stamp: float
@@ -201,7 +201,7 @@ def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
 
 
 class HandOpening(NamedTuple):
-    """The measured opening in a status of the hand, or the wanted one in a command to it.
+    """The measured opening in a status of the hand, or the desired one in a command to it.
 
     The Franka driver uses the messages of the Schunk WSG for its hand. The force in its statuses
     is always zero and the speed made up.
@@ -247,7 +247,7 @@ def encode_hand_command(opening: HandOpening, force: float) -> bytes:
     """Encodes an `lcmt_schunk_wsg_command`.
 
     Args:
-        opening: The wanted opening, finite.
+        opening: The desired opening, finite.
         force: Grip force on an object between the fingers [N].
     """
     message = lcmt_schunk_wsg_command()

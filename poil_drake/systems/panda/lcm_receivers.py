@@ -56,7 +56,7 @@ class FrankaStatusReceiver(LeafSystem):
         Args:
             mailbox: Receives the statuses.
             period: Period of the updates [s].
-            clock: The current time [s since the epoch].
+            clock: Returns the current time [s since the epoch].
         """
         super().__init__()
         self._mailbox, self._clock = mailbox, clock
@@ -109,7 +109,7 @@ class HandStatusReceiver(LeafSystem):
         Args:
             mailbox: Receives the statuses.
             period: Period of the updates [s].
-            clock: The current time [s since the epoch].
+            clock: Returns the current time [s since the epoch].
         """
         super().__init__()
         self._mailbox, self._clock = mailbox, clock

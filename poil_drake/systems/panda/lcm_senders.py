@@ -90,7 +90,7 @@ class FrankaCommandSender(LeafSystem):
             expiry: How long the driver follows a command [s of the context's time].
             outdated: Returns whether the period's update is too long ago by the clock, as after the
                 process was suspended.
-            clock: The current time [s since the epoch], on which the driver must agree.
+            clock: Returns the current time [s since the epoch], on which the driver must agree.
             time_scale: Seconds of that clock per second.
         """
         super().__init__()
@@ -166,7 +166,7 @@ class FrankaCommandSender(LeafSystem):
 
 
 class HandCommandSender(LeafSystem):
-    """Sends the wanted opening to the Panda's hand.
+    """Sends the desired opening to the Panda's hand.
 
     .. pydrake_system::
 
@@ -209,7 +209,7 @@ class HandCommandSender(LeafSystem):
             period: Time between two commands [s]; the driver reads ten a second.
             offset: Time of the first command [s]; above 0, initializing a simulator sends nothing.
             outdated: See `FrankaCommandSender`.
-            clock: The current time [s since the epoch].
+            clock: Returns the current time [s since the epoch].
         """
         super().__init__()
         self.channel = SharedChannel(lcm, channel, what="the hand")

@@ -79,7 +79,7 @@ def step_joints(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Advances the joints' commanded positions by one step.
 
-    The wanted velocity passes a low pass, then limits of speed, of braking distance before the
+    The desired velocity passes a low pass, then limits of speed, of braking distance before the
     position limits, and of acceleration, separately for each joint, as in libfranka's rate limiter.
 
     Args:

@@ -14,17 +14,17 @@ class SafetyFault(DescribedEnum):
     """Why `SafetySupervisor` stopped the arm, with a clause for reports."""
 
     NONE = 0, "no fault"
-    STOP_REQUESTED = 1, "a stop was asked for"
+    STOP_REQUESTED = 1, "a stop was requested"
     NO_STATUS = 2, "the robot's status stopped coming, came late, or held no position"
     CLOCK_OFF = 3, "the clocks of this machine and of the robot's driver differ"
     ROBOT_MODE = 4, "the robot left its moving mode"
     SUCCESS_RATE = 5, "too few commands reached the robot in time"
     COMMAND_STALE = 6, "the controller stopped computing velocities"
-    COMMAND_NOT_FINITE = 7, "the controller asked for a velocity that is no number"
+    COMMAND_NOT_FINITE = 7, "the controller commanded a velocity that is not finite"
     WORKSPACE = 8, "the arm was about to leave its workspace"
     TABLE = 9, "the arm was about to touch the table"
     SELF_COLLISION = 10, "the arm was about to touch itself"
-    EXTERNAL_TORQUE = 11, "something pushed the arm harder than it may"
+    EXTERNAL_TORQUE = 11, "something pushed the arm too hard"
     TRACKING_ERROR = 12, "the robot is not where it was commanded to be"
     CAMERA_STALE = 13, "a camera stopped delivering images"
     CAMERA_CLOCK = 14, "a camera's images are stamped in the future"
@@ -47,28 +47,28 @@ class SafetyConfig:
         limiter: Shares of the joints' limits. By default more of the accelerations than the inverse
             kinematics uses (0.8), so that it slows nothing down, and half of the jerks, which
             delays a velocity by at most 4 ms. Its `velocity_scale` is the speed override.
-        posture: The space in which the arm may be.
+        posture: The workspace that the arm must stay in.
         status_age_limit: Largest difference between the stamp of the robot's status and our clock
             [s]: a dozen control periods.
         clock_off_age: Statuses that keep arriving but are older than this [s] indicate a clock
             that is off, not a slow network.
         min_success_rate: Smallest share of commands that must reach the robot in time; Franka's
-            communication test calls a network with less insufficient.
-        success_rate_time: How long the share may be smaller [s]: the robot counts over its last
-            0.1 s, and has nothing to count before the first commands.
-        command_age_limit: Largest age of the wanted velocity [s]: a dozen control periods.
-        external_torque: Largest external torque on each joint [N m]; those of the motion examples
+            communication test rejects a network with less.
+        success_rate_time: How long the share may stay below that [s]: the robot counts over its
+            last 0.1 s, and has nothing to count before the first commands.
+        command_age_limit: Largest age of the desired velocity [s]: a dozen control periods.
+        external_torque: Largest external torque on each joint [N m], as in the motion examples
             of Franka's library. Grasping and hanging a mug takes up to 7 N m.
-        external_torque_time: How long a torque may be larger [s]: longer than a single bad
+        external_torque_time: How long a torque may exceed that [s]: longer than a single bad
             measurement, shorter than a person's reaction.
         tracking_leash: Largest difference between a joint's commanded and its measured position
             [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold an arm in
             contact back by as much.
-        rest_speed: An arm with all measured joint speeds below this stands [rad/s].
+        rest_speed: An arm with all measured joint speeds below this is at rest [rad/s].
         image_age_limit: Largest age of each camera's image [s]: more than a tracker can bridge.
         image_ahead_limit: How far the stamp of an image may be in the future [s].
-        stall_limit: Largest time between two updates by the clock, if there is one [s]: less than
-            the robot's driver follows a command.
+        stall_limit: Largest time between two updates by the clock, if there is one [s]: shorter
+            than the driver follows a command.
     """
 
     limiter: VelocityLimiterConfig = field(default_factory=_limiter)

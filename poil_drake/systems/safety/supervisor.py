@@ -35,7 +35,7 @@ _REST = np.zeros(NUM_JOINTS)
 
 
 class SafetySupervisor(LeafSystem):
-    """Passes joint velocities on as far as they are safe, and stops the arm on a fault.
+    """Passes on joint velocities within safe limits, and stops the arm on a fault.
 
     .. pydrake_system::
 
@@ -60,7 +60,7 @@ class SafetySupervisor(LeafSystem):
         - position
 
     Inputs, of which `velocity_time`, `stop`, `reset`, `position_commanded` and the cameras' are
-    optional: `velocity` (7,) [rad/s] is the wanted velocity, computed at `velocity_time` (1,) [s];
+    optional: `velocity` (7,) [rad/s] is the desired velocity, computed at `velocity_time` (1,) [s];
     `position_measured` (7,) [rad], `velocity_measured` (7,) [rad/s], `torque_external` (7,) [N m]
     and `status` (3,) are the station's; `stop` and `reset` (1,) count requests, of which every
     increase is one; `<camera>.image_time` (1,) [s] is the capture time of its newest image, NaN
@@ -76,7 +76,7 @@ class SafetySupervisor(LeafSystem):
     - `velocity_time` (1,) [s]: when it was computed.
     - `fault` (1,): a `SafetyFault`. After a fault the arm brakes, and rests until a reset arrives
       while it is at rest and no cause persists.
-    - `scale` (1,): the share of the wanted velocity that the arm heads for, usually 1; 0 while it
+    - `scale` (1,): the share of the desired velocity that the arm heads for, usually 1; 0 while it
       brakes or rests because of a fault.
     - `updated_at` (1,) [s]: the clock's time of the last update; NaN without a clock.
     - `position` (7,) [rad]: the commanded posture; NaN before the start.
@@ -85,10 +85,10 @@ class SafetySupervisor(LeafSystem):
     velocity is zero, its time minus infinity, and the scale 0. While the status is not fresh, or
     holds a NaN, the arm brakes along its command; a NaN in any other input is a fault.
 
-    The commanded posture is state as well. Whenever the arm stands it becomes the measured one;
-    while the arm moves, each velocity counts for the time by the clock for which it was commanded,
-    even if updates are late. If the station reports `position_commanded` (7,) [rad], the posture is
-    that at each update instead. A velocity that a rule refuses at every speed is a fault.
+    The commanded posture is state as well. At rest it is set to the measured one; while the arm
+    moves, each velocity is integrated over the time by the clock for which it was commanded, even
+    if updates are late. If the station reports `position_commanded` (7,) [rad], the posture is that
+    at each update instead. A velocity that a rule refuses at every speed is a fault.
     """
 
     def __init__(
@@ -110,8 +110,8 @@ class SafetySupervisor(LeafSystem):
             cameras: Names of the cameras whose images are monitored.
             config: The thresholds and limits.
             clock: Returns the time [s], from which the supervisor detects that the process was
-                suspended, while the context's time stands still. It must be monotonic. None
-                disables this, as in simulation.
+                suspended, during which the context's time does not advance. It must be
+                monotonic. None disables this, as in simulation.
             command_expiry: How long the robot's driver follows a command [s], by that clock.
             stopwatch: Records the durations of the updates as "control".
 

@@ -17,10 +17,10 @@ class SafetyObservation(NamedTuple):
         position_known: Whether the measured position is finite.
         torque_ratio: Largest external torque as a multiple of its limit; NaN if unknown.
         tracking_error: Largest difference of commanded and measured positions [rad]; zero while
-            the arm stands, and NaN before the first command.
-        standing: Whether the arm stands, both as commanded and as measured.
-        command_finite: Whether the wanted velocity is finite.
-        command_age: Age of the wanted velocity [s]: infinity before the first one; zero without
+            the arm is at rest, and NaN before the first command.
+        standing: Whether the arm is at rest, both as commanded and as measured.
+        command_finite: Whether the desired velocity is finite.
+        command_age: Age of the desired velocity [s]: infinity before the first one; zero without
             stamps.
         image_age: Age of the oldest camera's image [s]; zero without images.
         image_ahead: How far the newest camera's image is in the future [s]; zero without images.
@@ -80,8 +80,8 @@ def watch(
 ) -> SafetyMemory:
     """Returns the memory after one control period, with a fault if there is a cause.
 
-    A fault stays until `resets` grows while the arm stands and no cause persists; an earlier reset
-    has no effect. Before the first status only a stop is a fault.
+    A fault stays until `resets` grows while the arm is at rest and no cause persists; an earlier
+    reset has no effect. Before the first status only a stop is a fault.
 
     Args:
         memory: The memory before.

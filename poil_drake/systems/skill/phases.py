@@ -12,10 +12,10 @@ class Phase(DescribedEnum):
     GRASP = 3, "the descent has ended"
     LIFT = 4, "the fingers stand still around the object"
     FOLLOW = 5, "the object is lifted"
-    RELEASE = 6, "the points are at the reference's end, or as near as they come"
-    RETREAT = 7, "the fingers have had their time to open"
+    RELEASE = 6, "the points are at the reference's end, or as close as they get"
+    RETREAT = 7, "the fingers have had time to open"
     SETTLE = 8, "the gripper has backed off"
-    DONE = 9, "the object has had its time to settle"
+    DONE = 9, "the object has had time to settle"
     FAULT = 10, "the skill ended early"
 
 
@@ -37,11 +37,11 @@ class Fault(DescribedEnum):
     GRASP_MISSED = 2, "the fingers closed on nothing"
     OBJECT_DROPPED = 3, "the object slipped out of the fingers"
     NO_PROGRESS = 4, "the points stopped short of the reference"
-    IK_STUCK = 5, "the arm could not follow the asked twist (joint limit or singularity)"
+    IK_STUCK = 5, "the arm could not follow the desired twist (joint limit or singularity)"
     HAND_STATUS = 6, "the hand stopped reporting its opening"
     TIMEOUT = 7, "a phase took longer than allowed"
     SAFETY = 8, "the safety supervisor stopped the arm"
-    HAND_IDLE = 9, "the hand did not close when it was told to"
+    HAND_IDLE = 9, "the hand did not close on command"
 
 
 def phase_reason(phase: int, fault: int) -> str:

@@ -11,7 +11,7 @@ from poil_drake.systems.skill.phases import HOLDING, TWIST_PHASES, Fault, Phase
 
 _CLOSED_HAND = frozenset({Phase.GRASP, Phase.LIFT, Phase.FOLLOW})
 _HARDLY_CLOSED = 0.0005
-"""A hand that was told to grip and closed by less than this did not close [m]."""
+"""A hand commanded to grip counts as not closed if it closed by less than this [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)

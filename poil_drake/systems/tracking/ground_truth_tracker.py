@@ -45,7 +45,7 @@ class GroundTruthTrackerConfig:
             raise InvalidValueError(
                 f"The noise is {self.noise} m, the dropouts are {self.point_dropout} and "
                 f"{self.frame_dropout}.",
-                remedy="Noise is not negative and probabilities lie in [0, 1].",
+                remedy="Pass a non-negative noise, and probabilities in [0, 1].",
             )
 
 
@@ -75,7 +75,7 @@ def observe(
 
 
 class GroundTruthTracker(LeafSystem):
-    """Reports the true points at a tracker's rate and latency: a labelled baseline.
+    """Reports the true points at a tracker's rate and latency: a baseline for comparison.
 
     .. pydrake_system::
 

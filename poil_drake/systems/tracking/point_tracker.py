@@ -83,8 +83,8 @@ class PointTracker(LeafSystem):
                 faster than the tracker.
             once: Whether to stop once the points were found: for a dry run, in which the object
                 does not move.
-            stopwatch: Gets the time of captures ("capture"; this is rendering where cameras do not
-                delay), of steps ("tracking", beside the simulation) and of waiting ("waiting").
+            stopwatch: Receives the time of captures ("capture"; this is rendering where cameras do
+                not delay), of steps ("tracking", beside the simulation) and of waiting ("waiting").
         """
         super().__init__()
         self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()

@@ -1,4 +1,4 @@
-"""One step of following the points: when to start, step, give up and start anew."""
+"""One step of following the points: when to start, step, give up and restart."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,14 +36,14 @@ class TrackerInputs(SharedOnCopy):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerRun(SharedOnCopy):
-    """Where the tracking of one stream stands after a capture.
+    """The state of tracking one stream after a capture.
 
     Attributes:
         points: What to report.
-        status: What to think of it.
+        status: Whether the tracker follows the object.
         tracker_state: The tracker's own state; None before the first start.
-        state_motion: (4, 4) X_M at the frame that `tracker_state` is of, or None.
-        masks: The detection that the last start was tried with.
+        state_motion: (4, 4) X_M at the frame of `tracker_state`, or None.
+        masks: The detection used at the last attempt to start.
         query_points: (N, 3) the query of the last start, or None.
         query_motion: (4, 4) X_M when that query was first used, or None.
     """
@@ -63,7 +63,7 @@ def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Tr
     A start needs query points and a detection that was not tried before. The first start uses the
     query as it is; a new start after a loss carries the query along with the object's motion since
     then, which is right while the grasp is rigid. In between, the tracker steps, with that motion
-    as its prior, and goes on stepping when it is lost, for it may recover by itself.
+    as its prior; it keeps stepping while lost, because it may recover by itself.
     """
     query = inputs.query_points
     fresh = inputs.masks is not None and inputs.masks is not run.masks

@@ -26,12 +26,12 @@ OVERLAY_PATH = f"{CAMERA_PATH}/poil"
 FIELD_OF_VIEW = math.radians(45.0)
 """The page's vertical field of view [rad]. The default, 75 degrees, distorts a scene this small."""
 
-# Text stands so close to the camera that nothing else comes between; the page's near plane is at
+# Text is so close to the camera that nothing can be in between; the page's near plane is at
 # 0.01 m.
 _DISTANCE = 0.1  # [m]
 _HALF_SCREEN = _DISTANCE * math.tan(FIELD_OF_VIEW / 2.0)  # [m]
 _PANEL_MARGIN = 0.05 * _HALF_SCREEN  # [m] to the left and the right of text.
-_PANEL_OFFSET = 0.0005  # [m] How far panels stand behind their text.
+_PANEL_OFFSET = 0.0005  # [m] Distance of panels behind their text.
 
 # Font sizes and heights as fractions of half the screen's height; 0 is the middle, 1 the top.
 _PHASE_SIZE, _PHASE_HEIGHT = 0.085, 0.911

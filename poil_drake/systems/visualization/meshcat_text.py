@@ -55,7 +55,7 @@ def DrawText(
     from matplotlib.figure import Figure
 
     widths = [text_width(text, bold=bold) for text, _ in pieces]
-    # One inch of the figure stands for the font size, which is 72 points.
+    # One inch of the figure corresponds to the font size, which is 72 points.
     figure = Figure(figsize=(sum(widths), LINE_HEIGHT), dpi=_RESOLUTION, facecolor="none")
     left = 0.0
     for (text, color), width in zip(pieces, widths, strict=True):

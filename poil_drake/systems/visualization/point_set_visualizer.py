@@ -65,7 +65,7 @@ class PointSetVisualizer(LeafSystem):
 
     - `points` is (3N,), row-major [m, world]: the controller's input points.
     - `confidence` is (N,) in [0, 1]; points with low confidence are drawn small and grey.
-    - `target_points` is (3N,), row-major [m, world]: where the reference wants them now.
+    - `target_points` is (3N,), row-major [m, world]: their present targets on the reference.
     - `spatial_velocity` is (6,), (ω [rad/s], v [m/s]) in the world frame, drawn as two arrows that
       start at the gripper.
     - `gripper_pose` is (16,), X_WG row-major.

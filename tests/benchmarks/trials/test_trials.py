@@ -101,7 +101,7 @@ def test_trials_of_killed_workers_run_again_until_they_use_up_their_attempts(
     assert runs == [2, 1, 2, 1, 2]
 
 
-def test_lost_trial_tells_how_its_last_worker_ended(tmp_path: Path) -> None:
+def test_lost_trial_describes_how_its_last_worker_ended(tmp_path: Path) -> None:
     ((_, lost),) = run_trials(kill, [(0, 9)], shared=(tmp_path,), attempts=1)
 
     assert "status -9" in lost.cause

@@ -168,7 +168,7 @@ def paused_demonstration(rate=16.0):
 
 def test_a_pause_stops_the_field_unless_it_is_cut():
     times, path = paused_demonstration()
-    # A hand's tremble. The field stops where a sample's velocity points back.
+    # The tremor of a hand. The field stops where a sample's velocity points back.
     path = path + 1e-3 * np.random.default_rng(0).normal(size=path.shape)
     raw = moving_reference(BODY + path[:, None], times[1])
     prepared = make_reference(times, BODY + path[:, None])

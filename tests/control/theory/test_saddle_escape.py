@@ -99,7 +99,7 @@ def test_escape_in_any_direction_has_the_fastest_rate(seed):
     measured = times_to_turn(W, starts, saddles, angle=1.0)
 
     slopes = np.polyfit(np.log(1.0 / distances), measured.T, 1)[0]
-    # 1 / 1: the rate about the saddle's own axis. A rival of rate r fades as distance^(1 - r).
+    # 1 / 1: the rate about the saddle's own axis. A competing rate r fades as distance^(1 - r).
     np.testing.assert_allclose(slopes, 1.0, rtol=0.05)
 
 

@@ -142,7 +142,7 @@ def test_collinear_points_are_rejected():
 def held_run(body, R, offset, h, steps):
     """Returns the field's potentials (steps,) if its twist is held for periods of h / eta."""
     eta = 3.0
-    # A goal tolerance of 0 lets the run go on at the goal.
+    # With a goal tolerance of 0 the run continues at the goal.
     config = BcsdmConfig(eta=eta, goal_tolerance=0.0)
     points = body @ R.T + offset
     return rollout(

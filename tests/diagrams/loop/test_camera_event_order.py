@@ -1,6 +1,6 @@
 """What each system sees at one instant between cameras and propagator, on rendered images.
 
-Images appear at their delay; the propagator then says how the object has moved until their capture;
+Images appear at their delay; the propagator then reports the object's motion at their capture;
 one control period later the tracker takes them, with that motion; its points come at the latency.
 """
 
@@ -102,7 +102,7 @@ def test_tracker_and_detector_read_images_one_period_after_their_release(
         assert seen_by(events, name) == {k * TRACKER + LOOK: k * TRACKER for k in range(4)}
 
 
-def test_the_propagator_knows_of_the_images_before_the_tracker_looks(events: list[Event]) -> None:
+def test_the_propagator_knows_of_the_images_before_the_tracker(events: list[Event]) -> None:
     image_times = seen_by(events, "move")
 
     np.testing.assert_equal(image_times[DELAY - CONTROL], np.nan)

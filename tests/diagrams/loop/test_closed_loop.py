@@ -48,7 +48,7 @@ def test_a_loop_that_cannot_be_built_leaves_no_process() -> None:
 def test_a_tracker_of_images_needs_cameras() -> None:
     blind = dataclasses.replace(ChooseScenario(), cameras={})
 
-    with pytest.raises(ScenarioError, match=r"names none.*ground_truth"):
+    with pytest.raises(ScenarioError, match=r"has none.*ground_truth"):
         MakeClosedLoop(blind, short_plan())
 
 

@@ -62,7 +62,7 @@ WATCHED: dict[str, tuple[type, str, tuple[str, ...]]] = {
 
 
 class SilentLog:
-    """Stands for a RunLogWriter that forgets everything."""
+    """A fake RunLogWriter that discards everything."""
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         return lambda *args, **kwargs: None
@@ -97,7 +97,7 @@ def _record(
 def _simulate(loop: ClosedLoop) -> None:
     simulator = Simulator(loop.diagram)
     root = simulator.get_mutable_context()
-    # The field leads at once, though nothing is held; so every stage of the loop has its say.
+    # The field leads at once, though nothing is held, so that every stage of the loop takes part.
     sequencer = loop.sequencer.GetMyMutableContextFromRoot(root)
     sequencer.SetDiscreteState(np.array(SkillState(phase=Phase.FOLLOW, width=0.0)))
     simulator.AdvanceTo(MOVED)

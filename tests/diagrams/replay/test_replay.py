@@ -191,14 +191,14 @@ def test_the_outputs_are_written(log: Path, tmp_path: Path) -> None:
     assert figures["tracker"] == "recorded"
     assert figures["signals"][JOINT_VELOCITY]["phases"]["approach"]["count"] > 200
     assert (tmp_path / "again.png").stat().st_size > 10_000
-    # The log of a replay can be replayed, and is told from that of a run.
+    # The log of a replay can be replayed, and is distinguished from that of a run.
     again = replay(tmp_path / "again.mcap")
     assert again.same
     metadata = load_recorded_run(tmp_path / "again.mcap").metadata
     digest = hashlib.sha256(log.read_bytes()).hexdigest()
     assert (metadata["replay_of"], metadata["replay_of_sha256"]) == ("run.mcap", digest)
     assert (metadata["replay_tracker"], metadata["replay_scenario_text"]) == ("recorded", "")
-    assert again.notes == ("this is the log of a replay, of run.mcap, and of no run",)
+    assert again.notes == ("this is the log of a replay of run.mcap, not of a run",)
 
 
 def test_old_outputs_stay_if_the_log_cannot_be_read(tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
     points = summary.comparison.statistics_by_phase(TRACKED_POINTS)
     assert points["follow"].maximum < 0.003
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 0.13
-    # While the field moves the arm, that goes on to the commands, and to nothing before.
+    # The difference reaches the commands only while the field moves the arm.
     phases = summary.comparison.statistics_by_phase(LINEAR_VELOCITY)
     assert phases["follow"].maximum > 0.0
     assert phases["lift"].maximum == 0.0
@@ -277,7 +277,7 @@ def test_moved_cameras_are_noted(seen: Path, tmp_path: Path) -> None:
     moved = rewritten(seen, tmp_path / "moved.mcap", message=elsewhere)
 
     assert replay(seen).notes == ()
-    assert replay(moved).notes == ("camera 'left' stood 23 mm elsewhere in the run",)
+    assert replay(moved).notes == ("camera 'left' was 23 mm elsewhere in the run",)
     # Recorded tracks need no images.
     assert replay(moved, tracker="recorded").notes == ()
 

@@ -14,7 +14,7 @@ TURNED = np.array([[np.cos(0.01), -np.sin(0.01), 0], [np.sin(0.01), np.cos(0.01)
 
 
 def run_with(K=K, size=(640, 480), X_WC=None):
-    """A run whose camera "left" stood at the origin, or elsewhere."""
+    """A run whose camera "left" was at the origin, or elsewhere."""
     return RecordedRun(
         Path("run.mcap"),
         (),
@@ -31,7 +31,7 @@ def run_with(K=K, size=(640, 480), X_WC=None):
         (run_with(X_WC=make_transform(np.eye(3), [1e-12, 0.0, 0.0])), ()),
         (
             run_with(X_WC=make_transform(np.eye(3), [0.0, 0.023, 0.0])),
-            ("camera 'left' stood 23 mm elsewhere in the run",),
+            ("camera 'left' was 23 mm elsewhere in the run",),
         ),
         # 0.01 rad.
         (
@@ -41,7 +41,7 @@ def run_with(K=K, size=(640, 480), X_WC=None):
         (
             run_with(K=K + np.diag([2.0, 2.0, 0.0]), X_WC=make_transform(TURNED, [0.0, 0.0, 0.5])),
             (
-                "camera 'left' had intrinsics that differ by 2 px and stood 5e+02 mm elsewhere and "
+                "camera 'left' had intrinsics that differ by 2 px and was 5e+02 mm elsewhere and "
                 "was turned by 0.57 deg in the run",
             ),
         ),

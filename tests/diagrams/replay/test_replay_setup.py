@@ -33,7 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(path, short_scenario(), short_plan(), 0.125)
 
 
-def test_a_log_says_what_was_run(log: Path) -> None:
+def test_a_log_contains_what_was_run(log: Path) -> None:
     dut = SetUpReplay(log)
 
     assert dut.scenario.poil == short_scenario().poil
@@ -78,7 +78,7 @@ def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
         SetUpReplay(tmp_path / "run.mcap")
 
 
-def test_a_log_that_was_cut_off_too_early_says_so(log: Path, tmp_path: Path) -> None:
+def test_a_log_that_was_cut_off_too_early_is_reported(log: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[:5000])
 

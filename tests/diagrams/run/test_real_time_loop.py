@@ -13,7 +13,7 @@ PERIOD = 1 / 256
 
 
 class FakeTime:
-    """Stands for the module `time`: time passes only in `sleep`."""
+    """A fake module `time`: time passes only in `sleep`."""
 
     def __init__(self) -> None:
         self.now = 100.0

@@ -18,7 +18,7 @@ PICTURED = (Phase.WAIT, Phase.FOLLOW, Phase.FOLLOW)
 
 
 class Samples:
-    """Stands for a RunRecorder: three samples, the skill's last phases, and a judge."""
+    """A fake RunRecorder: three samples, the skill's last phases, and a judge."""
 
     def __init__(self, judge: HangingJudge, *last_phases: Phase):
         phases = [*PICTURED, *last_phases]
@@ -133,7 +133,7 @@ def test_a_fault_of_the_supervisor_after_the_last_phase_is_reported() -> None:
     success, reason = verdict(report)
 
     assert not success
-    assert reason.startswith("something pushed the arm harder than it may")
+    assert reason.startswith("something pushed the arm too hard")
 
 
 def test_an_exception_is_a_failure_even_if_the_object_hangs() -> None:

@@ -166,7 +166,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ),
         (
             "{poil: {hardware: {cameras: {left: !RealSense {serial: 1}}}}}",
-            r"left.serial' is 1, but text \(in quotes where it looks like a number\) is needed",
+            r"left.serial' is 1, but text \(in quotes if it looks like a number\) is needed",
         ),
         ("{lcm_buses: {default: {lcm_url: 'ros://x'}}}", "lcm_url is 'ros://x'"),
         (

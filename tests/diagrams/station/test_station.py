@@ -237,7 +237,7 @@ def test_a_camera_may_be_mounted_on_what_is_welded_to_the_world() -> None:
     assert MakeStation(scenario).camera_names == ("left", "right")
 
 
-def test_an_empty_scenario_says_what_it_lacks() -> None:
+def test_the_error_of_an_empty_scenario_names_what_it_lacks() -> None:
     with pytest.raises(ScenarioError, match=r"poil.robot is 'panda'"):
         MakeStation(LoadScenario(filename=TEST_FILE, scenario_name="Defaults"))
 

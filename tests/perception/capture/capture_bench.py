@@ -11,7 +11,7 @@ HEIGHT, WIDTH = 6, 8
 SIZE = (HEIGHT, WIDTH)
 K = np.array([[20.0, 0.0, 3.5], [0.0, 20.0, 2.5], [0.0, 0.0, 1.0]])
 CAMERA = CameraModel("left", WIDTH, HEIGHT, K, np.eye(4))
-TIMEOUT = 3600.0  # [s]; only a failing test waits so long.
+TIMEOUT = 3600.0  # [s]; only a failing test waits that long.
 
 
 class SettableClock:

@@ -72,7 +72,7 @@ def test_any_other_bytes_are_refused(recording, content, with_magic):
     ("content", "words"),
     [(b"", "is empty"), (b"\x89MCA", "is cut off"), (b"ply\nformat ascii", "is not an MCAP file")],
 )
-def test_errors_tell_other_files_from_damaged_ones(recording, content, words):
+def test_errors_distinguish_other_files_from_damaged_ones(recording, content, words):
     _, path = recording
     path.write_bytes(content)
 

@@ -95,7 +95,7 @@ def test_rows_may_be_padded(foreign):
 
 
 def test_transforms_may_be_chained_in_one_message(foreign):
-    # The camera stands on a stand 0.1 m above a table that is 0.3 m along y from the world.
+    # The camera is on a stand 0.1 m above a table that is 0.3 m along y from the world.
     together = FrameTransforms()
     for parent, child, translation in (
         ("table", "stand", (0, 0, 0.1)),

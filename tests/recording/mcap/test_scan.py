@@ -73,7 +73,7 @@ def test_chunks_of_all_kinds_are_decompressed(tmp_path, compression, records):
     assert list(scan(path)) == []
 
 
-def test_a_damaged_length_is_told_from_the_end_of_a_recording(tmp_path):
+def test_a_damaged_length_is_distinguished_from_the_end_of_a_recording(tmp_path):
     data = write(tmp_path / "a.mcap", "", b"", 0).read_bytes()
     at = data.index(Opcode.CHUNK) + 1
     damaged = data[:at] + (1 << 40).to_bytes(8, "little") + data[at + 8 :]

@@ -123,7 +123,7 @@ def test_arrays_may_be_changed_after_writing(path):
         np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f4"), np.full(150, i))
 
 
-def test_a_full_queue_may_drop_messages_and_says_so(path):
+def test_a_full_queue_may_drop_messages_and_reports_it(path):
     gate, started = threading.Event(), threading.Event()
 
     def slow(X, **named):

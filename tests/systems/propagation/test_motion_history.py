@@ -48,7 +48,7 @@ def test_between_samples_the_motion_is_interpolated() -> None:
 
 
 def test_a_held_object_turns_with_the_hand() -> None:
-    # The hand stands at x = 1 and turns by 90 degrees; the object at the origin swings to (1, -1).
+    # The hand is at x = 1 and turns by 90 degrees; the object at the origin swings to (1, -1).
     before, now = turn_about_z(0.0, 1.0), turn_about_z(np.pi / 2, 1.0)
 
     X_M = carried_along(np.eye(4), before, now)

@@ -74,7 +74,7 @@ def test_a_step_is_that_of_the_limiter() -> None:
 
 
 def test_the_speed_override_holds() -> None:
-    # A fifth of 2.175 rad/s is 0.435; half of what is wanted.
+    # A fifth of 2.175 rad/s is 0.435; half of the desired velocity.
     dut = moving_bench(wanted=0.87 * np.eye(7)[0], config=SLOW)
 
     assert dut.read("velocity")[0] == pytest.approx(0.435)

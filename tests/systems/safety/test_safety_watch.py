@@ -209,7 +209,7 @@ def test_a_fault_stays_when_its_cause_ends_or_another_occurs(moving: dut.SafetyM
         {"resets": 0.0},
     ],
 )
-def test_a_reset_releases_only_an_arm_that_stands_without_a_cause(
+def test_a_reset_releases_only_an_arm_at_rest_without_a_cause(
     moving: dut.SafetyMemory, changes
 ) -> None:
     faulty = watch(moving, mode=0.0)

@@ -123,7 +123,7 @@ def test_without_forward_kinematics_there_is_no_prior(before: TrackerRun) -> Non
     assert tracker.calls[1] == ("step", 0, None)
 
 
-def test_a_loss_passes_through_and_the_tracker_goes_on(before: TrackerRun) -> None:
+def test_a_loss_passes_through_and_the_tracker_continues(before: TrackerRun) -> None:
     tracker = ScriptedTracker("ok", "lost", "ok")
     run = advance(tracker, before, inputs(0))
 

@@ -28,7 +28,7 @@ class TrackingConfig:
 
 
 class DelayedTracking(LeafSystem):
-    """Tracks points like a real tracker, and propagates them to now with the hand's motion.
+    """Tracks points like a real tracker, and propagates them to the present with the hand's motion.
 
     .. pydrake_system::
 

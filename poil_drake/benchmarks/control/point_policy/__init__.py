@@ -1,4 +1,4 @@
-"""Point Policy (Haldar et al., 2025) on true points: behaviour cloning as a rival.
+"""Point Policy (Haldar et al., 2025) on true points: behaviour cloning as a baseline.
 
 Our own code, written from the paper's description. A transformer takes one token per point, made
 of the point's recent positions, and predicts a chunk of its next positions. Overlapping chunks are

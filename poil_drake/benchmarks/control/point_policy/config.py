@@ -28,8 +28,8 @@ class PointPolicyConfig:
             each axis [m]; see `perturb_histories`. The published method has none.
         rotation_noise: Standard deviation of their rotation about each axis [rad]. 0.05 rad moves
             a point 10 cm from the centroid by 5 mm. The published method has none.
-        halt_probability: Share of the training windows whose points seem to have stood still, as
-            after a contact, so that a blocked policy learns to go on. The published method has
+        halt_probability: Share of the training windows whose points seem to have stopped, as
+            after a contact, so that a blocked policy learns to continue. The published method has
             none.
         rest: Number of samples at rest appended to each demonstration, so that the policy learns to
             stay at the goal. It exceeds the published number, `history`, so that the policy also

@@ -44,7 +44,7 @@ class Normalization:
         return per_point.reshape(*per_point.shape[:-2], -1).astype(np.float32)
 
     def positions(self, numbers: np.ndarray) -> np.ndarray:
-        """Returns the positions (L, N, 3) [m, world] that numbers (N, 3 L) stand for."""
+        """Returns the positions (L, N, 3) [m, world] that numbers (N, 3 L) represent."""
         in_cube = numbers.reshape(len(numbers), -1, 3).swapaxes(0, 1)
         return self._center() + self._half_range() * in_cube
 

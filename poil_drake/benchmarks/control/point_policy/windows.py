@@ -41,8 +41,8 @@ def perturb_histories(
 
     The current observation and the one before the oldest are shifted, and rotated about their
     centroids, at random and independently; those in between by interpolation. So both the points
-    and their recent motion are off. In some histories the points seem to have stood still. Since
-    the futures stay the same, the network learns to return and to go on.
+    and their recent motion are off. In some histories the points seem to have stopped. Since
+    the futures stay the same, the network learns to return and to continue.
 
     Args:
         histories: (B, H, N, 3) [m], oldest first.

@@ -1,4 +1,4 @@
-"""BCSDM on the pose of an object: the rival whose metric mixes radians and metres.
+"""BCSDM on the pose of an object: the baseline whose metric mixes radians and metres.
 
 By the formulas of Lee, Lee, Ha and Park, "Behavior-Controllable Stable Dynamics Models on
 Riemannian Configuration Manifolds". With the closest sample

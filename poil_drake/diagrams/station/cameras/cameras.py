@@ -89,7 +89,7 @@ def AddDelayedCameras(
     Exports the same ports as `AddCameras`.
 
     Args:
-        builder: Gets the cameras.
+        builder: Receives the cameras.
         plant: The plant they see.
         cameras: Their configuration.
         lcm_buses: The networks; images are not sent to them.
@@ -196,7 +196,7 @@ def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) ->
 def _unusable(name: str, error: BaseException) -> ScenarioError:
     return ScenarioError(
         f"cameras.{name} cannot be used: {drake_reason(error)}.",
-        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
+        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists the valid values.",
     )
 
 
@@ -214,7 +214,7 @@ def _check_camera(name: str, config: CameraConfig) -> None:
     if max(config.width, config.height) > _LARGEST_SIDE:
         raise ScenarioError(
             f"cameras.{name} has {config.width} x {config.height} pixels.",
-            remedy=f"At most {_LARGEST_SIDE} either way are drawn.",
+            remedy=f"At most {_LARGEST_SIDE} pixels in each direction are supported.",
         )
     if config.capture_offset != 0.0:
         raise ScenarioError(

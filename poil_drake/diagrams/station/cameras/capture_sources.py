@@ -40,7 +40,7 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
     if params.channel_suffix:
         raise ScenarioError(
             f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', which hardware's "
-            "channels do not get.",
+            "channels do not use.",
             remedy="Leave it out, and write whole names in poil.hardware.channels, and in the "
             "channel of each !LcmImages.",
         )
@@ -61,7 +61,7 @@ def MakeCaptureDevice(
         source: The source of its images.
         scenario: Its networks.
         camera: Its model.
-        clock: The time now [s since the epoch].
+        clock: Returns the current time [s since the epoch].
 
     Raises:
         PoilError: if it cannot be used.
@@ -107,6 +107,6 @@ def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
             raise ScenarioError(
                 f"poil.hardware.cameras gives '{first}' the serial number '{one.serial}' and "
                 f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
-                "cannot be told from each other.",
+                "cannot be told apart.",
                 remedy="Give each the serial number printed on it.",
             )

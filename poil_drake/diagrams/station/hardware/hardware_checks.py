@@ -34,14 +34,15 @@ def ground_truth_error() -> ScenarioError:
     """Returns the error of a ground-truth tracker without a simulator."""
     return ScenarioError(
         f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
-        remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
+        remedy="Choose a tracker that uses cameras, e.g. rigid_flow.",
     )
 
 
 def label_error(camera: str) -> ScenarioError:
     """Returns the error of a camera without label images."""
     return ScenarioError(
-        f"The detector '{LABEL_IMAGE}' reads label images, which camera '{camera}' does not give.",
+        f"The detector '{LABEL_IMAGE}' reads label images, "
+        f"which camera '{camera}' does not provide.",
         remedy="Every detector so far needs them. Have a segmentation node send them over LCM with "
         f"the images (poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a "
         "recording that holds them (!McapPlayback).",

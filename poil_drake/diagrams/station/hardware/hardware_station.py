@@ -90,8 +90,8 @@ class HardwareStation(Station):
     In a dry run nothing is sent to the robot. The commands move a `KinematicRobot` instead, which
     starts at the posture of the real one and whose measurements are exported.
 
-    It is to be simulated at the pace of its clock (see `RealTimeLoop`). The scenario's models tell
-    where the robot's base and the cameras stand, and Meshcat shows them, the robot as it is
+    Simulate it at the pace of its clock (see `RealTimeLoop`). The scenario's models give
+    the poses of the robot's base and the cameras, and Meshcat shows them, with the robot as
     measured and without the object.
     """
 
@@ -345,7 +345,7 @@ class HardwareStation(Station):
             if age < -_AHEAD:
                 found.append(
                     f"camera '{name}': its images are stamped {-age:.2f} s in the future: are the "
-                    "clocks in step?"
+                    "clocks synchronized?"
                 )
         return tuple(found)
 

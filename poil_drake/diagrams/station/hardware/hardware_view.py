@@ -46,7 +46,7 @@ class HardwareView:
         """Adds the systems to a builder that holds those of `AddPandaHardware`.
 
         Args:
-            builder: Gets the systems.
+            builder: Receives the systems.
             scenario: The models.
             plant: Holds them.
             scene_graph: Its scene graph.

@@ -30,6 +30,6 @@ def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) ->
         side = "before" if mailbox.offset > 0.0 else "after"
         found.append(
             f"the last message on {channel} was stamped {abs(mailbox.offset):.2f} s {side} it "
-            "came: are the clocks in step?"
+            "came: are the clocks synchronized?"
         )
     return found

@@ -62,7 +62,7 @@ def AddPandaHardware(
     `poil_drake.systems.panda.lcm_receivers` for their values before the first status.
 
     Args:
-        builder: Gets the systems.
+        builder: Receives the systems.
         lcm: The network; its subscriptions are handled between the steps.
         name: The robot's name.
         period: The control period [s].
@@ -72,7 +72,7 @@ def AddPandaHardware(
             posture of the real one and whose measurements are exported.
         expiry: How long the driver follows a command [s].
         stall_limit: Commands of an update longer ago than this [s] are not sent.
-        clock: The time now [s since the epoch].
+        clock: Returns the current time [s since the epoch].
         time_scale: Seconds of that clock per second.
     """
     channels = channels or PandaChannels()

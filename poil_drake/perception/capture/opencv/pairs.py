@@ -36,7 +36,7 @@ class FilePair:
             captures: The colour and the depth source.
             config: How they are read.
             camera: The camera's name in the scenario.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
         """
         self._captures, self._config, self._clock = captures, config, clock
         self._source = f"Camera '{camera}'"
@@ -100,7 +100,7 @@ class LiveSource:
         Args:
             capture: The open source. From now on only the thread uses it; it also releases it.
             name: For the name of the thread.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
             changed: Notified of each image and of the end.
         """
         self.newest, self.ended = None, False

@@ -25,7 +25,7 @@ class OpenCvStreamsDevice:
         Args:
             config: The sources.
             camera: The camera's model in the scenario.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
 
         Raises:
             InvalidValueError: if a source is missing, or only one is a file.

@@ -41,7 +41,7 @@ class RealSenseDevice:
         Args:
             config: Which camera to open, and how.
             camera: Its model in the scenario.
-            clock: The time now [s since the epoch].
+            clock: Returns the current time [s since the epoch].
             host_clock: This computer's clock, which the library uses.
 
         Raises:

@@ -98,7 +98,7 @@ def observe(
         appearance: The object's appearance.
         frame: The views.
         centres_W: (n, 3) where the object may be [m, world].
-        reach: How far around these to look [m].
+        reach: Distance around these to search [m].
     """
     points, weights = [], []
     views = zip(frame.cameras, frame.images, appearance.reference_views, strict=True)

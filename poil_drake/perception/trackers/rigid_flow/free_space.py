@@ -2,8 +2,8 @@
 
 Depth may agree with a wrong pose: a mug looks the same from all sides but for its handle. What the
 views show elsewhere in the object's colours then contradicts the pose: a handle that, moved back to
-the first frame, lies where a camera looked through. Background that was there in the first frame,
-such as a rod that the object hangs on, contradicts nothing, whatever its colour.
+the first frame, lies in space that a camera saw through. Background of the first frame, such as a
+rod that the object hangs on, contradicts nothing, whatever its colour.
 """
 
 from collections.abc import Sequence

@@ -50,7 +50,7 @@ class ReferenceView(SharedOnCopy):
         """Returns which points (M,) bool may belong to the object.
 
         Excluded are points that the camera saw through, and points on a surface beside the object,
-        be it that they moved with the object since or that they stayed where they are now.
+        whether they moved with the object since or stayed where they are now.
 
         Args:
             points_O: (M, 3) in the object's frame [m].

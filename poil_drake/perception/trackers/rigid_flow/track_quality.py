@@ -23,7 +23,7 @@ MIN_COSINE = 0.4
 """Between normal and line of sight of the model points that are compared."""
 
 OCCLUDED_ERROR = 0.03
-"""A model point so far behind measured depth is occluded by something else [m]."""
+"""A model point at least this far behind measured depth is occluded by something else [m]."""
 
 ENOUGH_SHARE = 0.1
 """With a smaller share of model points to compare, in all views together, a pose scores less."""

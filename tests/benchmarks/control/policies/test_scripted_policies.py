@@ -97,7 +97,7 @@ def test_way_to_the_start_keeps_the_speed_limits():
     assert 0.15 < np.linalg.norm(V[:, 3:], axis=1).max() < 0.25
 
 
-def test_replay_ignores_the_object_after_its_first_look():
+def test_replay_ignores_the_object_after_its_first_observation():
     poses = path()
     dut = replay(poses)
     state, _ = dut.step(dut.start(), observe(0.0, poses[0], poses[0]))

@@ -16,7 +16,7 @@ _NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://
 
 
 class Thread:
-    """In place of a capture thread: what it has seen is set by hand."""
+    """A fake capture thread whose attributes are set by the test."""
 
     def __init__(self) -> None:
         self.newest: RgbdImage | None = None
@@ -85,7 +85,7 @@ def test_a_camera_whose_clock_is_ahead_is_named(
     (problem,) = dut.Problems()
 
     assert problem.startswith("camera 'right': its images are stamped")
-    assert problem.endswith("s in the future: are the clocks in step?")
+    assert problem.endswith("s in the future: are the clocks synchronized?")
 
 
 def test_a_recording_with_labels_is_accepted(
@@ -111,7 +111,7 @@ def test_a_camera_without_labels_is_refused(
 ) -> None:
     dut = make_station(f"right: {source}")
 
-    with pytest.raises(ScenarioError, match=r"camera 'right' does not give.*!LcmImages.*!McapPl"):
+    with pytest.raises(ScenarioError, match=r"camera 'right' does not provide.*!LcmImages.*!Mcap"):
         RequireLabels(dut)
     assert dut.HasOutputPort("left.label_image")
     assert not dut.HasOutputPort("right.label_image")
