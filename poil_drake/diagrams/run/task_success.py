@@ -9,7 +9,7 @@ from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.diagrams.station.station_state import GetObjectPose
 

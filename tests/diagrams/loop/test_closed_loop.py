@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import InvalidValueError, ScenarioError, StationError
 

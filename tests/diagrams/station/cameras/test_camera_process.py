@@ -11,8 +11,7 @@ import pytest
 from mjcf_kitchen import write_kitchen
 from pydrake.math import RigidTransform
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
