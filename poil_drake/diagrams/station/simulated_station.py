@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
@@ -214,11 +213,6 @@ class SimulatedStation(Station):
             found = self._camera_process.render_labels(*scene)
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
-
-    def ArmPosition(self, context: Context) -> np.ndarray:
-        """See `Station.ArmPosition`."""
-        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
-        return np.array(port.Eval(context))
 
     def Start(self) -> None:
         """Starts the process of delayed cameras, without waiting for it."""

@@ -109,7 +109,8 @@ class Station(Diagram):
         Args:
             context: The station's own context.
         """
-        raise NotImplementedError
+        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
+        return np.array(port.Eval(context))
 
     def Start(self) -> None:
         """Starts the threads and processes beside the station, without waiting for them."""

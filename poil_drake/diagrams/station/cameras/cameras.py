@@ -16,6 +16,7 @@ from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo
 
 from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
@@ -114,10 +115,7 @@ def AddDelayedCameras(
         ),
     )
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-    for model in models:
-        for kind in ("rgb_image", "depth_image", "label_image", "image_time"):
-            port = f"{model.name}.{kind}"
-            builder.ExportOutput(system.GetOutputPort(port), port)
+    ExportOutputs(builder, system)
     return system
 
 

@@ -5,11 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import (
-    Meshcat,
-    SceneGraph,
-)
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
@@ -26,12 +22,13 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.diagrams.station.hardware.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.station.hardware.hardware_view import HardwareView
 from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station_base import Station
-from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
+from poil_drake.diagrams.station.station_models import MakeStillPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
@@ -112,13 +109,8 @@ class HardwareStation(Station):
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
         self._steady_clock = self._config.steady_clock()
-        self._plant = MultibodyPlant(scenario.poil.rates.plant)
-        self._scene_graph = SceneGraph()
-        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
-        self._label_ids = AddStationModels(
-            plant=self._plant,
-            scene_graph=self._scene_graph,
-            scenario=scenario,
+        self._plant, self._scene_graph, self._label_ids = MakeStillPlant(
+            scenario,
             package_xmls=package_xmls,
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
@@ -181,9 +173,7 @@ class HardwareStation(Station):
                 clock=self._clock,
             ),
         )
-        for k in range(system.num_output_ports()):
-            port = system.get_output_port(k)
-            builder.ExportOutput(port, port.get_name())
+        ExportOutputs(builder, system)
 
     @property
     def config(self) -> HardwareConfig:

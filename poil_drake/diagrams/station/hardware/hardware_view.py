@@ -16,7 +16,7 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.visualization import ApplyVisualizationConfig
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station_models import AddStationModels
+from poil_drake.diagrams.station.station_models import MakeStillPlant
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 
 REAL_ROBOT_PATH = "/drake/real_robot"
@@ -118,10 +118,7 @@ class HardwareView:
         self, builder: DiagramBuilder, arm: OutputPort, hand: OutputPort
     ) -> SceneGraph:
         """Adds a second scene that holds only the robot as measured."""
-        scene_graph = SceneGraph()
-        plant = MultibodyPlant(self._scenario.poil.rates.plant)
-        plant.RegisterAsSourceForSceneGraph(scene_graph)
-        AddStationModels(plant=plant, scene_graph=scene_graph, scenario=self._scenario)
+        plant, scene_graph, _ = MakeStillPlant(self._scenario)
         robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
         others = (ModelInstanceIndex(k) for k in range(plant.num_model_instances()))
         _hide(plant, scene_graph, [model for model in others if model != robot])
