@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
+from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -14,7 +15,6 @@ from poil_drake.diagrams.scenario.demonstration_config import (
 )
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.models.mug_family import NAMED_MUGS

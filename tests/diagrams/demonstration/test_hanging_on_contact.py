@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
+from station_state import SetObjectPose
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -11,7 +12,6 @@ from poil_drake.diagrams.run.task_success import HangingJudge, HolderGeometries,
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
-from poil_drake.diagrams.station.station_state import SetObjectPose
 
 DURATION = 1.0
 BASE_TOP = 0.015

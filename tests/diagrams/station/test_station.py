@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
+from station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 
 from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.errors import ScenarioError, StationError
 
 TEST_FILE = Path(__file__).parents[1] / "scenarios.yaml"
