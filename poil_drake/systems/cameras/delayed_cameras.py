@@ -156,7 +156,7 @@ class DelayedCameras(LeafSystem):
             name,
             image=image,
             time=time,
-            label=label,
+            labels=label,
             prerequisites=self._rendered.tickets,
         )
 
