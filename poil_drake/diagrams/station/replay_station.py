@@ -94,7 +94,7 @@ class ReplayStation(Station):
             PoilError: if the scenario's models are inconsistent.
         """
         super().__init__()
-        self._scenario, self._run = scenario, run
+        self.scenario, self._run = scenario, run
         self._kind = run.metadata.get(STATION_KEY, SIMULATED)
         status = run.numbers[ROBOT_STATUS_TOPIC]
         self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
@@ -104,11 +104,11 @@ class ReplayStation(Station):
         )
         builder = DiagramBuilder()
         self._plant, self._scene_graph, made = MakeStillPlant(scenario)
-        self._label_ids = run.label_ids or made
+        self.label_ids = run.label_ids or made
         CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._add_robot(builder)
         if scenario.poil.tracker != GROUND_TRUTH and scenario.cameras:
-            self._camera_models = MakeCameraModels(self._plant, scenario.cameras)
+            self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
             self._add_cameras(builder)
         builder.BuildInto(self)
 
@@ -120,7 +120,7 @@ class ReplayStation(Station):
         leading: Collection[str] = (JOINTS, HAND, STATUS)
         if self._kind == DRY_RUN:
             leading = _DRY_RUN_LEADS
-        if self._kind == DRY_RUN or IsSparse(run, self._scenario):
+        if self._kind == DRY_RUN or IsSparse(run, self.scenario):
             # The first measurements of the robot pass right through.
             joints, width = _known_early(joints), _known_early(width)
         robot = builder.AddNamedSystem(
@@ -130,20 +130,20 @@ class ReplayStation(Station):
                 hand=width,
                 status=status,
                 postures=run.postures,
-                period=self._scenario.poil.rates.control,
+                period=self.scenario.poil.rates.control,
                 clock=self._clock,
                 leading=leading,
             ),
         )
         arm_ports = [*COMMANDS, *MEASUREMENTS, "status", "position_commanded"]
-        ExportPorts(builder, robot, arm_ports, self._scenario.poil.robot)
+        ExportPorts(builder, robot, arm_ports, self.scenario.poil.robot)
         ExportPorts(builder, robot, ["width", "width_measured"], "hand")
 
     def _add_cameras(self, builder: DiagramBuilder) -> None:
-        delay = CameraDelay(self._scenario.cameras)
+        delay = CameraDelay(self.scenario.cameras)
         system = builder.AddNamedSystem(
             "cameras",
-            RecordedCameras(cameras=[self._camera(model, delay) for model in self._camera_models]),
+            RecordedCameras(cameras=[self._camera(model, delay) for model in self.camera_models]),
         )
         ExportOutputs(builder, system)
 
@@ -172,7 +172,7 @@ class ReplayStation(Station):
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
         ]
         use = image.time if np.isnan(uses).all() else np.nanmax(uses)
-        period = self._scenario.poil.rates.control
+        period = self.scenario.poil.rates.control
         return float(np.floor(use / period + _ROUNDING) * period)
 
     @property
@@ -192,7 +192,7 @@ class ReplayStation(Station):
         return RecordedTracker(
             tracks=RecordedTracks(self._run),
             num_points=len(plan.target_points),
-            period=self._scenario.poil.rates.control,
+            period=self.scenario.poil.rates.control,
         )
 
     @property

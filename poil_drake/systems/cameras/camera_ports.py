@@ -50,11 +50,6 @@ class CameraPorts:
                     f"{camera.name}.label_image", Value(ImageLabel16I())
                 )
 
-    @property
-    def cameras(self) -> tuple[CameraModel, ...]:
-        """The cameras' models."""
-        return self._cameras
-
     def stamp(self, context: Context) -> float:
         """Returns the time of capture [s] of the present frame, without evaluating images.
 
