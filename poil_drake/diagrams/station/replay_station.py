@@ -47,9 +47,6 @@ from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 _ROUNDING = 1e-6
 
-_DRY_RUN_LEADS = (STATUS,)
-"""In a dry run, arm and hand are a `KinematicRobot`, which moves with the other updates."""
-
 
 class ReplayStation(Station):
     """The robot and the cameras of a recorded run.
@@ -119,7 +116,8 @@ class ReplayStation(Station):
         joints = run.joints
         leading: Collection[str] = (JOINTS, HAND, STATUS)
         if self._kind == DRY_RUN:
-            leading = _DRY_RUN_LEADS
+            # Arm and hand were a `KinematicRobot`, which moves with the other updates.
+            leading = (STATUS,)
         if self._kind == DRY_RUN or IsSparse(run, self.scenario):
             # The first measurements of the robot pass right through.
             joints, width = _known_early(joints), _known_early(width)

@@ -76,6 +76,9 @@ class DelayedCameras(LeafSystem):
 
     Captures are unrestricted updates at multiples of the period, and see the state of the plant at
     that time; images change in unrestricted updates a delay later.
+
+    Attributes:
+        cameras: The cameras' models.
     """
 
     def __init__(
@@ -112,7 +115,7 @@ class DelayedCameras(LeafSystem):
                 remedy="It must be positive; use RgbdSensor for cameras without a delay.",
             )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
-        self._cameras, self._num_positions = tuple(cameras), num_positions
+        self.cameras, self._num_positions = tuple(cameras), num_positions
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
@@ -124,13 +127,8 @@ class DelayedCameras(LeafSystem):
             thread="cameras' thread",
             stopwatch=stopwatch,
         )
-        for view, camera in enumerate(self._cameras):
+        for view, camera in enumerate(self.cameras):
             self._declare_outputs(view, camera.name)
-
-    @property
-    def cameras(self) -> tuple[CameraModel, ...]:
-        """The cameras' models."""
-        return self._cameras
 
     def close(self) -> None:
         """Ends the thread that waits for images. No capture may follow."""
