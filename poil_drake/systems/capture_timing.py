@@ -25,7 +25,7 @@ class Captured(SharedOnCopy):
     Attributes:
         tick: Number of the capture.
         time: When it happened [s].
-        result: What comes of it.
+        result: Its result, once it is known.
     """
 
     tick: int

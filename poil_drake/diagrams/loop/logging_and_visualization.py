@@ -96,7 +96,7 @@ def AddDisturbances(
 def PublishSchedules(
     scenario: Scenario, *, log: bool, meshcat: bool, album: bool
 ) -> list[tuple[float, float]]:
-    """Returns the periods and offsets [s] at which anything in the loop publishes."""
+    """Returns the periods and offsets [s] at which systems of the loop publish."""
     rates = scenario.poil.rates
     schedules = [(rates.logger, 0.0)]
     if log:

@@ -45,7 +45,7 @@ def AddPerception(
     cameras = station.camera_models
     if not cameras:
         raise ScenarioError(
-            f"The tracker '{poil.tracker}' looks through cameras, but the scenario names none.",
+            f"The tracker '{poil.tracker}' needs cameras, but the scenario names none.",
             remedy=f"Name cameras, or set poil.tracker to {GROUND_TRUTH}.",
         )
     detector = PartDetector(

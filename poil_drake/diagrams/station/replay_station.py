@@ -18,7 +18,7 @@ from poil_drake.diagrams.station.exports import (
 )
 from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
 from poil_drake.diagrams.station.station_base import Station
-from poil_drake.diagrams.station.station_models import MakeStillPlant
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.stored_images import StoredImages
@@ -100,7 +100,7 @@ class ReplayStation(Station):
             run, period=scenario.poil.rates.control
         )
         builder = DiagramBuilder()
-        self._plant, self._scene_graph, made = MakeStillPlant(scenario)
+        self._plant, self._scene_graph, made = MakeUnsimulatedPlant(scenario)
         self.label_ids = run.label_ids or made
         CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._add_robot(builder)

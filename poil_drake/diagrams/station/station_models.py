@@ -23,7 +23,7 @@ PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
 
 
-def MakeStillPlant(
+def MakeUnsimulatedPlant(
     scenario: Scenario, **options: Any
 ) -> tuple[MultibodyPlant, SceneGraph, Mapping[str, tuple[int, ...]]]:
     """Returns a plant of the scenario's models that is not simulated, its scene graph and labels.

@@ -62,8 +62,8 @@ class DelayedCameras(LeafSystem):
         - <camera>.image_time
 
     The delay is that of a real camera, from exposure to delivery. The images are rendered elsewhere
-    while the simulation goes on; it waits for images that are due before they are ready, so what
-    comes out does not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
+    while the simulation continues. It waits for images that are due before they are ready, so the
+    outputs do not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
     with a thread. Every capture is rendered, whether it is used or not.
 
     Input: `plant_state` (nq + nv,), of which the positions are used. If they are not finite,

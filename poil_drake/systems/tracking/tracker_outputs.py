@@ -11,7 +11,7 @@ from poil_drake.systems.statuses import TrackerStatus
 
 
 class TrackerReport(Protocol):
-    """What a tracker says at a release."""
+    """A tracker's report at a release."""
 
     @property
     def points(self) -> TrackedPoints:
@@ -33,7 +33,7 @@ def DeclareTrackerOutputs(
 
     Args:
         system: The tracker.
-        report: Returns what it said last.
+        report: Returns its last report.
         num_points: Number of points, N.
         prerequisites: What the report depends on.
     """

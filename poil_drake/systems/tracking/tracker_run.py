@@ -1,4 +1,4 @@
-"""One step of following the points: when to start, step, give up and start anew."""
+"""One step of a run of the point tracker: when it starts, steps, and starts again after a loss."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,15 +17,15 @@ from poil_drake.systems.statuses import TrackerStatus
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerInputs(SharedOnCopy):
-    """What is known at one capture.
+    """The inputs of one capture.
 
     Attributes:
         frame: The images.
-        masks: The latest detection; None: none yet.
-        query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN: not
-            known yet.
+        masks: The latest detection; None before the first.
+        query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN until
+            known.
         object_motion: (4, 4) X_M, motion of the object since some fixed time, by forward
-            kinematics; None: not known.
+            kinematics; None if unknown.
     """
 
     frame: MultiViewFrame
@@ -36,14 +36,14 @@ class TrackerInputs(SharedOnCopy):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerRun(SharedOnCopy):
-    """Where the tracking of one stream stands after a capture.
+    """The state of the tracking of one stream after a capture.
 
     Attributes:
-        points: What to report.
-        status: What to think of it.
+        points: The points to report.
+        status: The status to report with them.
         tracker_state: The tracker's own state; None before the first start.
-        state_motion: (4, 4) X_M at the frame that `tracker_state` is of, or None.
-        masks: The detection that the last start was tried with.
+        state_motion: (4, 4) X_M at the frame of `tracker_state`, or None.
+        masks: The detection of the last start, even if that failed.
         query_points: (N, 3) the query of the last start, or None.
         query_motion: (4, 4) X_M when that query was first used, or None.
     """
@@ -61,9 +61,9 @@ def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Tr
     """Returns the run after one more frame.
 
     A start needs query points and a detection that was not tried before. The first start uses the
-    query as it is; a new start after a loss carries the query along with the object's motion since
-    then, which is right while the grasp is rigid. In between, the tracker steps, with that motion
-    as its prior, and goes on stepping when it is lost, for it may recover by itself.
+    query unchanged; a new start after a loss moves the query by the object's motion since then,
+    which is right while the grasp is rigid. In between, the tracker steps with that motion as its
+    prior, also while it is lost, because it may recover.
     """
     query = inputs.query_points
     fresh = inputs.masks is not None and inputs.masks is not run.masks
@@ -76,7 +76,7 @@ def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Tr
 
 
 def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4), or None where one of them is not known."""
+    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if one of them is unknown."""
     return None if before is None or now is None else now @ inverse(before)
 
 
@@ -100,7 +100,7 @@ def _step(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Trac
     try:
         output = tracker.step(run.tracker_state, inputs.frame, prior)
     except TrackingError:
-        # The state stays that of the last frame that could be used, and its motion with it.
+        # State and motion stay those of the last usable frame.
         return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
     return _after(run, output, inputs)
 

@@ -1,4 +1,4 @@
-"""Cameras of the simulated station, and whole frames taken with them."""
+"""Cameras of the simulated station, and frames of their images."""
 
 import copy
 import math
@@ -37,13 +37,13 @@ def AddCameras(
     noise: StereoDepthNoiseConfig,
     seed: int,
 ) -> tuple[CameraModel, ...]:
-    """Adds the cameras, and noise on their depth, and exports their images, which never delay.
+    """Adds cameras without a delay, with noise on their depth, and exports their images.
 
     An image is rendered when its port is evaluated, so consumers sample in their own periodic
     events.
 
     Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
-    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], which is now.
+    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], the present time.
 
     Returns:
         The cameras' models.
@@ -120,7 +120,7 @@ def AddDelayedCameras(
 
 
 def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
-    """Returns the one delay of all cameras [s]; 0 where there are none.
+    """Returns the delay that all cameras share [s]; 0 without cameras.
 
     Raises:
         ScenarioError: if they differ, or one is not finite or negative.
@@ -203,7 +203,7 @@ def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) ->
 def _unusable(name: str, error: BaseException) -> ScenarioError:
     return ScenarioError(
         f"cameras.{name} cannot be used: {drake_reason(error)}.",
-        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists what there is.",
+        remedy=f"Correct cameras.{name}; Drake's CameraConfig documents the valid values.",
     )
 
 

@@ -34,7 +34,7 @@ def ground_truth_error() -> ScenarioError:
     """Returns the error of a ground-truth tracker without a simulator."""
     return ScenarioError(
         f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
-        remedy="Choose a tracker that looks through cameras, e.g. rigid_flow.",
+        remedy="Choose a tracker of images, e.g. rigid_flow.",
     )
 
 

@@ -24,7 +24,7 @@ from poil_drake.diagrams.station.hardware.hardware_view import AddHardwareView
 from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station_base import Station
-from poil_drake.diagrams.station.station_models import MakeStillPlant, PrefinalizeCallback
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
@@ -105,7 +105,7 @@ class HardwareStation(Station):
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
         self._steady_clock = self._config.steady_clock()
-        self._plant, self._scene_graph, self.label_ids = MakeStillPlant(
+        self._plant, self._scene_graph, self.label_ids = MakeUnsimulatedPlant(
             scenario,
             package_xmls=package_xmls,
             parser_preload_callback=parser_preload_callback,

@@ -16,7 +16,7 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.visualization import ApplyVisualizationConfig
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station_models import MakeStillPlant
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 
 REAL_ROBOT_PATH = "/drake/real_robot"
@@ -69,7 +69,7 @@ def AddHardwareView(
     )
     if not dry_run:
         return None
-    real_plant, real_scene_graph, _ = MakeStillPlant(scenario)
+    real_plant, real_scene_graph, _ = MakeUnsimulatedPlant(scenario)
     models = (ModelInstanceIndex(k) for k in range(real_plant.num_model_instances()))
     real_robot = real_plant.GetModelInstanceByName(robot)
     _hide(real_plant, real_scene_graph, [model for model in models if model != real_robot])
