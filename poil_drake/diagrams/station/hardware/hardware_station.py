@@ -139,7 +139,7 @@ class HardwareStation(Station):
         if self.camera_models:
             self._add_cameras(builder, period)
         if meshcat is not None:
-            self._shown_plant = AddHardwareView(
+            self._real_plant = AddHardwareView(
                 builder=builder,
                 scenario=scenario,
                 plant=self._plant,
