@@ -28,7 +28,7 @@ settings.load_profile("patient")
 @pytest.fixture(scope="session")
 def scenario() -> "Scenario":
     """The package's own scenario, as `poil run` has it."""
-    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.diagrams.scenario.load import ChooseScenario
 
     return ChooseScenario()
 

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate

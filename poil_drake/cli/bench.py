@@ -43,7 +43,7 @@ def bench_pipeline(
     """Run the whole job in randomized trials: object, pose, texture and noise."""
     from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
     from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
-    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.diagrams.scenario.load import ChooseScenario
 
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
@@ -156,7 +156,7 @@ def bench_hardware(
 ) -> None:
     """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
     from poil_drake.benchmarks.hardware.hardware import run_hardware_benchmark
-    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.diagrams.scenario.load import ChooseScenario
 
     ChooseScenario(speed=speed, time_scale=time_scale)
     require_writable(json)

@@ -100,7 +100,7 @@ def choose_scenario(
     **changes: Any,
 ) -> "Scenario":
     """Returns the scenario of a verb's options; `changes` are those of `ChooseScenario`."""
-    from poil_drake.diagrams.scenario.choice import ChooseScenario
+    from poil_drake.diagrams.scenario.load import ChooseScenario
 
     if argument is not None and file is not None:
         raise ScenarioError(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 
 
 class BodyClearance:
@@ -14,7 +14,7 @@ class BodyClearance:
         radius: Largest distance of the cloud's points from the frame's origin [m].
     """
 
-    def __init__(self, *, cloud: np.ndarray, scene: SceneDistance):
+    def __init__(self, *, cloud: np.ndarray, scene: SceneCloud):
         """Stores the body and the scene.
 
         Args:

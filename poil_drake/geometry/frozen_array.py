@@ -51,14 +51,15 @@ def frozen_array(
     return array
 
 
-def freeze_fields(value: object, **shapes: Sequence[int | str]) -> None:
+def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int | str]) -> None:
     """Replaces array fields of a frozen dataclass by read-only arrays of the required shapes.
 
     To be called in `__post_init__`. A named dimension must have the same size in all fields.
 
     Args:
         value: The instance.
-        shapes: The shape of each field, see `frozen_array`. All numbers must be finite.
+        finite: Whether NaN and infinity are rejected.
+        shapes: The shape of each field, see `frozen_array`.
 
     Raises:
         InvalidValueError: if a shape differs or a number is not finite.
@@ -69,6 +70,7 @@ def freeze_fields(value: object, **shapes: Sequence[int | str]) -> None:
             getattr(value, name),
             name=f"{type(value).__name__}.{name}",
             shape=[sizes.get(size, size) for size in shape],
+            finite=finite,
         )
         sizes.update(zip(shape, array.shape, strict=True))
         object.__setattr__(value, name, array)

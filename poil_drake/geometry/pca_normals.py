@@ -5,12 +5,14 @@ from scipy.spatial import cKDTree
 
 from poil_drake.errors import InvalidValueError
 
+_NEIGHBOURS = 16
+"""Number of points in a neighbourhood, including the point itself."""
+
 
 def pca_normals(
     points: np.ndarray,
     *,
     viewpoint: np.ndarray,
-    neighbours: int = 16,
     at: np.ndarray | None = None,
 ) -> np.ndarray:
     """Returns unit normals, each the direction in which a point's neighbours spread least.
@@ -18,7 +20,6 @@ def pca_normals(
     Args:
         points: (P, 3) [m], at least 3.
         viewpoint: (3,) from where the points were seen; normals face it.
-        neighbours: Number of points in a neighbourhood, including the point itself.
         at: (M,) indices of the points to compute normals at; None for all.
 
     Returns:
@@ -32,7 +33,7 @@ def pca_normals(
             f"pca_normals() got {len(points)} points.", remedy="Pass at least 3 points."
         )
     queries = points if at is None else points[at]
-    _, nearest = cKDTree(points).query(queries, k=min(max(neighbours, 3), len(points)))
+    _, nearest = cKDTree(points).query(queries, k=min(_NEIGHBOURS, len(points)))
     arms = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(np.swapaxes(arms, -1, -2) @ arms)
     normals = axes[..., 0]

@@ -7,6 +7,7 @@ import numpy as np
 
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.point_cloud import PointCloud
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import (
     GRIPPER,
     GraspCandidate,
@@ -19,7 +20,7 @@ from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import LIFT_HEIGHT, ObjectPathConfig
 from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
 from poil_drake.grasping.workspace_check import WorkspaceCheck
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -29,6 +30,9 @@ from poil_drake.transfer.progress import Progress
 
 _OBJECT_PADDING = 0.012
 """Scene points this close to the object's belong to it [m]: its mask left out their pixels."""
+
+_TABLE_THICKNESS = 0.008
+"""Scene points less than this above the table belong to it [m]."""
 
 _ROBOT_PADDING = 0.03
 """Scene points this close to the robot's spheres belong to it [m]: errors of calibration and depth
@@ -114,10 +118,15 @@ def plan_execution(
     # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(finger_opening=GRIPPER.max_width)
+    centers = spheres.world_centers(model.link_poses(q_start))
     scene = (
-        SceneCloud(scene_points, config=feasibility.collision)
-        .without_object(object_cloud.points, _OBJECT_PADDING)
-        .without_robot(spheres, model.link_poses(q_start), _ROBOT_PADDING)
+        SceneCloud(
+            scene_points,
+            ground_height=feasibility.collision.ground_height,
+            ground_thickness=_TABLE_THICKNESS,
+        )
+        .without_points(object_cloud.points, _OBJECT_PADDING)
+        .without_balls(centers, spheres.radii + _ROBOT_PADDING)
     )
     if progress:
         progress("sampling grasps", 0.0)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import RobotSpheres
 
@@ -26,89 +25,13 @@ class CollisionConfig:
         object_margin: Clearance that the carried object must keep from the scene [m].
         ground_height: Height of the table in the world [m], a plane because the cameras see only
             part of it; None without a table.
-        ground_thickness: Scene points less than this above the table belong to the table [m].
         max_distance: Cap on the distances that are reported [m]; a smaller value is faster.
     """
 
     robot_margin: float = 0.008
     object_margin: float = 0.006
     ground_height: float | None = 0.0
-    ground_thickness: float = 0.008
     max_distance: float = 0.06
-
-
-class SceneCloud:
-    """Obstacle points and the table plane, ready for distance queries.
-
-    Attributes:
-        points: (P, 3) obstacle points [m, world] without those of the table.
-    """
-
-    def __init__(self, points: np.ndarray, *, config: CollisionConfig | None = None):
-        """Indexes the points.
-
-        Args:
-            points: (P, 3) points on all obstacles [m, world].
-            config: Height of the table and range of the queries.
-        """
-        self._config = config or CollisionConfig()
-        points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
-        ground = self._config.ground_height
-        if ground is not None:
-            points = points[points[:, 2] > ground + self._config.ground_thickness]
-        self.points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
-        self._tree = cKDTree(self.points) if len(self.points) else None
-
-    def distance(self, points: np.ndarray, reach: float | None = None) -> np.ndarray:
-        """Returns the distance (...) from each point (..., 3) to the scene, at most `reach` [m].
-
-        It is negative below the table.
-
-        Args:
-            points: (..., 3) query points [m, world].
-            reach: Cap on the distances [m]; by default the config's `max_distance`.
-        """
-        reach = self._config.max_distance if reach is None else reach
-        distance = np.full(points.shape[:-1], reach)
-        if self._tree is not None and points.size:
-            found, _ = self._tree.query(points, distance_upper_bound=reach)
-            np.minimum(distance, found, out=distance)
-        if self._config.ground_height is not None:
-            np.minimum(distance, points[..., 2] - self._config.ground_height, out=distance)
-        return distance
-
-    def without_robot(
-        self, bodies: RobotSpheres, link_poses: np.ndarray, padding: float
-    ) -> "SceneCloud":
-        """Returns the scene without the points that lie on the robot.
-
-        Args:
-            bodies: The robot's shape.
-            link_poses: (9, 4, 4) poses of its links at the capture of the points.
-            padding: Points this close to the spheres are removed as well [m].
-        """
-        keep = np.ones(len(self.points), dtype=bool)
-        if self._tree is not None:
-            centers = bodies.world_centers(link_poses)
-            on_robot = self._tree.query_ball_point(centers, bodies.radii + padding)
-            keep[np.concatenate([np.asarray(found, dtype=int) for found in on_robot])] = False
-        return SceneCloud(self.points[keep], config=self._config)
-
-    def without_object(self, object_points: np.ndarray, padding: float) -> "SceneCloud":
-        """Returns the scene without the points that lie on the object.
-
-        Args:
-            object_points: (P, 3) points on the object [m, world].
-            padding: Points this close to them are removed [m].
-        """
-        if not len(self.points) or not len(object_points):
-            return self
-        apart, _ = cKDTree(object_points).query(self.points, distance_upper_bound=padding)
-        return SceneCloud(self.points[np.isinf(apart)], config=self._config)
-
-    def with_points(self, points: np.ndarray) -> "SceneCloud":
-        """Returns the scene with further obstacle points (P, 3) [m, world]."""
-        return SceneCloud(np.concatenate([self.points, points]), config=self._config)
 
 
 class RobotCollisionChecker:
@@ -189,18 +112,6 @@ class RobotCollisionChecker:
                 gaps -= group.radii[:, None] + radii
                 clearance[near] = np.minimum(clearance[near], gaps.min(axis=(1, 2)))
         return clearance
-
-
-def cloud_clearance(points: np.ndarray, X_W: np.ndarray, scene: SceneCloud) -> np.ndarray:
-    """Returns the clearance (T, P) of each point of a carried cloud along a path, capped [m].
-
-    Args:
-        points: (P, 3) the object's points before it moves [m, world].
-        X_W: (T, 4, 4) rigid motion of the object from there.
-        scene: The obstacles.
-    """
-    moved = points @ np.swapaxes(X_W[:, :3, :3], -1, -2) + X_W[:, None, :3, 3]
-    return scene.distance(moved)
 
 
 @dataclass(frozen=True)

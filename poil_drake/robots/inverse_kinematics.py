@@ -14,36 +14,39 @@ _WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
 _ELBOW_SEEDS = (0.0, 0.7, -0.7)
 """Offsets of joint 1, and negated of joint 3 [rad], which swing the elbow to either side."""
 
+ROTATION_SCALE = 0.15
+"""Length that one radian counts as [m]: about the hand's size."""
+
+_SCALE = np.array([ROTATION_SCALE] * 3 + [1.0] * 3)
+
+_ITERATIONS = 60
+"""Largest number of steps; grasps of the Panda converge within 20 to 40."""
+
+POSITION_TOLERANCE, ROTATION_TOLERANCE = 5e-4, 3e-3
+"""Largest accepted errors [m], [rad]."""
+
+DISTINCT = 0.2
+"""Solutions closer than this in every joint count as one [rad]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class InverseKinematicsConfig:
-    """Effort and tolerances of the search.
+    """Parameters of a step of the search.
 
     Attributes:
-        damping: Damping of the least squares, relative to translations in metres and rotations
-            scaled by `rotation_scale`. A larger value is calmer near singularities and slower
-            elsewhere.
-        rotation_scale: Length that one radian counts as [m]: about the hand's size.
+        damping: Damping of the least squares [m]. A larger value is calmer near singularities and
+            slower elsewhere.
         posture_gain: Share of the way to the nominal posture that each step goes within the null
             space of the gripper's motion.
         largest_step: Largest joint step of one iteration [rad]; the linearisation holds that far.
-        iterations: Largest number of steps; grasps of the Panda converge within 20 to 40.
-        position_tolerance: Largest accepted position error [m].
-        rotation_tolerance: Largest accepted rotation error [rad].
         limit_margin: Distance from the joint limits [rad], so that the controller, which starts
             from a solution, can move both ways.
-        distinct: Solutions closer than this in every joint count as one [rad].
     """
 
     damping: float = 0.01
-    rotation_scale: float = 0.15
     posture_gain: float = 0.1
     largest_step: float = 0.35
-    iterations: int = 60
-    position_tolerance: float = 5e-4
-    rotation_tolerance: float = 3e-3
     limit_margin: float = 0.05
-    distinct: float = 0.2
 
 
 def pose_error(X_target: np.ndarray, X: np.ndarray) -> np.ndarray:
@@ -78,9 +81,8 @@ def damped_step(
         config: Damping, limits and step size.
     """
     X, jacobian = model.gripper_pose_and_jacobian(q)
-    scale = np.array([config.rotation_scale] * 3 + [1.0] * 3)
-    error = scale * pose_error(X_target, X)
-    jacobian = scale[:, None] * jacobian
+    error = _SCALE * pose_error(X_target, X)
+    jacobian = _SCALE[:, None] * jacobian
     posture = config.posture_gain * (nominal - q)
     lower, upper = model.lower + config.limit_margin, model.upper - config.limit_margin
     free = np.ones_like(q)
@@ -111,12 +113,7 @@ def _solve_step(
 
 
 def solve_inverse_kinematics(
-    model: PandaModel,
-    X_WG: np.ndarray,
-    seeds: np.ndarray,
-    *,
-    nominal: np.ndarray = NOMINAL_POSTURE,
-    config: InverseKinematicsConfig | None = None,
+    model: PandaModel, X_WG: np.ndarray, seeds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Searches for a configuration for each gripper pose, starting at its seed.
 
@@ -124,23 +121,21 @@ def solve_inverse_kinematics(
         model: The arm.
         X_WG: (B, 4, 4) target poses of the gripper in the world.
         seeds: (B, 7) initial configurations [rad].
-        nominal: (7,) preferred posture [rad].
-        config: Tolerances, limits and effort.
 
     Returns:
         The configurations (B, 7) [rad], within the limits, and whether each reaches its pose: (B,)
         bool.
     """
-    config = config or InverseKinematicsConfig()
+    config = InverseKinematicsConfig()
     lower, upper = model.lower + config.limit_margin, model.upper - config.limit_margin
     q = np.clip(seeds, lower, upper)
     reached = np.zeros(len(q), dtype=bool)
     active = np.arange(len(q))
-    for _ in range(config.iterations):
-        q[active] = damped_step(model, q[active], X_WG[active], nominal, config)
+    for _ in range(_ITERATIONS):
+        q[active] = damped_step(model, q[active], X_WG[active], NOMINAL_POSTURE, config)
         error = pose_error(X_WG[active], model.gripper_pose(q[active]))
-        reached[active] = (np.linalg.norm(error[:, 3:], axis=-1) <= config.position_tolerance) & (
-            np.linalg.norm(error[:, :3], axis=-1) <= config.rotation_tolerance
+        reached[active] = (np.linalg.norm(error[:, 3:], axis=-1) <= POSITION_TOLERANCE) & (
+            np.linalg.norm(error[:, :3], axis=-1) <= ROTATION_TOLERANCE
         )
         active = np.flatnonzero(~reached)
         if active.size == 0:
@@ -148,40 +143,29 @@ def solve_inverse_kinematics(
     return q, reached
 
 
-def distinct_solutions(
-    model: PandaModel,
-    X_WG: np.ndarray,
-    *,
-    nominal: np.ndarray = NOMINAL_POSTURE,
-    config: InverseKinematicsConfig | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+def distinct_solutions(model: PandaModel, X_WG: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Finds different configurations for each of many gripper poses.
 
     Args:
         model: The arm.
         X_WG: (B, 4, 4) target poses of the gripper in the world.
-        nominal: (7,) preferred posture [rad].
-        config: Tolerances, limits and effort.
 
     Returns:
         The configurations (S, 7) [rad] and the index (S,) of the pose that each one reaches, in
         the order of the poses and, for one pose, of the seeds.
     """
-    config = config or InverseKinematicsConfig()
     offsets = np.array(
         [[elbow, 0, -elbow, 0, 0, 0, wrist] for wrist in _WRIST_SEEDS for elbow in _ELBOW_SEEDS]
     )
-    seeds = np.repeat((nominal + offsets)[None], len(X_WG), axis=0)
+    seeds = np.repeat((NOMINAL_POSTURE + offsets)[None], len(X_WG), axis=0)
     # Joint 1 turns the nominal posture, which lies in the x-z plane, towards the target.
     p_BG = transform_points(inverse(model.X_WB), X_WG[:, :3, 3])
     seeds[:, :, 0] += np.arctan2(p_BG[:, 1], p_BG[:, 0])[:, None]
     pose_index = np.repeat(np.arange(len(X_WG)), len(offsets))
-    q, reached = solve_inverse_kinematics(
-        model, X_WG[pose_index], seeds.reshape(-1, 7), nominal=nominal, config=config
-    )
+    q, reached = solve_inverse_kinematics(model, X_WG[pose_index], seeds.reshape(-1, 7))
     kept: list[int] = []
     for i in np.flatnonzero(reached):
         same_pose = [k for k in kept if pose_index[k] == pose_index[i]]
-        if all(np.abs(q[k] - q[i]).max() > config.distinct for k in same_pose):
+        if all(np.abs(q[k] - q[i]).max() > DISTINCT for k in same_pose):
             kept.append(int(i))
     return q[kept], pose_index[kept]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,12 +25,8 @@ class JointLimits(SharedOnCopy):
     acceleration: np.ndarray
 
     def __post_init__(self) -> None:
-        n = np.size(self.lower)
-        for name in ("lower", "upper", "velocity", "acceleration"):
-            value = frozen_array(
-                getattr(self, name), name=f"JointLimits.{name}", shape=(n,), finite=False
-            )
-            object.__setattr__(self, name, value)
+        n = ("n",)
+        freeze_fields(self, finite=False, lower=n, upper=n, velocity=n, acceleration=n)
         ordered = np.all(self.lower < self.upper)
         if not ordered or not np.all(self.velocity > 0.0) or not np.all(self.acceleration > 0.0):
             raise InvalidValueError(

@@ -16,6 +16,7 @@ class PandaModel:
     one configuration at a time. A leading "..." in a shape is any batch shape.
 
     Attributes:
+        joint_limits: All limits of the joints.
         lower: (7,) lower joint limits [rad].
         upper: (7,) upper joint limits [rad].
         velocity: (7,) joint velocity limits [rad/s].
@@ -36,25 +37,21 @@ class PandaModel:
         full = pinocchio.buildModelFromUrdf(str(panda_urdf()))
         fingers = [i for i, name in enumerate(full.names) if "finger" in name]
         arm = pinocchio.buildReducedModel(full, fingers, pinocchio.neutral(full))
-        n = NUM_JOINTS
-        self.lower = frozen_array(arm.lowerPositionLimit, name="lower limits", shape=(n,))
-        self.upper = frozen_array(arm.upperPositionLimit, name="upper limits", shape=(n,))
-        self.velocity = frozen_array(arm.velocityLimit, name="velocity limits", shape=(n,))
+        self.joint_limits = JointLimits(
+            lower=arm.lowerPositionLimit,
+            upper=arm.upperPositionLimit,
+            velocity=arm.velocityLimit,
+            acceleration=np.array(ACCELERATION_LIMITS),
+        )
+        self.lower, self.upper = self.joint_limits.lower, self.joint_limits.upper
+        self.velocity = self.joint_limits.velocity
         self.X_WB = frozen_array(
             np.eye(4) if X_WB is None else X_WB, name="PandaModel.X_WB", shape=(4, 4)
         )
-        self._placements = np.array([arm.jointPlacements[i + 1].homogeneous for i in range(n)])
-        self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
-
-    @property
-    def joint_limits(self) -> JointLimits:
-        """All limits of the arm's joints."""
-        return JointLimits(
-            lower=self.lower,
-            upper=self.upper,
-            velocity=self.velocity,
-            acceleration=np.array(ACCELERATION_LIMITS),
+        self._placements = np.array(
+            [arm.jointPlacements[i + 1].homogeneous for i in range(NUM_JOINTS)]
         )
+        self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
         """Returns X_W (..., 9, 4, 4) of panda_link0 to panda_link7 and of the gripper frame.

@@ -7,7 +7,8 @@ from enum import IntEnum
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker, SceneCloud
+from poil_drake.geometry.scene_cloud import SceneCloud
+from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker
 from poil_drake.robots.panda_hand import GripperGeometry
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import (

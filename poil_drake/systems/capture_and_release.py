@@ -30,6 +30,9 @@ class CaptureAndRelease:
 
     Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
     state is in the context.
+
+    Attributes:
+        tickets: Prerequisites of outputs that show a result.
     """
 
     def __init__(
@@ -61,7 +64,7 @@ class CaptureAndRelease:
         self._queue = system.DeclareAbstractState(Value(()))
         self._released = system.DeclareAbstractState(Value(_Released(-1, nothing)))
         self._times = system.DeclareDiscreteState(np.full(3, -np.inf))
-        self._tickets = {
+        self.tickets: set[Any] = {
             system.abstract_state_ticket(self._released),
             system.discrete_state_ticket(self._times),
         }
@@ -69,11 +72,6 @@ class CaptureAndRelease:
         system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.capture_event, self._capture)
         if timing.release_event is not None:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
-
-    @property
-    def tickets(self) -> set[Any]:
-        """Prerequisites of outputs that show a result."""
-        return self._tickets
 
     def result(self, context: Context) -> Any:
         """Returns the result that was released last."""

@@ -1,11 +1,12 @@
 """When a capture happens and when its result is known: simulated, on hardware, or in a replay."""
 
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy
@@ -36,17 +37,27 @@ Queue = tuple[Captured, ...]
 """Captures in order of time; the last one is always the newest."""
 
 
-class CaptureTiming(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class CaptureTiming(ABC):
     """Decides when captures happen and when their results are released.
 
     It holds no state: the captures so far are its argument.
+
+    Attributes:
+        period: Period of the event that may capture [s].
+        offset: Time of the first such event [s].
     """
+
+    period: float
+    offset: float = 0.0
 
     @property
     def capture_event(self) -> tuple[float, float]:
         """Period and offset [s] of the event that may capture."""
+        return self.period, self.offset
 
     @property
+    @abstractmethod
     def release_event(self) -> tuple[float, float] | None:
         """Period and offset [s] of the event that releases; None: captures release at once."""
 
@@ -58,19 +69,35 @@ class CaptureTiming(Protocol):
             time: Now [s].
             wanted: Whether the system has something new to capture.
         """
+        return wanted
 
     def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
         """Returns the queue after a capture at `time` [s]; drops what will not be released."""
+        kept = tuple(entry for entry in queue[:-1] if self._may_be_released(entry, time))
+        return (*kept, *queue[-1:], Captured(self._tick(queue, time), time, result))
 
     def due(self, queue: Queue, time: float) -> Captured | None:
         """Returns the newest capture whose result is due at `time` [s], if any.
 
         Its result may have to be waited for.
         """
+        return next((entry for entry in reversed(queue) if self._is_due(entry, time)), None)
+
+    @abstractmethod
+    def _tick(self, queue: Queue, time: float) -> int:
+        """Returns the number of a capture at `time` [s] after those in the queue."""
+
+    def _may_be_released(self, entry: Captured, time: float) -> bool:
+        """Returns whether a capture before the last two may be released at or after `time` [s]."""
+        return False
+
+    @abstractmethod
+    def _is_due(self, entry: Captured, time: float) -> bool:
+        """Returns whether the result of a capture is to be known at `time` [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatedDelay:
+class SimulatedDelay(CaptureTiming):
     """Captures every `period`; releases each result exactly `latency` later, and waits for it.
 
     What is known when does not depend on how fast the work is done.
@@ -83,7 +110,6 @@ class SimulatedDelay:
 
     period: float = 1 / 8
     latency: float = 1 / 16
-    offset: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.period > 0.0 and self.latency >= 0.0 and self.offset >= 0.0):
@@ -94,43 +120,32 @@ class SimulatedDelay:
             )
 
     @property
-    def capture_event(self) -> tuple[float, float]:
-        """See `CaptureTiming`."""
-        return self.period, self.offset
-
-    @property
     def release_event(self) -> tuple[float, float] | None:
         """See `CaptureTiming`."""
         if self.latency < _SAME * self.period:
             return None
         return self.period, self.offset + self.latency
 
-    def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
-        """See `CaptureTiming`."""
-        return wanted
+    def _tick(self, queue: Queue, time: float) -> int:
+        return round((time - self.offset) / self.period)
 
-    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
-        """See `CaptureTiming`."""
-        tick = round((time - self.offset) / self.period)
+    def _may_be_released(self, entry: Captured, time: float) -> bool:
         # A capture due right now stays: at one instant, captures may run before releases.
-        kept = tuple(entry for entry in queue[:-1] if entry.tick >= self._tick_due(time))
-        return (*kept, *queue[-1:], Captured(tick, time, result))
+        return entry.tick >= self._tick_due(time)
 
-    def due(self, queue: Queue, time: float) -> Captured | None:
-        """See `CaptureTiming`."""
-        tick = self._tick_due(time)
-        return next((entry for entry in reversed(queue) if entry.tick <= tick), None)
+    def _is_due(self, entry: Captured, time: float) -> bool:
+        return entry.tick <= self._tick_due(time)
 
     def _tick_due(self, time: float) -> int:
         return math.floor((time - self.offset - self.latency) / self.period + _SAME)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Worker:
+class Worker(CaptureTiming):
     """Captures whenever the last result is ready; releases results as they arrive, never waits.
 
-    For hardware, where the loop must not be held up: frames that come while the worker is busy are
-    skipped.
+    For hardware, where the loop must not be delayed: frames that arrive while the worker is busy
+    are skipped.
 
     Attributes:
         period: Time between checks for something new to capture [s].
@@ -139,16 +154,10 @@ class Worker:
     """
 
     period: float = 1 / 128
-    offset: float = 0.0
     poll_period: float = 1 / 256
 
     @property
-    def capture_event(self) -> tuple[float, float]:
-        """See `CaptureTiming`."""
-        return self.period, self.offset
-
-    @property
-    def release_event(self) -> tuple[float, float] | None:
+    def release_event(self) -> tuple[float, float]:
         """See `CaptureTiming`."""
         return self.poll_period, 0.0
 
@@ -156,18 +165,15 @@ class Worker:
         """See `CaptureTiming`."""
         return wanted and (not queue or queue[-1].result.done())
 
-    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
-        """See `CaptureTiming`."""
-        tick = queue[-1].tick + 1 if queue else 0
-        return (*queue[-1:], Captured(tick, time, result))
+    def _tick(self, queue: Queue, time: float) -> int:
+        return queue[-1].tick + 1 if queue else 0
 
-    def due(self, queue: Queue, time: float) -> Captured | None:
-        """See `CaptureTiming`."""
-        return next((entry for entry in reversed(queue) if entry.result.done()), None)
+    def _is_due(self, entry: Captured, time: float) -> bool:
+        return entry.result.done()
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedTiming:
+class RecordedTiming(CaptureTiming):
     """Captures and releases when a recorded run did, however long the work takes now.
 
     Attributes:
@@ -181,7 +187,6 @@ class RecordedTiming:
     captured: Sequence[float]
     released: Sequence[tuple[float, int]]
     period: float = 1 / 256
-    offset: float = 0.0
 
     def __post_init__(self) -> None:
         times = [time for time, _ in self.released]
@@ -218,33 +223,21 @@ class RecordedTiming:
         return cls(captured=tuple(captured), released=tuple(numbered), period=period, offset=offset)
 
     @property
-    def capture_event(self) -> tuple[float, float]:
-        """See `CaptureTiming`."""
-        return self.period, self.offset
-
-    @property
-    def release_event(self) -> tuple[float, float] | None:
+    def release_event(self) -> tuple[float, float]:
         """See `CaptureTiming`."""
         return self.period, 0.0
 
     def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
         """See `CaptureTiming`; the recording decides, whatever is wanted."""
-        return self._tick(time) > (queue[-1].tick if queue else -1)
+        return self._tick(queue, time) > (queue[-1].tick if queue else -1)
 
-    def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
-        """See `CaptureTiming`."""
-        awaited = {tick for released, tick in self.released if released > time - _ROUNDING}
-        kept = tuple(entry for entry in queue[:-1] if entry.tick in awaited)
-        return (*kept, *queue[-1:], Captured(self._tick(time), time, result))
-
-    def due(self, queue: Queue, time: float) -> Captured | None:
-        """See `CaptureTiming`."""
-        index = bisect_right(self.released, (time + _ROUNDING, len(self.captured))) - 1
-        if index < 0:
-            return None
-        tick = self.released[index][1]
-        return next((entry for entry in queue if entry.tick == tick), None)
-
-    def _tick(self, time: float) -> int:
+    def _tick(self, queue: Queue, time: float) -> int:
         """Returns the number of the last capture at or before `time` [s]; -1 before the first."""
         return bisect_right(self.captured, time + _ROUNDING) - 1
+
+    def _may_be_released(self, entry: Captured, time: float) -> bool:
+        return any(tick == entry.tick and at > time - _ROUNDING for at, tick in self.released)
+
+    def _is_due(self, entry: Captured, time: float) -> bool:
+        index = bisect_right(self.released, (time + _ROUNDING, len(self.captured))) - 1
+        return index >= 0 and self.released[index][1] == entry.tick

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from poil_drake.geometry.body_clearance import BodyClearance
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 
 REACH = 0.012
 
@@ -34,7 +34,7 @@ def poses():
 
 @pytest.fixture(scope="module")
 def dut(obstacles, cloud):
-    return BodyClearance(cloud=cloud, scene=SceneDistance(obstacles))
+    return BodyClearance(cloud=cloud, scene=SceneCloud(obstacles))
 
 
 def test_clearance_is_the_smallest_distance_of_all_pairs(dut, obstacles, cloud, poses):
@@ -47,7 +47,7 @@ def test_clearance_is_the_smallest_distance_of_all_pairs(dut, obstacles, cloud, 
 
 
 def test_height_is_that_of_the_lowest_point(obstacles, cloud, poses):
-    scene = SceneDistance(obstacles, ground_height=0.1)
+    scene = SceneCloud(obstacles, ground_height=0.1)
     dut = BodyClearance(cloud=cloud, scene=scene)
 
     height = dut.height(poses)

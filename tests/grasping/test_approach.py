@@ -7,9 +7,10 @@ from point_grids import point_grid
 
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.approach import plan_joint_path
 from poil_drake.planning.path_shortening import EdgeChecker
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.inverse_kinematics import distinct_solutions
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -21,7 +22,9 @@ def checker(model: PandaModel) -> RobotCollisionChecker:
     """A screen 0.45 m high stands between the robot's left and right."""
     screen = point_grid(np.arange(0.25, 0.8, 0.01), 0.0, np.arange(0.02, 0.45, 0.01))
     spheres = make_robot_spheres(finger_opening=0.03)
-    return RobotCollisionChecker(model=model, spheres=spheres, scene=SceneCloud(screen))
+    return RobotCollisionChecker(
+        model=model, spheres=spheres, scene=SceneCloud(screen, ground_height=0.0)
+    )
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import PlanningError
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.grasp_motions import plan_approach
 from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.grasping.workspace_check import WorkspaceCheck
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -20,7 +21,7 @@ def approach(model: PandaModel, **box) -> JointTrajectory:
     checker = RobotCollisionChecker(
         model=model,
         spheres=make_robot_spheres(finger_opening=0.04),
-        scene=SceneCloud(np.zeros((0, 3))),
+        scene=SceneCloud(np.zeros((0, 3)), ground_height=0.0),
     )
     boxes = FeasibilityConfig(posture=PostureGuardConfig(**box))
     workspace = WorkspaceCheck.of(model, RIGHT, boxes)

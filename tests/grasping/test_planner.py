@@ -4,11 +4,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from point_grids import point_grid
 
 from poil_drake.errors import NoFeasibleGraspError, PlanningError
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.grasping.planner import PlannerConfig
 from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.grasping.rehearsal.path_following import backed_off_poses
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 
@@ -44,7 +45,7 @@ def test_approach_keeps_clear_of_scene_and_object(plan, mug, model, screen):
     dut = RobotCollisionChecker(
         model=model,
         spheres=make_robot_spheres(finger_opening=plan.pregrasp_width),
-        scene=SceneCloud(np.concatenate([screen, mug.cloud.points])),
+        scene=SceneCloud(np.concatenate([screen, mug.cloud.points]), ground_height=0.0),
     )
 
     assert dut.clearance(plan.approach.positions).min() > 0.0

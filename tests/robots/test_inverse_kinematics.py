@@ -3,6 +3,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
 from poil_drake.robots.inverse_kinematics import (
+    DISTINCT,
+    POSITION_TOLERANCE,
+    ROTATION_TOLERANCE,
     InverseKinematicsConfig,
     distinct_solutions,
     solve_inverse_kinematics,
@@ -26,16 +29,15 @@ def grasp_poses() -> np.ndarray:
 
 
 def test_every_grasp_pose_over_the_table_has_a_solution(model: PandaModel):
-    config = InverseKinematicsConfig()
     poses = grasp_poses()
 
-    q, owner = distinct_solutions(model, poses, config=config)
+    q, owner = distinct_solutions(model, poses)
 
     assert set(owner) == set(range(len(poses)))
     X = model.gripper_pose(q)
-    assert_allclose(X[:, :3, 3], poses[owner, :3, 3], atol=config.position_tolerance)
-    assert_allclose(X[:, :3, :3], poses[owner, :3, :3], atol=config.rotation_tolerance)
-    assert np.all(model.limit_margin(q) >= config.limit_margin - 1e-12)
+    assert_allclose(X[:, :3, 3], poses[owner, :3, 3], atol=POSITION_TOLERANCE)
+    assert_allclose(X[:, :3, :3], poses[owner, :3, :3], atol=ROTATION_TOLERANCE)
+    assert np.all(model.limit_margin(q) >= InverseKinematicsConfig().limit_margin - 1e-12)
 
 
 def test_a_robot_in_another_place_finds_the_same_solutions(model: PandaModel):
@@ -49,14 +51,12 @@ def test_a_robot_in_another_place_finds_the_same_solutions(model: PandaModel):
 
 
 def test_solutions_for_one_pose_differ(model: PandaModel):
-    config = InverseKinematicsConfig()
-
-    q, owner = distinct_solutions(model, grasp_poses()[:3], config=config)
+    q, owner = distinct_solutions(model, grasp_poses()[:3])
 
     for pose in range(3):
         own = q[owner == pose]
         gaps = np.abs(own[:, None] - own[None]).max(axis=-1) + np.eye(len(own))
-        assert gaps.min() > config.distinct
+        assert gaps.min() > DISTINCT
 
 
 def test_pose_out_of_reach_is_not_reached(model: PandaModel):

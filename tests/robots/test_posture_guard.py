@@ -4,8 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.robots import posture_guard as dut
-from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_hand import GripperGeometry
 from poil_drake.robots.panda_kinematics import PandaModel

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from station_state import GetObjectPose
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
-from poil_drake.diagrams.station.station_state import GetObjectPose
 from poil_drake.errors import DetectionError, InvalidValueError, TransferError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors.label_image import LabelImageDetector

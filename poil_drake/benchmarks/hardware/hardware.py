@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import StationError
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm

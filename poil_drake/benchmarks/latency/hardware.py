@@ -22,7 +22,7 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation

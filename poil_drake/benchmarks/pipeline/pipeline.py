@@ -15,7 +15,7 @@ from tqdm import tqdm
 from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_recorded_trial
 from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import InvalidValueError
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm

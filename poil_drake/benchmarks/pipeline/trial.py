@@ -11,7 +11,7 @@ from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.skill_run import ExecutePlan
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.randomization import ObjectDirective
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError

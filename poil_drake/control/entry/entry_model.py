@@ -19,7 +19,7 @@ from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, rigid_inliers
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.planning.pose_vectors import poses_of
 
@@ -60,7 +60,7 @@ class EntryModel:
         self,
         *,
         reference: PointTrajectory,
-        scene: SceneDistance,
+        scene: SceneCloud,
         object_cloud: np.ndarray,
         object_points: np.ndarray,
         config: EntryClearanceConfig,

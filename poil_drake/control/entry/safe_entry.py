@@ -19,7 +19,7 @@ from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 
 _NO_GUIDE = np.empty((0, 4, 4))
 
@@ -108,7 +108,7 @@ class SafeEntryPlanner:
         self,
         *,
         reference: PointTrajectory,
-        scene: SceneDistance,
+        scene: SceneCloud,
         object_cloud: np.ndarray,
         object_points: np.ndarray,
         bcsdm: BcsdmConfig | None = None,

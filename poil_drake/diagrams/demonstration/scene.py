@@ -11,12 +11,12 @@ from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.scenario.checks import NO_NETWORK
-from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries
 from poil_drake.diagrams.scenario.fit import RequireFreeObject
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
+    CollisionGeometries,
     RequireModel,
     SetInitialPositions,
 )

@@ -43,7 +43,7 @@ class ClosedLoop:
     run, or use it as a `with` block.
 
     Attributes:
-        diagram: The whole, ready for a Simulator.
+        diagram: The whole diagram, ready for a Simulator.
         station: The robot and its surroundings.
         detector: Finds the part; None if the tracker needs no detector.
         tracker: `PointTracker`, `GroundTruthTracker`, in a replay `RecordedTracker`, or the user's.

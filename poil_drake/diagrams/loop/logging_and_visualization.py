@@ -44,7 +44,15 @@ def AddLoggingAndVisualization(
     """
     parts: dict[str, LeafSystem] = {}
     if meshcat is not None:
-        parts["visualizer"] = _add_visualizer(builder, scenario, plan, meshcat)
+        parts["visualizer"] = builder.AddNamedSystem(
+            "visualizer",
+            PointSetVisualizer(
+                meshcat=meshcat,
+                reference=plan.reference,
+                phase_names=PHASE_NAMES,
+                config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
+            ),
+        )
     if log is not None:
         parts["logger"] = builder.AddNamedSystem(
             "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
@@ -88,7 +96,7 @@ def AddDisturbances(
 def PublishSchedules(
     scenario: Scenario, *, log: bool, meshcat: bool, album: bool
 ) -> list[tuple[float, float]]:
-    """Returns the periods and offsets [s] at which anything in the loop publishes."""
+    """Returns the periods and offsets [s] at which systems of the loop publish."""
     rates = scenario.poil.rates
     schedules = [(rates.logger, 0.0)]
     if log:
@@ -98,15 +106,3 @@ def PublishSchedules(
     if album:
         schedules.append((rates.tracker, rates.control))
     return schedules
-
-
-def _add_visualizer(
-    builder: DiagramBuilder, scenario: Scenario, plan: ExecutionPlan, meshcat: Meshcat
-) -> PointSetVisualizer:
-    config = PointSetVisualizerConfig(period=scenario.poil.rates.logger)
-    return builder.AddNamedSystem(
-        "visualizer",
-        PointSetVisualizer(
-            meshcat=meshcat, reference=plan.reference, phase_names=PHASE_NAMES, config=config
-        ),
-    )

@@ -120,12 +120,6 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     """Connects those parts of the loop that exist, by the names of their ports."""
     wires = list(LOOP_WIRES)
     station = parts["station"]
-    cameras = station.camera_names
-    for camera in cameras:
-        if parts["supervisor"].HasInputPort(f"{camera}.image_time"):
-            wires.append((f"station.{camera}.image_time", f"supervisor.{camera}.image_time"))
-        if "logger" in parts:
-            wires.append((f"station.{camera}.image_time", f"logger.cameras.{camera}.image_time"))
     if station.HasOutputPort(f"{station.scenario.poil.robot}.position_commanded"):
         wires.append(("robot.position_commanded", "supervisor.position_commanded"))
     tracker = parts["tracker"]
@@ -133,6 +127,11 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
         (source, f"tracker.{port}") for source, port in TRACKER_WIRES if tracker.HasInputPort(port)
     ]
     for camera in station.camera_names:
+        time = f"{camera}.image_time"
+        if parts["supervisor"].HasInputPort(time):
+            wires.append((f"station.{time}", f"supervisor.{time}"))
+        if "logger" in parts:
+            wires.append((f"station.{time}", f"logger.cameras.{time}"))
         for image in ("rgb_image", "depth_image", "label_image", "image_time"):
             port = f"{camera}.{image}"
             for part in ("tracker", "detector"):

@@ -42,20 +42,16 @@ class _Topic(NamedTuple):
     Attributes:
         topic: The topic.
         what: Name of the signal.
-        needed: Whether this run's replay needs it.
-        there: Whether the log has it.
-        looking: Whether it is needed only where images are tracked again.
+        is_logged: Whether the log has it.
+        is_needed: Whether this run's replay needs it.
+        images_only: Whether it is needed only where images are tracked again.
     """
 
     topic: str
     what: str
-    needed: Callable[[RecordedRun], bool]
-    there: Callable[[RecordedRun], bool]
-    looking: bool = False
-
-
-def _always(run: RecordedRun) -> bool:
-    return True
+    is_logged: Callable[[RecordedRun], bool]
+    is_needed: Callable[[RecordedRun], bool] = lambda run: True
+    images_only: bool = False
 
 
 def _begun(run: RecordedRun) -> bool:
@@ -80,26 +76,26 @@ def _knows(topic: str, column: int) -> Callable[[RecordedRun], bool]:
 
 
 _TOPICS = (
-    _Topic(JOINT_STATES_TOPIC, "joint states", _always, lambda run: len(run.joints) > 0),
-    _Topic(JOINT_COMMANDS_TOPIC, "joint velocities", _always, lambda run: len(run.commands) > 0),
+    _Topic(JOINT_STATES_TOPIC, "joint states", lambda run: len(run.joints) > 0),
+    _Topic(JOINT_COMMANDS_TOPIC, "joint velocities", lambda run: len(run.commands) > 0),
     _Topic(
         JOINT_COMMANDS_TOPIC,
         "joint positions",
-        _moved,
         lambda run: bool(np.isfinite(run.postures.values).any()),
+        _moved,
     ),
-    _Topic(ROBOT_STATUS_TOPIC, "modes", _begun, _knows(ROBOT_STATUS_TOPIC, 0)),
-    _Topic(HAND_STATUS_TOPIC, "openings ('width_measured')", _begun, _knows(HAND_STATUS_TOPIC, 1)),
-    _Topic(TRACKED_TOPIC, "tracks", _begun, lambda run: bool(run.tracks)),
+    _Topic(ROBOT_STATUS_TOPIC, "modes", _knows(ROBOT_STATUS_TOPIC, 0), _begun),
+    _Topic(HAND_STATUS_TOPIC, "openings ('width_measured')", _knows(HAND_STATUS_TOPIC, 1), _begun),
+    _Topic(TRACKED_TOPIC, "tracks", lambda run: bool(run.tracks), _begun),
     _Topic(
-        TRACKER_TIMES_TOPIC, "times of frames ('begun')", _tracked, _knows(TRACKER_TIMES_TOPIC, 0)
+        TRACKER_TIMES_TOPIC, "times of frames ('begun')", _knows(TRACKER_TIMES_TOPIC, 0), _tracked
     ),
     _Topic(
         DETECTOR_TIMES_TOPIC,
         "times of searches ('begun')",
-        _found,
         _knows(DETECTOR_TIMES_TOPIC, 0),
-        looking=True,
+        _found,
+        images_only=True,
     ),
 )
 
@@ -129,9 +125,9 @@ def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
         RunLogError: if one is missing, with its topic.
     """
     for one in _TOPICS:
-        if one.there(run) or not one.needed(run) or (one.looking and repeat_tracks):
+        if one.is_logged(run) or not one.is_needed(run) or (one.images_only and repeat_tracks):
             continue
-        raise _lacking(run, f"{one.what} in the topic {one.topic}", looking=one.looking)
+        raise _lacking(run, f"{one.what} in the topic {one.topic}", images_only=one.images_only)
 
 
 def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
@@ -227,9 +223,9 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
     return tuple(notes)
 
 
-def _lacking(run: RecordedRun, what: str, *, looking: bool = False) -> RunLogError:
+def _lacking(run: RecordedRun, what: str, *, images_only: bool = False) -> RunLogError:
     why = run.cut_off or "An older version wrote it, or something else than poil run"
     remedy = f"{why}. Replay a log that poil run or poil execute writes"
-    if looking:
+    if images_only:
         remedy += ", or repeat the run's own tracks: --tracker recorded"
     return RunLogError(f"The log '{run.path}' holds no {what}.", remedy=f"{remedy}.")

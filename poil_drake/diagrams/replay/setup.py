@@ -1,7 +1,6 @@
 """Sets up a replay from a run's log and the user's changes."""
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -108,6 +107,9 @@ def SetUpReplay(
     changed = scenario_text is not None or (
         used not in (RECORDED, recorded.poil.tracker) and tracker is not None
     )
+    notes = NotesOn(run, recorded, repeat_tracks=used == RECORDED)
+    if unknown:
+        notes += (f"settings that this version lacks were ignored: {', '.join(unknown)}",)
     return ReplaySetup(
         run=run,
         scenario=scenario,
@@ -117,14 +119,8 @@ def SetUpReplay(
         scenario_text=scenario_text or "",
         tolerances=_tolerances(run, recorded, used),
         cameras_moved=_moves_cameras(recorded, scenario),
-        notes=NotesOn(run, recorded, repeat_tracks=used == RECORDED) + _unknown_settings(unknown),
+        notes=notes,
     )
-
-
-def _unknown_settings(places: Sequence[str]) -> tuple[str, ...]:
-    if not places:
-        return ()
-    return (f"settings that this version lacks were ignored: {', '.join(places)}",)
 
 
 def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:

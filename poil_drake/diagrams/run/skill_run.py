@@ -4,8 +4,8 @@ import dataclasses
 import math
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,6 @@ from poil_drake.diagrams.station.station import (
     MakeStation,
     RequireLabels,
     SimulatedStation,
-    Station,
 )
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -251,8 +250,9 @@ def _simulate(
         with (
             QuietInterpreter(collecting=pace is None),
             RealTimeScheduling(0 if pace is None else hardware.realtime_priority, followers=True),
-            rest_on_exit(station),
+            ExitStack() as last,
         ):
+            last.callback(station.Rest)  # Before anything else happens, however the loop ends.
             simulator.Initialize()
             if pace is not None:
                 station.WarmUp()  # Messages that arrived while the loop was built are old.
@@ -298,15 +298,6 @@ def _simulate(
         fault_time=recorder.phase_start(root) if recorder.phase is Phase.FAULT else math.nan,
         epoch=epoch,
     )
-
-
-@contextmanager
-def rest_on_exit(station: Station) -> Iterator[None]:
-    """Brings the robot to rest at the end of the block, before anything else happens."""
-    try:
-        yield
-    finally:
-        station.Rest()
 
 
 def Brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:

@@ -9,9 +9,11 @@ from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
 from poil_drake.diagrams.station.station import SimulatedStation
-from poil_drake.diagrams.station.station_state import GetObjectPose
+
+_LONGEST_FLIGHT = 0.1
+"""How long a hanging object may touch nothing, e.g. while it swings [s]."""
 
 
 def TouchedGeometries(
@@ -72,7 +74,6 @@ class HangingJudge:
     Attributes:
         fixture: The fixture's model instance, e.g. "rack".
         holder: Scoped names of the geometries that hold a hanging object, e.g. "rack::rod::bar".
-        longest_flight: How long an object may touch nothing, e.g. while it swings [s].
         hanging_since: When the object began to hang [s]; None while it does not.
         holder_touched_at: When it last touched the holder [s].
         last_touched: The geometries that the object touched at the last observation.
@@ -80,7 +81,6 @@ class HangingJudge:
 
     fixture: str
     holder: frozenset[str]
-    longest_flight: float = 0.1
     hanging_since: float | None = None
     holder_touched_at: float = -math.inf
     last_touched: frozenset[str] = frozenset()
@@ -91,7 +91,7 @@ class HangingJudge:
         if self.holder & touched:
             self.holder_touched_at = time
         foreign = any(not name.startswith(f"{self.fixture}::") for name in touched)
-        if foreign or time - self.holder_touched_at > self.longest_flight:
+        if foreign or time - self.holder_touched_at > _LONGEST_FLIGHT:
             self.hanging_since = None
         elif self.hanging_since is None:
             self.hanging_since = time
@@ -132,8 +132,8 @@ class SimulatedTruth:
 
     def object_pose(self, root: Context) -> np.ndarray:
         """Returns X_WO (4, 4), the pose of the object's base body, from the root context."""
-        context = self.station.GetMyContextFromRoot(root)
-        return GetObjectPose(self.station, context).GetAsMatrix4()
+        context = self.station.plant().GetMyContextFromRoot(root)
+        return self.station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
 
     def plant_state(self, root: Context) -> np.ndarray:
         """Returns the positions and velocities of the simulated plant."""

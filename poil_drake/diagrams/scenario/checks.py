@@ -1,4 +1,4 @@
-"""Checks of a scenario's values that concern several keys, or that Drake would make too late."""
+"""Checks of a scenario's values that concern several keys, or that Drake makes too late."""
 
 import ipaddress
 from collections.abc import Mapping, Sequence
@@ -21,6 +21,9 @@ GROUND_TRUTH = "ground_truth"
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
+
+DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
+"""What Drake raises on wrong values. Its own assertions arrive in Python as SystemExit."""
 
 _ROUNDING = 1e-9  # Relative error of numbers written in decimals.
 
@@ -155,3 +158,12 @@ def _is_lcm_url(url: str) -> bool:
         return ipaddress.IPv4Address(address).is_multicast and parts.port != 0
     except ValueError:
         return False
+
+
+def drake_reason(error: BaseException) -> str:
+    """Returns the text of an error in one line, without a full stop at its end."""
+    reason = " ".join(str(error).split())
+    # An assertion: "Failure at <file>:<line> in <function>: condition '<C++>' failed."
+    if reason.startswith("Failure at ") and ": condition " in reason:
+        reason = "Drake requires " + reason.split(": condition ", 1)[1].removesuffix(" failed.")
+    return reason.rstrip(".")

@@ -4,8 +4,11 @@ import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.diagrams.scenario.collision_parts import CollisionGeometries, ScopedGeometryName
-from poil_drake.diagrams.scenario.models import RequireModel
+from poil_drake.diagrams.scenario.models import (
+    CollisionGeometries,
+    RequireModel,
+    ScopedGeometryName,
+)
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError

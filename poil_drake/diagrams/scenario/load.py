@@ -1,4 +1,4 @@
-"""Finds and reads scenarios from YAML files and text."""
+"""Finds, reads and chooses scenarios, from YAML files, text and options."""
 
 import copy
 import dataclasses
@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 from pydrake.common.yaml import yaml_load
 
+from poil_drake.diagrams.scenario.randomization import ApplyRandomization
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
@@ -69,6 +70,47 @@ def LoadScenario(
         node = _with_absolute_paths(_parse(data, "the scenario text"), Path.cwd())
         scenario = merge_yaml(node=node, schema=Scenario, default=scenario)
     return scenario
+
+
+def ChooseScenario(
+    *,
+    filename: Path | None = None,
+    scenario_name: str | None = None,
+    data: str | None = None,
+    seed: int | None = None,
+    tracker: str | None = None,
+    detector: str | None = None,
+    speed: float | None = None,
+    time_scale: float | None = None,
+) -> Scenario:
+    """Returns a scenario with the values that a user chose; None keeps the scenario's.
+
+    Args:
+        filename: The scenario file; None stands for the package's.
+        scenario_name: The scenario of the file.
+        data: YAML text merged over it.
+        seed: Draws object, pose and noise from the scenario's `randomization`; None draws nothing.
+        tracker: Name of the tracker.
+        detector: Name of the detector.
+        speed: Speed on hardware, see `HardwareConfig`.
+        time_scale: Time scale on hardware, see `HardwareConfig`.
+
+    Raises:
+        ScenarioError: The scenario cannot be read, or a value is wrong.
+    """
+    scenario = LoadScenario(
+        filename=filename or default_scenario_file(), data=data, scenario_name=scenario_name
+    )
+    if seed is not None:
+        scenario = ApplyRandomization(scenario, seed)
+    hardware = _changed(scenario.poil.hardware, speed=speed, time_scale=time_scale)
+    poil = _changed(scenario.poil, hardware=hardware, tracker=tracker, detector=detector)
+    return dataclasses.replace(scenario, poil=poil)
+
+
+def _changed(config: Any, **values: Any) -> Any:
+    """Returns a config with the values that are not None."""
+    return dataclasses.replace(config, **{k: v for k, v in values.items() if v is not None})
 
 
 def _read(path: Path) -> Any:

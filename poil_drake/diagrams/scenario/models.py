@@ -1,11 +1,12 @@
-"""Adds a scenario's models to a plant."""
+"""Adds a scenario's models to a plant, and finds their parts."""
 
 import copy
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import GeometryId, SceneGraph, SceneGraphInspector
 from pydrake.manipulation import ApplyNamedPositionsAsDefaults
 from pydrake.multibody.parsing import (
     ModelDirective,
@@ -17,7 +18,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
-from poil_drake.diagrams.scenario.drake_errors import DRAKE_ERRORS, drake_reason
+from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, drake_reason
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.labels import model_instances
 from poil_drake.errors import ScenarioError
@@ -109,3 +110,44 @@ def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
             f"poil.{role} is '{name}', but no directive adds a model with that name.",
             remedy=f"Choose one of: {', '.join(model_instances(plant))}.",
         )
+
+
+def CollisionGeometries(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, model: str, part: str
+) -> list[GeometryId]:
+    """Returns the collision geometries of a part.
+
+    Args:
+        plant: The plant.
+        inspector: Its scene graph's inspector.
+        model: The model instance.
+        part: A link or, if no link has that name, a regular expression that matches the whole
+            name of a geometry (without the model's scope).
+
+    Returns:
+        The geometries; empty if there is no such part.
+    """
+    instance = plant.GetModelInstanceByName(model)
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+    named = [body for body in bodies if body.name() == part]
+    geometries = [g for b in named or bodies for g in plant.GetCollisionGeometriesForBody(b)]
+    if named:
+        return geometries
+    try:
+        pattern = re.compile(part)
+    except re.error:
+        return []
+    return [g for g in geometries if pattern.fullmatch(_own_name(inspector, g))]
+
+
+def ScopedGeometryName(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, geometry_id: GeometryId
+) -> str:
+    """Returns "model::link::geometry" for a geometry of the plant, e.g. "rack::rod::bar"."""
+    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
+    model = plant.GetModelInstanceName(body.model_instance())
+    return f"{model}::{body.name()}::{_own_name(inspector, geometry_id)}"
+
+
+def _own_name(inspector: SceneGraphInspector, geometry_id: GeometryId) -> str:
+    return inspector.GetName(geometry_id).split("::")[-1]

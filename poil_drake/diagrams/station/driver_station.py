@@ -24,7 +24,7 @@ class DriverStation:
     """A simulated robot and its driver.
 
     Attributes:
-        diagram: The whole, ready for a Simulator.
+        diagram: The whole diagram, ready for a Simulator.
         station: The simulated robot and its surroundings.
         driver: Receives the arm's commands and sends its status.
         hand: The same for the hand.

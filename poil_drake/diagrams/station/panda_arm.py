@@ -6,6 +6,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
+from poil_drake.diagrams.station.exports import COMMANDS, ExportPorts
 from poil_drake.errors import StationError
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import ARM_JOINTS, FINGER_JOINTS, NUM_JOINTS
@@ -104,11 +105,10 @@ def AddPandaDrivers(
     ):
         builder.Connect(source, desired.get_input_port(i))
     builder.Connect(desired.get_output_port(), plant.get_desired_state_input_port(robot))
-    builder.ExportInput(arm.GetInputPort("velocity"), f"{name}.velocity")
-    builder.ExportInput(arm.GetInputPort("velocity_time"), f"{name}.velocity_time")
-    builder.ExportInput(hand.GetInputPort("width"), "hand.width")
+    ExportPorts(builder, arm, COMMANDS, name)
+    ExportPorts(builder, hand, ["width"], "hand")
     builder.ExportOutput(state.get_output_port(0), f"{name}.position_measured")
     builder.ExportOutput(state.get_output_port(2), f"{name}.velocity_measured")
     builder.ExportOutput(torque.get_output_port(0), f"{name}.torque_external")
-    builder.ExportOutput(arm.GetOutputPort("status"), f"{name}.status")
+    ExportPorts(builder, arm, ["status"], name)
     builder.ExportOutput(width.get_output_port(), "hand.width_measured")

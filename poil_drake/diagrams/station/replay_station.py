@@ -3,18 +3,22 @@
 from collections.abc import Collection
 
 import numpy as np
-from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.diagrams.replay.contents import IsSparse
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
+from poil_drake.diagrams.station.exports import (
+    COMMANDS,
+    MEASUREMENTS,
+    ExportOutputs,
+    ExportPorts,
+)
 from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
 from poil_drake.diagrams.station.station_base import Station
-from poil_drake.diagrams.station.station_models import AddStationModels
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.stored_images import StoredImages
@@ -42,11 +46,6 @@ from poil_drake.systems.panda.recorded_robot import (
 from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 _ROUNDING = 1e-6
-
-_MEASURED = ("position_measured", "velocity_measured", "torque_external")
-
-_DRY_RUN_LEADS = (STATUS,)
-"""In a dry run, arm and hand are a `KinematicRobot`, which moves with the other updates."""
 
 
 class ReplayStation(Station):
@@ -92,7 +91,7 @@ class ReplayStation(Station):
             PoilError: if the scenario's models are inconsistent.
         """
         super().__init__()
-        self._scenario, self._run = scenario, run
+        self.scenario, self._run = scenario, run
         self._kind = run.metadata.get(STATION_KEY, SIMULATED)
         status = run.numbers[ROBOT_STATUS_TOPIC]
         self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
@@ -101,27 +100,25 @@ class ReplayStation(Station):
             run, period=scenario.poil.rates.control
         )
         builder = DiagramBuilder()
-        self._plant = MultibodyPlant(scenario.poil.rates.plant)
-        self._scene_graph = SceneGraph()
-        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
-        made = AddStationModels(plant=self._plant, scene_graph=self._scene_graph, scenario=scenario)
-        self._label_ids = run.label_ids or made
+        self._plant, self._scene_graph, made = MakeUnsimulatedPlant(scenario)
+        self.label_ids = run.label_ids or made
         CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._add_robot(builder)
         if scenario.poil.tracker != GROUND_TRUTH and scenario.cameras:
-            self._camera_models = MakeCameraModels(self._plant, scenario.cameras)
+            self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
             self._add_cameras(builder)
         builder.BuildInto(self)
 
     def _add_robot(self, builder: DiagramBuilder) -> None:
-        run, name = self._run, self._scenario.poil.robot
+        run = self._run
         hand, status = run.numbers[HAND_STATUS_TOPIC], run.numbers[ROBOT_STATUS_TOPIC]
         width = Series(hand.times, hand.values[:, 1:])
         joints = run.joints
         leading: Collection[str] = (JOINTS, HAND, STATUS)
         if self._kind == DRY_RUN:
-            leading = _DRY_RUN_LEADS
-        if self._kind == DRY_RUN or IsSparse(run, self._scenario):
+            # Arm and hand were a `KinematicRobot`, which moves with the other updates.
+            leading = (STATUS,)
+        if self._kind == DRY_RUN or IsSparse(run, self.scenario):
             # The first measurements of the robot pass right through.
             joints, width = _known_early(joints), _known_early(width)
         robot = builder.AddNamedSystem(
@@ -131,27 +128,22 @@ class ReplayStation(Station):
                 hand=width,
                 status=status,
                 postures=run.postures,
-                period=self._scenario.poil.rates.control,
+                period=self.scenario.poil.rates.control,
                 clock=self._clock,
                 leading=leading,
             ),
         )
-        for port in ("velocity", "velocity_time"):
-            builder.ExportInput(robot.GetInputPort(port), f"{name}.{port}")
-        builder.ExportInput(robot.GetInputPort("width"), "hand.width")
-        for port in (*_MEASURED, "status", "position_commanded"):
-            builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
-        builder.ExportOutput(robot.GetOutputPort("width_measured"), "hand.width_measured")
+        arm_ports = [*COMMANDS, *MEASUREMENTS, "status", "position_commanded"]
+        ExportPorts(builder, robot, arm_ports, self.scenario.poil.robot)
+        ExportPorts(builder, robot, ["width", "width_measured"], "hand")
 
     def _add_cameras(self, builder: DiagramBuilder) -> None:
-        delay = CameraDelay(self._scenario.cameras)
+        delay = CameraDelay(self.scenario.cameras)
         system = builder.AddNamedSystem(
             "cameras",
-            RecordedCameras(cameras=[self._camera(model, delay) for model in self._camera_models]),
+            RecordedCameras(cameras=[self._camera(model, delay) for model in self.camera_models]),
         )
-        for k in range(system.num_output_ports()):
-            port = system.get_output_port(k)
-            builder.ExportOutput(port, port.get_name())
+        ExportOutputs(builder, system)
 
     def _camera(self, model: CameraModel, delay: float) -> RecordedCamera:
         images = self._run.images.get(model.name, [])
@@ -178,7 +170,7 @@ class ReplayStation(Station):
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
         ]
         use = image.time if np.isnan(uses).all() else np.nanmax(uses)
-        period = self._scenario.poil.rates.control
+        period = self.scenario.poil.rates.control
         return float(np.floor(use / period + _ROUNDING) * period)
 
     @property
@@ -198,18 +190,13 @@ class ReplayStation(Station):
         return RecordedTracker(
             tracks=RecordedTracks(self._run),
             num_points=len(plan.target_points),
-            period=self._scenario.poil.rates.control,
+            period=self.scenario.poil.rates.control,
         )
 
     @property
     def clock(self) -> RecordedClock | None:
         """See `Station.clock`: the run's, where it had one."""
         return self._clock
-
-    def ArmPosition(self, context: Context) -> np.ndarray:
-        """See `Station.ArmPosition`."""
-        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
-        return np.array(port.Eval(context))
 
 
 def _known_early(series: Series) -> Series:

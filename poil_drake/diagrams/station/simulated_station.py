@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
@@ -91,12 +90,12 @@ class SimulatedStation(Station):
         super().__init__()
         builder = DiagramBuilder()
         poil = scenario.poil
-        self._scenario = scenario
+        self.scenario = scenario
         self._capture_offset = 0.0
         self._camera_process: CameraProcess | None = None
         self._delayed_cameras: DelayedCameras | None = None
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
-        self._label_ids = AddStationModels(
+        self.label_ids = AddStationModels(
             plant=self._plant,
             scene_graph=self._scene_graph,
             scenario=scenario,
@@ -139,10 +138,10 @@ class SimulatedStation(Station):
         package_xmls: Sequence[str | Path],
         stopwatch: Stopwatch | None,
     ) -> None:
-        scenario = self._scenario
+        scenario = self.scenario
         delay = CameraDelay(scenario.cameras)
         if ignore_output_delay or delay == 0.0:
-            self._camera_models = AddCameras(
+            self.camera_models = AddCameras(
                 builder=builder,
                 plant=self._plant,
                 cameras=scenario.cameras,
@@ -163,7 +162,7 @@ class SimulatedStation(Station):
             period=scenario.poil.rates.tracker,
             stopwatch=stopwatch,
         )
-        self._camera_models = self._delayed_cameras.cameras
+        self.camera_models = self._delayed_cameras.cameras
 
     @property
     def tracker_timing(self) -> SimulatedDelay:
@@ -171,18 +170,18 @@ class SimulatedStation(Station):
         return replace(
             self.detector_timing,
             # Of the images' capture.
-            latency=max(self._scenario.poil.latency - self._capture_offset, 0.0),
+            latency=max(self.scenario.poil.latency - self._capture_offset, 0.0),
         )
 
     @property
     def detector_timing(self) -> SimulatedDelay:
         """See `Station.detector_timing`: in simulation, results are known at once."""
-        period = self._scenario.poil.rates.tracker
+        period = self.scenario.poil.rates.tracker
         return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
         """See `Station.MakeImagelessTracker`: ground truth, if the scenario names it."""
-        poil = self._scenario.poil
+        poil = self.scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None
         return GroundTruthTracker(
@@ -215,11 +214,6 @@ class SimulatedStation(Station):
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
 
-    def ArmPosition(self, context: Context) -> np.ndarray:
-        """See `Station.ArmPosition`."""
-        port = self.GetOutputPort(f"{self._scenario.poil.robot}.position_measured")
-        return np.array(port.Eval(context))
-
     def Start(self) -> None:
         """Starts the process of delayed cameras, without waiting for it."""
         if self._camera_process is not None:
@@ -243,5 +237,5 @@ class SimulatedStation(Station):
 
     def object_body(self) -> RigidBody:
         """Returns the object's base body, whose frame is the object's frame O."""
-        instance = self._plant.GetModelInstanceByName(self._scenario.poil.object)
+        instance = self._plant.GetModelInstanceByName(self.scenario.poil.object)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])

@@ -23,13 +23,18 @@ class Station(Diagram):
 
     `Start` starts the threads and processes beside it, `WarmUp` waits until they are ready, and
     `Close` ends them; a `with` block does all three.
+
+    Attributes:
+        scenario: The scenario of the station.
+        label_ids: Render labels by name: "mug", "mug/handle", "rack", ...
+        camera_models: The cameras' models; cameras do not move.
     """
 
-    _scenario: Scenario
+    scenario: Scenario
+    label_ids: Mapping[str, tuple[int, ...]]
+    camera_models: tuple[CameraModel, ...] = ()
     _plant: MultibodyPlant
     _scene_graph: SceneGraph
-    _label_ids: Mapping[str, tuple[int, ...]]
-    _camera_models: tuple[CameraModel, ...] = ()
 
     def __enter__(self) -> Self:
         try:
@@ -44,24 +49,9 @@ class Station(Diagram):
         self.Close()
 
     @property
-    def scenario(self) -> Scenario:
-        """The scenario of the station."""
-        return self._scenario
-
-    @property
-    def label_ids(self) -> Mapping[str, tuple[int, ...]]:
-        """Render labels by name: "mug", "mug/handle", "rack", ..."""
-        return self._label_ids
-
-    @property
     def camera_names(self) -> tuple[str, ...]:
         """The names of the cameras; empty if the station was built without."""
-        return tuple(camera.name for camera in self._camera_models)
-
-    @property
-    def camera_models(self) -> tuple[CameraModel, ...]:
-        """The cameras' models; cameras do not move."""
-        return self._camera_models
+        return tuple(camera.name for camera in self.camera_models)
 
     @property
     def tracker_timing(self) -> CaptureTiming:
@@ -82,7 +72,7 @@ class Station(Diagram):
         Raises:
             ScenarioError: if the scenario names the ground truth, but the station has none.
         """
-        if self._scenario.poil.tracker == GROUND_TRUTH:
+        if self.scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
         return None
 
@@ -109,7 +99,8 @@ class Station(Diagram):
         Args:
             context: The station's own context.
         """
-        raise NotImplementedError
+        port = self.GetOutputPort(f"{self.scenario.poil.robot}.position_measured")
+        return np.array(port.Eval(context))
 
     def Start(self) -> None:
         """Starts the threads and processes beside the station, without waiting for them."""
@@ -145,5 +136,5 @@ class Station(Diagram):
     def robot_base_pose(self) -> RigidTransform:
         """Returns X_WB, the pose of the robot's fixed base."""
         plant = self._plant
-        robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
+        robot = plant.GetModelInstanceByName(self.scenario.poil.robot)
         return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
@@ -20,6 +21,21 @@ from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
+
+
+def MakeUnsimulatedPlant(
+    scenario: Scenario, **options: Any
+) -> tuple[MultibodyPlant, SceneGraph, Mapping[str, tuple[int, ...]]]:
+    """Returns a plant of the scenario's models that is not simulated, its scene graph and labels.
+
+    Args:
+        scenario: Names the models.
+        options: See `AddStationModels`.
+    """
+    plant, scene_graph = MultibodyPlant(scenario.poil.rates.plant), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    label_ids = AddStationModels(plant=plant, scene_graph=scene_graph, scenario=scenario, **options)
+    return plant, scene_graph, label_ids
 
 
 def AddStationModels(

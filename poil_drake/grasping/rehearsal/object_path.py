@@ -10,7 +10,8 @@ from poil_drake.control.field.rollout import rollout
 from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import make_transform, transform_points
-from poil_drake.robots.collision import CollisionConfig, SceneCloud, cloud_clearance
+from poil_drake.geometry.scene_cloud import SceneCloud
+from poil_drake.robots.collision import CollisionConfig
 from poil_drake.transfer.matching import Matching
 
 LIFT_HEIGHT = 0.06
@@ -126,16 +127,18 @@ def predict_object_path(
         samples=_spread_samples(X_W, object_points),
         lift_end=lift_steps,
         converged=run.converged,
-        excess=_excess(checked, X_W, scene, required, lift_steps),
+        excess=_excess(
+            scene.distance(transform_points(X_W, checked), collision.max_distance),
+            required,
+            lift_steps,
+        ),
     )
 
 
-def _excess(
-    points: np.ndarray, X_W: np.ndarray, scene: SceneCloud, required: np.ndarray, lift_steps: int
-) -> float:
-    if len(points) <= _STRAY_POINTS:
+def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> float:
+    """Returns `ObjectPath.excess` for clearances (T, P) of the points; (T,) are required."""
+    if clearance.shape[1] <= _STRAY_POINTS:
         return 0.0
-    clearance = cloud_clearance(points, X_W, scene)
     # During the lift only approached obstacles count, not the surface that the object stands on.
     lift = clearance[:lift_steps]
     lift[lift >= clearance[0]] = np.inf

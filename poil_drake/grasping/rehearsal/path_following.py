@@ -3,6 +3,7 @@
 import numpy as np
 
 from poil_drake.robots.inverse_kinematics import (
+    ROTATION_SCALE,
     InverseKinematicsConfig,
     damped_step,
     pose_error,
@@ -21,7 +22,6 @@ _ITERATIONS = 6  # At most, for each sample of the path.
 _CENTERING_GAIN, _CENTERING_SPEED = 1.0, 0.3  # [1/s], [rad/s] Those of the controller.
 _STEP = InverseKinematicsConfig(
     damping=0.005,
-    rotation_scale=0.15,
     largest_step=0.25,  # A larger step would be a jump of the arm.
     limit_margin=LIMIT_MARGIN,
     posture_gain=1.0,
@@ -74,7 +74,7 @@ def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
         q: (..., 7) joint positions [rad].
     """
     _, jacobian = model.gripper_pose_and_jacobian(q)
-    scale = np.array([_STEP.rotation_scale] * 3 + [1.0] * 3)[:, None]
+    scale = np.array([ROTATION_SCALE] * 3 + [1.0] * 3)[:, None]
     gram = (scale * jacobian) @ np.swapaxes(scale * jacobian, -1, -2)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[..., 0], 0.0))
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import (
     STRAIGHT_SPEED,
@@ -20,7 +21,7 @@ from poil_drake.grasping.rehearsal.path_following import (
     follow_path,
     manipulability,
 )
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.inverse_kinematics import distinct_solutions
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import NoFeasibleGraspError
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import (
@@ -15,7 +16,6 @@ from poil_drake.grasping.rehearsal.object_path import (
     predict_object_path,
 )
 from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
-from poil_drake.robots.collision import SceneCloud
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress

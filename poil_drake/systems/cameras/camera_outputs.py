@@ -18,7 +18,7 @@ def DeclareCameraOutputs(
     *,
     image: Callable[[Context], RgbdImage | None],
     time: Callable[[Context], float],
-    label: Callable[[Context], np.ndarray | None] | None,
+    labels: bool | Callable[[Context], np.ndarray | None],
     prerequisites: set[Any],
 ) -> None:
     """Declares `<camera>.rgb_image`, `.depth_image`, `.label_image` and `.image_time`.
@@ -30,7 +30,8 @@ def DeclareCameraOutputs(
         camera: The camera's name.
         image: Returns the image that is shown, None for none.
         time: Returns the time of its capture [s].
-        label: Returns the label image (H, W), None for none; without it there is no label port.
+        labels: Whether the images may have labels, else there is no label port; or returns the
+            label image (H, W), None for none.
         prerequisites: What all of these depend on.
     """
 
@@ -54,14 +55,16 @@ def DeclareCameraOutputs(
         shown = image(context)
         return _fill_plane(output, None if shown is None else shown.depth)
 
+    def fill_label(context: Context, output: ImageLabel16I) -> bool:
+        if callable(labels):
+            return _fill_plane(output, labels(context))
+        shown = image(context)
+        return _fill_plane(output, None if shown is None else shown.label)
+
     declare("rgb_image", ImageRgba8U, fill_rgb)
     declare("depth_image", ImageDepth32F, fill_depth)
-    if label is not None:
-        declare(
-            "label_image",
-            ImageLabel16I,
-            lambda context, output: _fill_plane(output, label(context)),
-        )
+    if labels:
+        declare("label_image", ImageLabel16I, fill_label)
 
     def calc_time(context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, time(context))

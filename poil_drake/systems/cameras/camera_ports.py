@@ -50,11 +50,6 @@ class CameraPorts:
                     f"{camera.name}.label_image", Value(ImageLabel16I())
                 )
 
-    @property
-    def cameras(self) -> tuple[CameraModel, ...]:
-        """The cameras' models."""
-        return self._cameras
-
     def stamp(self, context: Context) -> float:
         """Returns the time of capture [s] of the present frame, without evaluating images.
 
@@ -109,12 +104,7 @@ class CameraPorts:
             label = None
         time = self._system.GetInputPort(f"{camera}.image_time")
         stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
-        return RgbdImage(
-            rgb=copied_rgb(rgba),
-            depth=copied_depth(depth),
-            stamp=float(stamp),
-            label=None if label is None else np.array(label[:, :, 0]),
-        )
+        return copied_image(rgba, depth, label, stamp=float(stamp))
 
     def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
         """Returns Drake's array of an image (H, W, channels), or None if not connected."""
@@ -122,18 +112,13 @@ class CameraPorts:
         return port.Eval(context).data if port.HasValue(context) else None
 
 
-def copied_rgb(rgba: np.ndarray) -> np.ndarray:
-    """Returns the colours (H, W, 3) uint8, read-only, of Drake's array (H, W, 4)."""
-    rgb = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
-    rgb.flags.writeable = False
-    return rgb
-
-
-def copied_depth(depth: np.ndarray) -> np.ndarray:
-    """Returns (H, W) float32 [m], read-only, of Drake's (H, W, 1) array; non-finite becomes 0."""
-    copy = depth[:, :, 0].copy()
-    finite = np.isfinite(copy)
-    if not finite.all():
-        copy[~finite] = 0.0
-    copy.flags.writeable = False
-    return copy
+def copied_image(
+    rgba: np.ndarray, depth: np.ndarray, label: np.ndarray | None, *, stamp: float
+) -> RgbdImage:
+    """Returns an image of Drake's arrays (H, W, channels), copied; non-finite depth becomes 0."""
+    return RgbdImage(
+        rgb=cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB),
+        depth=np.nan_to_num(depth[:, :, 0], posinf=0.0, neginf=0.0),
+        stamp=stamp,
+        label=None if label is None else label[:, :, 0],
+    )

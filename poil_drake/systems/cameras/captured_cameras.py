@@ -96,16 +96,12 @@ class CapturedCameras(LeafSystem):
         def image(context: Context) -> RgbdImage | None:
             return self._shown(context, view).image
 
-        def label(context: Context) -> np.ndarray | None:
-            shown = image(context)
-            return None if shown is None else shown.label
-
         DeclareCameraOutputs(
             self,
             name,
             image=image,
             time=lambda context: self._shown(context, view).time,
-            label=label if labelled else None,
+            labels=labelled,
             prerequisites={self.abstract_state_ticket(self._newest)},
         )
 

@@ -62,8 +62,8 @@ class DelayedCameras(LeafSystem):
         - <camera>.image_time
 
     The delay is that of a real camera, from exposure to delivery. The images are rendered elsewhere
-    while the simulation goes on; it waits for images that are due before they are ready, so what
-    comes out does not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
+    while the simulation continues. It waits for images that are due before they are ready, so the
+    outputs do not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
     with a thread. Every capture is rendered, whether it is used or not.
 
     Input: `plant_state` (nq + nv,), of which the positions are used. If they are not finite,
@@ -76,6 +76,9 @@ class DelayedCameras(LeafSystem):
 
     Captures are unrestricted updates at multiples of the period, and see the state of the plant at
     that time; images change in unrestricted updates a delay later.
+
+    Attributes:
+        cameras: The cameras' models.
     """
 
     def __init__(
@@ -112,7 +115,7 @@ class DelayedCameras(LeafSystem):
                 remedy="It must be positive; use RgbdSensor for cameras without a delay.",
             )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
-        self._cameras, self._num_positions = tuple(cameras), num_positions
+        self.cameras, self._num_positions = tuple(cameras), num_positions
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
@@ -124,13 +127,8 @@ class DelayedCameras(LeafSystem):
             thread="cameras' thread",
             stopwatch=stopwatch,
         )
-        for view, camera in enumerate(self._cameras):
+        for view, camera in enumerate(self.cameras):
             self._declare_outputs(view, camera.name)
-
-    @property
-    def cameras(self) -> tuple[CameraModel, ...]:
-        """The cameras' models."""
-        return self._cameras
 
     def close(self) -> None:
         """Ends the thread that waits for images. No capture may follow."""
@@ -156,7 +154,7 @@ class DelayedCameras(LeafSystem):
             name,
             image=image,
             time=time,
-            label=label,
+            labels=label,
             prerequisites=self._rendered.tickets,
         )
 

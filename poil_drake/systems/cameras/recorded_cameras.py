@@ -68,16 +68,12 @@ class RecordedCameras(LeafSystem):
             index = _shown(camera, context.get_time())
             return None if index < 0 else camera.read(index)
 
-        def label(context: Context) -> np.ndarray | None:
-            shown = image(context)
-            return None if shown is None else shown.label
-
         DeclareCameraOutputs(
             self,
             camera.name,
             image=image,
             time=lambda context: _image_time(camera, context.get_time()),
-            label=label if camera.labels else None,
+            labels=camera.labels,
             prerequisites={self.time_ticket()},
         )
 

@@ -12,7 +12,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors import protocol
 from poil_drake.perception.fusion import FusionConfig, fuse_views
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.cameras.camera_ports import CameraPorts
@@ -36,23 +36,6 @@ class Detection(SharedOnCopy):
     request: float = -np.inf
     masks: protocol.PartMasks | None = None
     cloud: PointCloud | None = None
-
-
-def find_part(
-    detector: protocol.PartDetector,
-    frame: MultiViewFrame,
-    *,
-    object_label: str,
-    part_label: str,
-    fusion: FusionConfig | None = None,
-) -> tuple[protocol.PartMasks, PointCloud]:
-    """Returns the part's mask in each view, and its fused cloud (world).
-
-    Raises:
-        DetectionError: if the part is not found, or has no pixel with valid depth.
-    """
-    masks = detector.detect(frame, object_label=object_label, part_label=part_label)
-    return masks, fuse_views(frame, masks.part_masks, fusion)
 
 
 class PartDetector(LeafSystem):
@@ -173,10 +156,9 @@ class PartDetector(LeafSystem):
         def find() -> Detection:
             try:
                 with self._stopwatch.measure("detection"):
-                    masks, cloud = find_part(
-                        self._detector, frame, fusion=self._fusion, **self._labels
-                    )
-            except DetectionError:
+                    masks = self._detector.detect(frame, **self._labels)
+                    cloud = fuse_views(frame, masks.part_masks, self._fusion)
+            except DetectionError:  # The part is not found, or has no pixel with valid depth.
                 return replace(before, status=DetectorStatus.NOT_FOUND, request=request)
             return Detection(status=DetectorStatus.FOUND, request=request, masks=masks, cloud=cloud)
 

@@ -196,7 +196,7 @@ def _remember(
         lost_since=now if ask_again else lost_since,
         stuck_since=_since(observation.ik_stuck and phase in TWIST_PHASES, state.stuck_since, now),
         best_error=observation.mean_error if progressed else state.best_error,
-        best_tau=max(observation.tau, state.best_tau),
+        best_tau=float(np.fmax(observation.tau, state.best_tau)),  # A NaN is no progress.
         progress_at=now if progressed or not following or lost else state.progress_at,
         detect_requests=state.detect_requests + ask,
         asked=float(lost and not ask_again and (ask or state.asked)),

@@ -17,15 +17,15 @@ from poil_drake.systems.statuses import TrackerStatus
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerInputs(SharedOnCopy):
-    """What is known at one capture.
+    """The inputs of one capture.
 
     Attributes:
         frame: The images.
-        masks: The latest detection; None: none yet.
-        query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN: not
-            known yet.
+        masks: The latest detection; None before the first.
+        query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN until
+            known.
         object_motion: (4, 4) X_M, motion of the object since some fixed time, by forward
-            kinematics; None: not known.
+            kinematics; None if unknown.
     """
 
     frame: MultiViewFrame
@@ -76,7 +76,7 @@ def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Tr
 
 
 def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4), or None where one of them is not known."""
+    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if one of them is unknown."""
     return None if before is None or now is None else now @ inverse(before)
 
 
@@ -100,7 +100,7 @@ def _step(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Trac
     try:
         output = tracker.step(run.tracker_state, inputs.frame, prior)
     except TrackingError:
-        # The state stays that of the last frame that could be used, and its motion with it.
+        # State and motion stay those of the last usable frame.
         return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
     return _after(run, output, inputs)
 

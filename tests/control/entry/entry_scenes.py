@@ -10,7 +10,7 @@ from poil_drake.control.reference.make_reference import ReferenceConfig, make_re
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 
 SPACING = 0.004
 
@@ -63,7 +63,7 @@ class Scene:
         X_WO = np.eye(4) if X_WO is None else X_WO
         return SafeEntryPlanner(
             reference=self.reference,
-            scene=SceneDistance(self.obstacles, ground_height=self.ground),
+            scene=SceneCloud(self.obstacles, ground_height=self.ground),
             object_cloud=transform_points(X_WO, self.cloud),
             object_points=transform_points(X_WO, self.points),
             config=config,

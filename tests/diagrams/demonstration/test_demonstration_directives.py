@@ -5,8 +5,7 @@ from pydrake.multibody.parsing import PackageMap
 
 from poil_drake.diagrams.demonstration.directives import demonstration_directives
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 

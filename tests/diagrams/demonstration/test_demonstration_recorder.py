@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, default_scenario_file
 from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene, demonstrated_parts
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
+from station_state import SetObjectPose
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.run.task_success import HangingJudge, HolderGeometries, TouchedGeometries
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
-from poil_drake.diagrams.station.station_state import SetObjectPose
 
 DURATION = 2.0
 BASE_TOP = 0.015

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from short_skill import short_plan
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.detection.part_detector import PartDetector

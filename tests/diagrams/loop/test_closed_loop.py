@@ -1,6 +1,7 @@
 """What building and closing the loop starts and ends."""
 
 import dataclasses
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -8,17 +9,17 @@ from pydrake.systems.analysis import Simulator
 from short_skill import short_plan
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import InvalidValueError, ScenarioError, StationError
 
 
 def children() -> set[int]:
     """Returns the processes that this one has started and that have not ended."""
-    return {
-        int(pid)
-        for task in Path("/proc/self/task").iterdir()
-        for pid in (task / "children").read_text().split()
-    }
+    found: set[int] = set()
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # The thread has just ended.
+            found |= set(map(int, (task / "children").read_text().split()))
+    return found
 
 
 @pytest.mark.render

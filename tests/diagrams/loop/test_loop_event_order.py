@@ -15,9 +15,9 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 from short_skill import short_plan, short_scenario
+from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.mcap_logger import McapLogger

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from short_skill import short_plan
 
 from poil_drake.diagrams.run.plan_validation import CheckPlanFits, surface_distance
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import DetectionError, PlanningError

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from poil_drake.diagrams.run.planning import PlanScenario
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import PlanningError
 
 

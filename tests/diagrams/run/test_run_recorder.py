@@ -8,12 +8,12 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from short_skill import POINTS, short_plan, short_scenario
+from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.run.recorder import CheckedTrack, RunRecorder
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.station.station import SimulatedStation
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.skill.phases import Fault, Phase
 from poil_drake.systems.skill.state_machine import SkillState

@@ -2,8 +2,8 @@ import time
 
 import pytest
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.hardware_config import HardwareConfig
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import PoilError, ScenarioError
 
 

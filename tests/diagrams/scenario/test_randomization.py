@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.common.schema import Transform
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.randomization import ApplyRandomization, ObjectDirective
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError

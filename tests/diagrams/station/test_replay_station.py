@@ -12,7 +12,7 @@ from recorded_runs import record
 from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.replay_station import ReplayStation
 from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.run_log.reader import load_recorded_run

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 from diagram_wiring import ports
 from pydrake.math import RigidTransform, RollPitchYaw
+from station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from system_bench import SystemBench
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.errors import ScenarioError, StationError
 
 TEST_FILE = Path(__file__).parents[1] / "scenarios.yaml"

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
+from station_state import GetObjectPose
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
-from poil_drake.diagrams.station.station_state import GetObjectPose
 from poil_drake.errors import ScenarioError, StationError
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_shape import handle_center_line

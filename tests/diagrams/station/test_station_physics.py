@@ -9,12 +9,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import Solve
 from pydrake.systems.analysis import Simulator
+from station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 
 from poil_drake.diagrams.run.task_success import TouchedGeometries
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.randomization import ObjectDirective
 from poil_drake.diagrams.station.station import MakeStation, Station
-from poil_drake.diagrams.station.station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from poil_drake.models.mug_family import NAMED_MUGS, MugParameters
 from poil_drake.models.mug_shape import handle_center_line
 

@@ -3,6 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from point_grids import point_grid
 
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.rehearsal.object_path import (
     LIFT_HEIGHT,
     PATH_STEP,
@@ -10,7 +11,7 @@ from poil_drake.grasping.rehearsal.object_path import (
     ObjectPathConfig,
     predict_object_path,
 )
-from poil_drake.robots.collision import CollisionConfig, SceneCloud
+from poil_drake.robots.collision import CollisionConfig
 
 NOTHING = np.zeros((0, 3))
 
@@ -20,7 +21,7 @@ def predict(mug, matching, obstacles: np.ndarray = NOTHING, **config: float) -> 
         matching,
         object_points=mug.cloud.points,
         part_points=mug.part_points,
-        scene=SceneCloud(obstacles),
+        scene=SceneCloud(obstacles, ground_height=0.0),
         config=ObjectPathConfig(**config),
         collision=CollisionConfig(),
     )

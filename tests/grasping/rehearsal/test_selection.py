@@ -7,12 +7,12 @@ from point_grids import point_grid
 
 from poil_drake.errors import InvalidValueError, NoFeasibleGraspError
 from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import Failure, FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import ObjectPathConfig, predict_object_path
 from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
 from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
-from poil_drake.robots.collision import SceneCloud
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 NOTHING = np.zeros((0, 3))
@@ -38,7 +38,7 @@ def rank(mug, model):
             grasps,
             matchings,
             model=model,
-            scene=SceneCloud(obstacles),
+            scene=SceneCloud(obstacles, ground_height=0.0),
             object_points=mug.cloud.points,
             part_points=mug.part_points,
             feasibility=feasibility,
@@ -119,12 +119,14 @@ def test_grasps_that_leave_the_box_are_counted_and_the_face_is_named(rank, grasp
 def test_the_error_is_about_the_best_configuration_of_the_arm(rank, mug, model, grasps, matching):
     # In one of the arm's configurations, the elbow leaves the box by less than in others.
     feasibility = within(body_upper=(1.1, 0.1, 1.5))
-    checker = FeasibilityChecker(model=model, scene=SceneCloud(NOTHING), config=feasibility)
+    checker = FeasibilityChecker(
+        model=model, scene=SceneCloud(NOTHING, ground_height=0.0), config=feasibility
+    )
     path = predict_object_path(
         matching,
         object_points=mug.cloud.points,
         part_points=mug.part_points,
-        scene=SceneCloud(NOTHING),
+        scene=SceneCloud(NOTHING, ground_height=0.0),
         config=ObjectPathConfig(),
         collision=feasibility.collision,
     )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from capture_bench import CAMERA, K
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.intrinsics_check import check_intrinsics
 

@@ -10,7 +10,7 @@ from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanne
 from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
 from poil_drake.systems.control.safe_entry import SafeEntry
@@ -34,7 +34,7 @@ def make_planner(cage: np.ndarray, iterations: int = 400) -> SafeEntryPlanner:
     wall = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
     return SafeEntryPlanner(
         reference=PointTrajectory(times, positions, velocities),
-        scene=SceneDistance(np.concatenate([wall, cage])),
+        scene=SceneCloud(np.concatenate([wall, cage])),
         object_cloud=BODY,
         object_points=BODY,
         config=SafeEntryConfig(transit=TransitConfig(iterations=iterations)),

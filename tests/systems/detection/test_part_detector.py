@@ -8,11 +8,11 @@ from system_bench import SystemBench
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_masks import DepthMaskConfig
 from poil_drake.perception.detectors.protocol import PartMasks
-from poil_drake.perception.fusion import FusionConfig
+from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.capture_timing import Worker
-from poil_drake.systems.detection.part_detector import PartDetector, find_part
+from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.statuses import DetectorStatus
 
 PERIOD = 1 / 8
@@ -85,14 +85,13 @@ def test_it_searches_once_without_a_request(bench: SystemBench, detector: Middle
     assert bench.read("status") == DetectorStatus.FOUND
 
 
-def test_outputs_are_those_of_the_pure_function(bench: SystemBench) -> None:
+def test_outputs_are_the_masks_and_their_fused_points(bench: SystemBench) -> None:
     bench.advance_to(PERIOD / 2)
     frame = bench.dut._cameras.capture(bench.context)
     assert frame is not None
 
-    masks, cloud = find_part(
-        MiddleDetector(), frame, object_label="mug", part_label="handle", fusion=FUSION
-    )
+    masks = MiddleDetector().detect(frame, object_label="mug", part_label="handle")
+    cloud = fuse_views(frame, masks.part_masks, FUSION)
 
     found = bench.read("part_cloud")
     np.testing.assert_array_equal(bench.read("masks").part_masks[0], masks.part_masks[0])

@@ -3,7 +3,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 

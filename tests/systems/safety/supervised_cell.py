@@ -3,7 +3,8 @@
 import numpy as np
 from supervisor_bench import LIMITS, MODEL
 
-from poil_drake.robots.collision import RobotCollisionChecker, SceneCloud
+from poil_drake.geometry.scene_cloud import SceneCloud
+from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 

@@ -175,6 +175,27 @@ def test_lost_points_do_not_count_as_lack_of_progress() -> None:
     assert states[-1].phase == Phase.FOLLOW
 
 
+@pytest.mark.parametrize(("tau", "progress_at"), [(1.001, 1.1), (0.9, 1.0)])
+def test_progress_is_that_beyond_the_farthest_before_a_loss(tau: float, progress_at: float) -> None:
+    state = in_phase(Phase.FOLLOW, best_error=0.1, best_tau=1.0)
+    lost = UNKNOWN._replace(points_lost=True, time=1.0)
+
+    for tick in (lost, SEEN._replace(tau=0.8, time=1.05), SEEN._replace(tau=tau, time=1.1)):
+        state = next_state(state, tick, CONFIG)
+
+    assert state.progress_at == progress_at
+
+
+def test_progress_shows_right_after_a_loss() -> None:
+    before = in_phase(Phase.FOLLOW, best_error=0.1, best_tau=1.0)
+
+    lost = next_state(before, UNKNOWN._replace(points_lost=True, time=1.0), CONFIG)
+    found = next_state(lost, SEEN._replace(tau=1.1, time=1.1), CONFIG)
+
+    assert found.best_tau == 1.1
+    assert found.progress_at == 1.1
+
+
 @pytest.mark.parametrize("phase", [Phase.DONE, Phase.FAULT])
 def test_ended_phases_stay(phase: Phase) -> None:
     state = in_phase(phase)

@@ -37,7 +37,7 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.scene_distance import SceneDistance
+from poil_drake.geometry.scene_cloud import SceneCloud
 
 _CLOUD_SPACING = 0.005  # [m], that of a depth camera at a distance of half a metre.
 
@@ -138,7 +138,7 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
     scene, body = TaskClouds(task)
     return SafeEntryPlanner(
         reference=TaskReference(task),
-        scene=SceneDistance(scene, ground_height=0.0),
+        scene=SceneCloud(scene, ground_height=0.0),
         object_cloud=body,
         object_points=TaskDemonstration(task).points[0],
         bcsdm=field_config(task, noise),

@@ -40,20 +40,16 @@ class CameraService:
         if kind == "warm up":
             self._station.TakeImages(self._context)
             return ()
-        self._put(*scene)
-        if kind == "render labels":
-            return tuple(self._label(name) for name in self._station.camera_names)
-        return self._station.TakeImages(self._context)
-
-    def _put(self, positions: np.ndarray, time: float) -> None:
+        positions, time = scene
         plant = self._station.plant()
         plant_context = self._station.GetMutableSubsystemContext(plant, self._context)
         plant.SetPositions(plant_context, positions)
         self._context.SetTime(time)
-
-    def _label(self, camera: str) -> np.ndarray:
-        port = self._station.GetOutputPort(f"{camera}.label_image")
-        return port.Eval(self._context).data[:, :, 0]
+        if kind == "render labels":
+            names = [f"{camera}.label_image" for camera in self._station.camera_names]
+            ports = [self._station.GetOutputPort(name) for name in names]
+            return tuple(port.Eval(self._context).data[:, :, 0] for port in ports)
+        return self._station.TakeImages(self._context)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Cameras of the simulated station, and whole frames taken with them."""
+"""Cameras of the simulated station, and frames of their images."""
 
 import copy
 import math
@@ -13,15 +13,15 @@ from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
-from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, CameraInfo
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
-from poil_drake.diagrams.scenario.checks import NO_NETWORK
-from poil_drake.diagrams.scenario.drake_errors import DRAKE_ERRORS, drake_reason
+from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.cameras.camera_ports import copied_depth, copied_rgb
+from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
@@ -37,13 +37,13 @@ def AddCameras(
     noise: StereoDepthNoiseConfig,
     seed: int,
 ) -> tuple[CameraModel, ...]:
-    """Adds the cameras, and noise on their depth, and exports their images, which never delay.
+    """Adds cameras without a delay, with noise on their depth, and exports their images.
 
     An image is rendered when its port is evaluated, so consumers sample in their own periodic
     events.
 
     Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
-    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], which is now.
+    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], the present time.
 
     Returns:
         The cameras' models.
@@ -115,15 +115,12 @@ def AddDelayedCameras(
         ),
     )
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-    for model in models:
-        for kind in ("rgb_image", "depth_image", "label_image", "image_time"):
-            port = f"{model.name}.{kind}"
-            builder.ExportOutput(system.GetOutputPort(port), port)
+    ExportOutputs(builder, system)
     return system
 
 
 def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
-    """Returns the one delay of all cameras [s]; 0 where there are none.
+    """Returns the delay that all cameras share [s]; 0 without cameras.
 
     Raises:
         ScenarioError: if they differ, or one is not finite or negative.
@@ -160,8 +157,18 @@ def MakeCameraModels(
             core = config.MakeCameras()[0].core()
         except DRAKE_ERRORS as error:
             raise _unusable(name, error) from error
+        # Drake's camera frame is the optical frame.
         X_WC = X_WB @ core.sensor_pose_in_camera_body()
-        models.append(MakeCameraModel(name=name, info=core.intrinsics(), X_WC=X_WC))
+        info = core.intrinsics()
+        models.append(
+            CameraModel(
+                name=name,
+                width=info.width(),
+                height=info.height(),
+                K=info.intrinsic_matrix(),
+                X_WC=X_WC.GetAsMatrix4(),
+            )
+        )
     return tuple(models)
 
 
@@ -253,17 +260,6 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     return X_WP @ config.X_PB.GetDeterministicValue()
 
 
-def MakeCameraModel(*, name: str, info: CameraInfo, X_WC: RigidTransform) -> CameraModel:
-    """Returns the pinhole model of a camera at a pose; Drake's camera frame is optical already."""
-    return CameraModel(
-        name=name,
-        width=info.width(),
-        height=info.height(),
-        K=info.intrinsic_matrix(),
-        X_WC=X_WC.GetAsMatrix4(),
-    )
-
-
 def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
     """Renders one camera's image now, copied from Drake's cache.
 
@@ -273,20 +269,12 @@ def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) ->
         name: The camera's name.
         labels: Whether to render the label image, too.
     """
-    rgba = diagram.GetOutputPort(f"{name}.rgb_image").Eval(context).data
-    depth = diagram.GetOutputPort(f"{name}.depth_image").Eval(context).data
-    label = None
-    if labels:
-        label = np.array(
-            diagram.GetOutputPort(f"{name}.label_image").Eval(context).data[:, :, 0],
-            dtype=np.int16,
-        )
-    return RgbdImage(
-        rgb=copied_rgb(rgba),
-        depth=copied_depth(depth),
-        stamp=context.get_time(),
-        label=label,
-    )
+
+    def pixels(kind: str) -> np.ndarray:
+        return diagram.GetOutputPort(f"{name}.{kind}_image").Eval(context).data
+
+    label = pixels("label") if labels else None
+    return copied_image(pixels("rgb"), pixels("depth"), label, stamp=context.get_time())
 
 
 def MakeFrame(

@@ -5,19 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import (
-    Meshcat,
-    SceneGraph,
-)
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
-from poil_drake.diagrams.scenario.hardware_config import (
-    ROBOT_BUS_URL,
-    HardwareConfig,
-    LcmImages,
-)
+from poil_drake.diagrams.scenario.hardware_config import ROBOT_BUS_URL, LcmImages
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
 from poil_drake.diagrams.station.cameras.capture_sources import (
@@ -26,12 +18,13 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.diagrams.station.hardware.hardware_schedule import IMAGES_SHARE
-from poil_drake.diagrams.station.hardware.hardware_view import HardwareView
+from poil_drake.diagrams.station.hardware.hardware_view import AddHardwareView
 from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station_base import Station
-from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
@@ -108,17 +101,12 @@ class HardwareStation(Station):
     ):
         super().__init__()
         builder = DiagramBuilder()
-        self._scenario = scenario
+        self.scenario = scenario
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
         self._steady_clock = self._config.steady_clock()
-        self._plant = MultibodyPlant(scenario.poil.rates.plant)
-        self._scene_graph = SceneGraph()
-        self._plant.RegisterAsSourceForSceneGraph(self._scene_graph)
-        self._label_ids = AddStationModels(
-            plant=self._plant,
-            scene_graph=self._scene_graph,
-            scenario=scenario,
+        self._plant, self._scene_graph, self.label_ids = MakeUnsimulatedPlant(
+            scenario,
             package_xmls=package_xmls,
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
@@ -145,13 +133,13 @@ class HardwareStation(Station):
             clock=self._clock,
             time_scale=self._config.time_scale,
         )
-        self._threads: list[CaptureThread] = []
-        self._labelled: list[bool] = []
-        self._camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
-        if self._camera_models:
+        self._threads: dict[str, CaptureThread] = {}
+        self._labelled: dict[str, bool] = {}
+        self.camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
+        if self.camera_models:
             self._add_cameras(builder, period)
         if meshcat is not None:
-            self._view = HardwareView(
+            self._real_plant = AddHardwareView(
                 builder=builder,
                 scenario=scenario,
                 plant=self._plant,
@@ -163,32 +151,25 @@ class HardwareStation(Station):
 
     def _add_cameras(self, builder: DiagramBuilder, period: float) -> None:
         reopen_period = _REOPEN / self._config.time_scale
-        for model in self._camera_models:
+        for model in self.camera_models:
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
-            device = MakeCaptureDevice(source, self._scenario, model, clock=self._clock)
-            self._threads.append(
-                CaptureThread(device, name=model.name, size=size, reopen_period=reopen_period)
+            device = MakeCaptureDevice(source, self.scenario, model, clock=self._clock)
+            self._threads[model.name] = CaptureThread(
+                device, name=model.name, size=size, reopen_period=reopen_period
             )
-            self._labelled.append(SendsLabels(source))
+            self._labelled[model.name] = SendsLabels(source)
         system = builder.AddNamedSystem(
             "cameras",
             CapturedCameras(
-                cameras=self._camera_models,
-                sources=self._threads,
-                labels=self._labelled,
+                cameras=self.camera_models,
+                sources=list(self._threads.values()),
+                labels=list(self._labelled.values()),
                 period=period,
                 clock=self._clock,
             ),
         )
-        for k in range(system.num_output_ports()):
-            port = system.get_output_port(k)
-            builder.ExportOutput(port, port.get_name())
-
-    @property
-    def config(self) -> HardwareConfig:
-        """The hardware's configuration."""
-        return self._config
+        ExportOutputs(builder, system)
 
     @property
     def tracker_timing(self) -> Worker:
@@ -197,7 +178,7 @@ class HardwareStation(Station):
         Captures come after the command of their control period, and in every other one: the log,
         which takes as long, is written in those between.
         """
-        period = self._scenario.poil.rates.control
+        period = self.scenario.poil.rates.control
         return Worker(period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period)
 
     @property
@@ -221,21 +202,17 @@ class HardwareStation(Station):
         deadline = time.monotonic() + self._config.ready_timeout
         while missing := [name for name in self.camera_names if name not in found]:
             self._wait(deadline, [self._image_of(name, labels=labels) for name in missing])
-            for model, thread, labelled in zip(
-                self._camera_models, self._threads, self._labelled, strict=True
-            ):
-                image = thread.newest
+            for name in missing:
+                image = self._threads[name].newest
                 if image is None or image.stamp < start:
                     continue
-                if labels and labelled and image.label is None:
-                    continue
-                found.setdefault(model.name, image)
+                if not labels or not self._labelled[name] or image.label is not None:
+                    found[name] = image
         return tuple(found[name] for name in self.camera_names)
 
     def _image_of(self, name: str, *, labels: bool) -> str:
         """Names what is being waited for."""
-        thread = self._threads[self.camera_names.index(name)]
-        if labels and thread.newest is not None:
+        if labels and self._threads[name].newest is not None:
             return f"an image with labels of the camera '{name}', whose images come"
         return f"an image of the camera '{name}'"
 
@@ -249,7 +226,7 @@ class HardwareStation(Station):
 
     def Start(self) -> None:
         """Starts the cameras' threads."""
-        for thread in self._threads:
+        for thread in self._threads.values():
             thread.start()
 
     def WarmUp(self) -> None:
@@ -292,13 +269,13 @@ class HardwareStation(Station):
         ]
         newest += [
             (f"an image of the camera '{name}'", thread.newest, time)
-            for name, thread in zip(self.camera_names, self._threads, strict=True)
+            for name, thread in self._threads.items()
         ]
         missing = [what for what, found, since in newest if found is None or found.stamp < since]
         now = self._clock()
         missing += [
             f"an image of the camera '{name}' that is not stamped in the future"
-            for name, thread in zip(self.camera_names, self._threads, strict=True)
+            for name, thread in self._threads.items()
             if thread.newest is not None and thread.newest.stamp > now + _AHEAD
         ]
         status = self._robot.arm.newest
@@ -311,7 +288,7 @@ class HardwareStation(Station):
         try:
             self.Rest()
         finally:
-            for thread in self._threads:
+            for thread in self._threads.values():
                 thread.close()
             self._lcm.Close()
 
@@ -332,13 +309,12 @@ class HardwareStation(Station):
             *MailboxProblems(self._robot.arm, channels.status, expiry),
             *MailboxProblems(self._robot.hand, channels.hand_status, expiry),
         ]
+        cameras = self._threads.items()
         found += [
-            f"camera '{name}': {thread.problem}"
-            for name, thread in zip(self.camera_names, self._threads, strict=True)
-            if thread.problem
+            f"camera '{name}': {thread.problem}" for name, thread in cameras if thread.problem
         ]
-        now, oldest = self._clock(), self._scenario.poil.safety.image_age_limit
-        for name, thread in zip(self.camera_names, self._threads, strict=True):
+        now, oldest = self._clock(), self.scenario.poil.safety.image_age_limit
+        for name, thread in cameras:
             age = 0.0 if thread.newest is None else now - thread.newest.stamp
             if age > oldest:
                 found.append(f"camera '{name}': no new image for {age:.1f} s")

@@ -16,7 +16,7 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.visualization import ApplyVisualizationConfig
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station_models import AddStationModels
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 
 REAL_ROBOT_PATH = "/drake/real_robot"
@@ -26,109 +26,87 @@ _SHADE = 0.3
 """Opacity of the real robot in a dry run."""
 
 
-class HardwareView:
+def AddHardwareView(
+    *,
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    meshcat: Meshcat,
+    dry_run: bool,
+) -> MultibodyPlant | None:
     """Shows a scenario's models with the robot as measured, without the object.
 
-    In a dry run the rehearsing robot moves, and the real one is shown as well; a slider on the page
-    fades it. Keep this object as long as the diagram: Drake does not own the plants.
+    In a dry run the rehearsing robot moves, and the real one is shown as well, translucent; a
+    slider on the page fades it.
+
+    Args:
+        builder: Gets the systems; it holds those of `AddPandaHardware`.
+        scenario: The models.
+        plant: Holds them.
+        scene_graph: Its scene graph.
+        meshcat: Shows them.
+        dry_run: Whether the robot only rehearses.
+
+    Returns:
+        In a dry run the plant of the real robot. Keep it as long as the diagram: Drake does not own
+        it, nor `plant`.
     """
+    robot = scenario.poil.robot
+    arm = builder.GetSubsystemByName("panda_status").GetOutputPort("position_measured")
+    hand = builder.GetSubsystemByName("hand_status").GetOutputPort("width_measured")
+    shown = arm, hand
+    if dry_run:
+        preview = builder.GetSubsystemByName("kinematic_robot")
+        ports = ("position_measured", "width_measured")
+        shown = tuple(preview.GetOutputPort(port) for port in ports)
+    builder.AddNamedSystem("scene_graph", scene_graph)
+    # The pose of the object is unknown.
+    _hide(plant, scene_graph, [plant.GetModelInstanceByName(scenario.poil.object)])
+    _pose(builder, "posture", plant, scene_graph, robot, *shown)
+    ApplyVisualizationConfig(
+        scenario.visualization, builder, plant=plant, scene_graph=scene_graph, meshcat=meshcat
+    )
+    if not dry_run:
+        return None
+    real_plant, real_scene_graph, _ = MakeUnsimulatedPlant(scenario)
+    models = (ModelInstanceIndex(k) for k in range(real_plant.num_model_instances()))
+    real_robot = real_plant.GetModelInstanceByName(robot)
+    _hide(real_plant, real_scene_graph, [model for model in models if model != real_robot])
+    builder.AddNamedSystem("real_robot_scene", real_scene_graph)
+    _pose(builder, "real_posture", real_plant, real_scene_graph, robot, arm, hand)
+    MeshcatVisualizer.AddToBuilder(
+        builder,
+        real_scene_graph,
+        meshcat,
+        MeshcatVisualizerParams(
+            prefix=REAL_ROBOT_PATH,
+            publish_period=scenario.visualization.publish_period,
+            enable_alpha_slider=True,
+            initial_alpha_slider_value=_SHADE,
+        ),
+    )
+    return real_plant
 
-    def __init__(
-        self,
-        *,
-        builder: DiagramBuilder,
-        scenario: Scenario,
-        plant: MultibodyPlant,
-        scene_graph: SceneGraph,
-        meshcat: Meshcat,
-        dry_run: bool,
-    ):
-        """Adds the systems to a builder that holds those of `AddPandaHardware`.
 
-        Args:
-            builder: Receives the systems.
-            scenario: The models.
-            plant: Holds them.
-            scene_graph: Its scene graph.
-            meshcat: Shows them.
-            dry_run: Whether the robot only rehearses.
-        """
-        self._scenario, self._plant, self._scene_graph = scenario, plant, scene_graph
-        self._shade_plant: MultibodyPlant | None = None
-        self._add(builder, meshcat, dry_run)
-
-    def _add(self, builder: DiagramBuilder, meshcat: Meshcat, dry_run: bool) -> None:
-        """Shows the models; in a dry run also the real robot, translucent."""
-        arm = builder.GetSubsystemByName("panda_status").GetOutputPort("position_measured")
-        hand = builder.GetSubsystemByName("hand_status").GetOutputPort("width_measured")
-        scene_graph = builder.AddNamedSystem("scene_graph", self._scene_graph)
-        if dry_run:
-            preview = builder.GetSubsystemByName("kinematic_robot")
-            shown = (
-                preview.GetOutputPort("position_measured"),
-                preview.GetOutputPort("width_measured"),
-            )
-        else:
-            shown = arm, hand
-        # The pose of the object is unknown.
-        model = self._plant.GetModelInstanceByName(self._scenario.poil.object)
-        _hide(self._plant, scene_graph, [model])
-        self._pose(builder, "posture", scene_graph, *shown)
-        ApplyVisualizationConfig(
-            self._scenario.visualization,
-            builder,
-            plant=self._plant,
-            scene_graph=scene_graph,
-            meshcat=meshcat,
-        )
-        if dry_run:
-            MeshcatVisualizer.AddToBuilder(
-                builder,
-                self._real_robot_scene(builder, arm, hand),
-                meshcat,
-                MeshcatVisualizerParams(
-                    prefix=REAL_ROBOT_PATH,
-                    publish_period=self._scenario.visualization.publish_period,
-                    enable_alpha_slider=True,
-                    initial_alpha_slider_value=_SHADE,
-                ),
-            )
-
-    def _pose(
-        self,
-        builder: DiagramBuilder,
-        name: str,
-        scene_graph: SceneGraph,
-        arm: OutputPort,
-        hand: OutputPort,
-        plant: MultibodyPlant | None = None,
-    ) -> None:
-        """Poses the robot in a scene by two ports; other models keep their default poses."""
-        plant = plant or self._plant
-        robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
-        posture = builder.AddNamedSystem(name, MeasuredPosture(plant=plant, robot=robot))
-        poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
-        builder.Connect(arm, posture.GetInputPort("position_measured"))
-        builder.Connect(hand, posture.GetInputPort("width_measured"))
-        builder.Connect(posture.get_output_port(), poses.get_input_port())
-        pose_port = scene_graph.get_source_pose_port(plant.get_source_id())
-        builder.Connect(poses.get_output_port(), pose_port)
-
-    def _real_robot_scene(
-        self, builder: DiagramBuilder, arm: OutputPort, hand: OutputPort
-    ) -> SceneGraph:
-        """Adds a second scene that holds only the robot as measured."""
-        scene_graph = SceneGraph()
-        plant = MultibodyPlant(self._scenario.poil.rates.plant)
-        plant.RegisterAsSourceForSceneGraph(scene_graph)
-        AddStationModels(plant=plant, scene_graph=scene_graph, scenario=self._scenario)
-        robot = plant.GetModelInstanceByName(self._scenario.poil.robot)
-        others = (ModelInstanceIndex(k) for k in range(plant.num_model_instances()))
-        _hide(plant, scene_graph, [model for model in others if model != robot])
-        self._shade_plant = plant  # Drake does not own it.
-        builder.AddNamedSystem("real_robot_scene", scene_graph)
-        self._pose(builder, "real_posture", scene_graph, arm, hand, plant)
-        return scene_graph
+def _pose(
+    builder: DiagramBuilder,
+    name: str,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    robot: str,
+    arm: OutputPort,
+    hand: OutputPort,
+) -> None:
+    """Poses the robot in a scene by two ports; other models keep their default poses."""
+    model = plant.GetModelInstanceByName(robot)
+    posture = builder.AddNamedSystem(name, MeasuredPosture(plant=plant, robot=model))
+    poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
+    builder.Connect(arm, posture.GetInputPort("position_measured"))
+    builder.Connect(hand, posture.GetInputPort("width_measured"))
+    builder.Connect(posture.get_output_port(), poses.get_input_port())
+    pose_port = scene_graph.get_source_pose_port(plant.get_source_id())
+    builder.Connect(poses.get_output_port(), pose_port)
 
 
 def _hide(

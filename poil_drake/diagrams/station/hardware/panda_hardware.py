@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder
 
+from poil_drake.diagrams.station.exports import COMMANDS, MEASUREMENTS, ExportPorts
 from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
@@ -121,12 +122,10 @@ def AddPandaHardware(
             clock=clock,
         ),
     )
-    builder.ExportInput(sender.GetInputPort("velocity"), f"{name}.velocity")
-    builder.ExportInput(sender.GetInputPort("velocity_time"), f"{name}.velocity_time")
-    builder.ExportInput(hand_sender.GetInputPort("width"), "hand.width")
-    for port in ("position_measured", "velocity_measured", "torque_external", "status"):
-        builder.ExportOutput(receiver.GetOutputPort(port), f"{name}.{port}")
-    builder.ExportOutput(hand_receiver.GetOutputPort("width_measured"), "hand.width_measured")
+    ExportPorts(builder, sender, COMMANDS, name)
+    ExportPorts(builder, hand_sender, ["width"], "hand")
+    ExportPorts(builder, receiver, [*MEASUREMENTS, "status"], name)
+    ExportPorts(builder, hand_receiver, ["width_measured"], "hand")
     return PandaHardware(arm=arm, hand=hand, sender=sender, hand_sender=hand_sender)
 
 
@@ -142,10 +141,6 @@ def _add_kinematic_robot(
     width = hand_receiver.GetOutputPort("width_measured")
     builder.Connect(position, robot.GetInputPort("real_position"))
     builder.Connect(width, robot.GetInputPort("real_width"))
-    builder.ExportInput(robot.GetInputPort("velocity"), f"{name}.velocity")
-    builder.ExportInput(robot.GetInputPort("velocity_time"), f"{name}.velocity_time")
-    builder.ExportInput(robot.GetInputPort("width"), "hand.width")
-    for port in ("position_measured", "velocity_measured", "torque_external"):
-        builder.ExportOutput(robot.GetOutputPort(port), f"{name}.{port}")
-    builder.ExportOutput(receiver.GetOutputPort("status"), f"{name}.status")
-    builder.ExportOutput(robot.GetOutputPort("width_measured"), "hand.width_measured")
+    ExportPorts(builder, robot, [*COMMANDS, *MEASUREMENTS], name)
+    ExportPorts(builder, receiver, ["status"], name)
+    ExportPorts(builder, robot, ["width", "width_measured"], "hand")

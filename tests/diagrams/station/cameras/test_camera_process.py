@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from mjcf_kitchen import write_kitchen
 from pydrake.math import RigidTransform
+from station_state import SetObjectPose
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
-from poil_drake.diagrams.station.station_state import SetObjectPose
 from poil_drake.errors import PoilError, StationError
 
 pytestmark = pytest.mark.render

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.hardware_config import IMAGE_BUS_URL, CameraSource, LcmImages
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.capture_sources import (
     BusUrl,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.hardware import hardware_station
 from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
 from poil_drake.errors import ScenarioError

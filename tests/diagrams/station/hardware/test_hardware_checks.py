@@ -1,6 +1,6 @@
 import pytest
 
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
 from poil_drake.errors import ScenarioError
 

@@ -3,7 +3,7 @@ import pytest
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.scenario.choice import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.geometry.sampling import farthest_point_sampling

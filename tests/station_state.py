@@ -1,20 +1,20 @@
-"""Reads and sets the poses of a simulated station's object and robot."""
+"""Reads and sets the poses of a simulated station's object and robot, for tests."""
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.station.panda_arm import ARM_DRIVER, HAND_DRIVER
-from poil_drake.diagrams.station.station import Station
+from poil_drake.diagrams.station.station import SimulatedStation
 
 
-def GetObjectPose(station: Station, context: Context) -> RigidTransform:
+def GetObjectPose(station: SimulatedStation, context: Context) -> RigidTransform:
     """Returns X_WO, the pose of the object's base body, from the station's context."""
     plant_context = station.GetSubsystemContext(station.plant(), context)
     return station.object_body().EvalPoseInWorld(plant_context)
 
 
-def SetObjectPose(station: Station, context: Context, X_WO: RigidTransform) -> None:
+def SetObjectPose(station: SimulatedStation, context: Context, X_WO: RigidTransform) -> None:
     """Sets the pose of the object's base body to X_WO, at rest, in the station's context."""
     plant, body = station.plant(), station.object_body()
     plant_context = station.GetMutableSubsystemContext(plant, context)
@@ -27,7 +27,7 @@ def SetObjectPose(station: Station, context: Context, X_WO: RigidTransform) -> N
 
 
 def SetRobotPosition(
-    station: Station, context: Context, q: np.ndarray, *, width: float | None = None
+    station: SimulatedStation, context: Context, q: np.ndarray, *, width: float | None = None
 ) -> None:
     """Sets the arm's joint positions q (7,) [rad] and the hand's width [m], at rest.
 

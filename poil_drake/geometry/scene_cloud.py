@@ -1,0 +1,98 @@
+"""A scene that is known as surface points and a ground plane, for distance queries."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poil_drake.geometry.frozen_array import frozen_array
+
+
+class SceneCloud:
+    """Obstacle points and a ground plane, indexed for distance queries.
+
+    Distances are to the points. The surface that the points were sampled from may be nearer; see
+    `measured`.
+
+    Attributes:
+        points: (P, 3) obstacle points [m, world], without the ground's.
+        ground_height: Height of the ground [m]; None without a ground.
+    """
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        *,
+        ground_height: float | None = None,
+        ground_thickness: float = 0.004,
+    ):
+        """Indexes the points.
+
+        Args:
+            points: (P, 3) surface points of all obstacles [m, world].
+            ground_height: Height of the table in the world [m]. It is modelled as a plane because
+                cameras see only part of it. None for no table.
+            ground_thickness: Points less than this above the ground belong to it [m]; about a depth
+                camera's noise.
+        """
+        points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
+        if ground_height is not None:
+            points = points[points[:, 2] > ground_height + ground_thickness]
+        self.points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
+        self.ground_height = ground_height
+        self._ground_thickness = ground_thickness
+        self._tree = cKDTree(self.points)
+
+    @cached_property
+    def spacing(self) -> float:
+        """Typical distance between neighbouring points [m]; 0 with fewer than two."""
+        if len(self.points) < 2:
+            return 0.0
+        subset = self.points[:: max(len(self.points) // 2000, 1)]
+        return float(np.median(self._tree.query(subset, k=2)[0][:, 1]))
+
+    def measured(self, clearance: float) -> float:
+        """Returns the distance to the points that guarantees a clearance to their surface [m].
+
+        A point of a flat surface is at most spacing / sqrt(2) from a sample of a square pattern,
+        so a distance d to the samples leaves at least sqrt(d^2 - spacing^2 / 2) to the surface.
+        """
+        return float(np.sqrt(clearance**2 + 0.5 * self.spacing**2))
+
+    def distance_to_points(self, points: np.ndarray, reach: float) -> np.ndarray:
+        """Returns the distances (...) of points (..., 3) to the scene's points, at most `reach`.
+
+        Args:
+            points: (..., 3) query points [m, world].
+            reach: Largest distance of interest [m]; smaller values are faster.
+        """
+        distance, _ = self._tree.query(points, distance_upper_bound=reach)
+        return np.minimum(distance, reach)
+
+    def distance(self, points: np.ndarray, reach: float) -> np.ndarray:
+        """Returns the same distances, also to the ground: negative below it."""
+        distance = self.distance_to_points(points, reach)
+        if self.ground_height is None:
+            return distance
+        return np.minimum(distance, points[..., 2] - self.ground_height)
+
+    def with_points(self, points: np.ndarray) -> "SceneCloud":
+        """Returns the scene with further obstacle points (P, 3) [m, world]."""
+        return self._with(np.concatenate([self.points, points]))
+
+    def without_points(self, points: np.ndarray, padding: float) -> "SceneCloud":
+        """Returns the scene without the points less than `padding` [m] from points (Q, 3)."""
+        distance, _ = cKDTree(points).query(self.points, distance_upper_bound=padding)
+        return self._with(self.points[np.isinf(distance)])
+
+    def without_balls(self, centers: np.ndarray, radii: np.ndarray) -> "SceneCloud":
+        """Returns the scene without the points in balls with centres (S, 3) and radii (S,) [m]."""
+        inside = self._tree.query_ball_point(centers, radii)
+        keep = np.ones(len(self.points), dtype=bool)
+        keep[np.concatenate([np.asarray(found, dtype=int) for found in inside])] = False
+        return self._with(self.points[keep])
+
+    def _with(self, points: np.ndarray) -> "SceneCloud":
+        return SceneCloud(
+            points, ground_height=self.ground_height, ground_thickness=self._ground_thickness
+        )
