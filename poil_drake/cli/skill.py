@@ -9,7 +9,6 @@ import typer
 
 from poil_drake.cli import options
 from poil_drake.cli.options import choose_scenario, positive, require_hardware
-from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.runtime.output_files import require_writable
 
 if TYPE_CHECKING:
@@ -42,6 +41,7 @@ def run(
     recorded to demo.mcap beside run.json.
     """
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    from poil_drake.diagrams.run.output_paths import OutputPaths
     from poil_drake.diagrams.run.skill_run import RunSkill
 
     chosen = choose_scenario(
@@ -151,6 +151,7 @@ def execute(
     The outputs are those of `poil run`.
     """
     require_hardware(hardware, realtime_rate, dry_run=dry_run, speed=speed, time_scale=time_scale)
+    from poil_drake.diagrams.run.output_paths import OutputPaths
     from poil_drake.diagrams.run.skill_run import ExecutePlan
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
