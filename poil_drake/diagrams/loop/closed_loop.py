@@ -112,7 +112,7 @@ def MakeClosedLoop(
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
             robot and the object really are.
         log: Gets every signal and the images; the caller closes it after the run.
-        album: Gets pictures of the run.
+        album: Gets pictures of the run, if the tracker has the output port `frame`.
         disturbances: Pushes on bodies of the simulated plant.
         stop_switch: Stops the arm, as does the button on the page of `meshcat`.
         stopwatch: Gets the time that rendering, tracking, control and publishing take.
@@ -168,7 +168,8 @@ def MakeClosedLoop(
             parts["tracker"] = builder.AddNamedSystem("tracker", tracker)
         else:
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
-        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=album)
+        shown = album if parts["tracker"].HasOutputPort("frame") else None
+        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
         ConnectByName(builder, parts)
         AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)

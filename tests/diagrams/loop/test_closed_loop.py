@@ -11,6 +11,8 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.choice import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import InvalidValueError, ScenarioError, StationError
+from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
+from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 
 def children() -> set[int]:
@@ -62,3 +64,14 @@ def test_the_ground_truth_may_be_faster_than_the_cameras() -> None:
 
     with MakeClosedLoop(scenario, short_plan()) as loop:
         assert loop.detector is None
+
+
+def test_a_tracker_without_frames_leaves_an_album_empty() -> None:
+    scenario, plan, album = short_scenario(), short_plan(), SnapshotAlbum()
+    tracker = RecordedTracker(tracks=(), num_points=len(plan.target_points), period=1 / 256)
+    with_images = with_poil(scenario, tracker="rigid_flow")
+
+    with MakeClosedLoop(with_images, plan, tracker=tracker, album=album) as loop:
+        Simulator(loop.diagram).AdvanceTo(0.25)
+
+    assert album.snapshots == ()
