@@ -68,7 +68,6 @@ class DifferentialInverseKinematics(LeafSystem):
             kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
             config: Margins and gains.
-
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
