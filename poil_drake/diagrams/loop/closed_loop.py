@@ -106,7 +106,8 @@ def MakeClosedLoop(
         tracker: Takes the place of detector and tracker; None: those of the scenario. It needs the
             output ports of `PointTracker` except `frame`. Its input ports `body_poses` (in
             simulation), `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image`
-            and `.image_time` are connected, if it has them.
+            and `.image_time` are connected, if it has them. The motion is of the images' time, if
+            it has images, else of now.
         meshcat: Shows the scene, the points and the reference there.
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the

@@ -132,15 +132,17 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     wires += [
         (source, f"tracker.{port}") for source, port in TRACKER_WIRES if tracker.HasInputPort(port)
     ]
-    for camera in station.camera_names:
+    for camera in cameras:
         for image in ("rgb_image", "depth_image", "label_image", "image_time"):
             port = f"{camera}.{image}"
             for part in ("tracker", "detector"):
                 if part in parts and parts[part].HasInputPort(port) and station.HasOutputPort(port):
                     wires.append((f"station.{port}", f"{part}.{port}"))
+    seen = [camera for camera in cameras if tracker.HasInputPort(f"{camera}.rgb_image")]
+    if seen:
+        wires.append((f"station.{seen[0]}.image_time", "propagator.image_time"))
     if "detector" in parts:
         wires += DETECTOR_WIRES
-        wires.append((f"station.{station.camera_names[0]}.image_time", "propagator.image_time"))
     if "visualizer" in parts:
         wires += VISUALIZER_WIRES
     if "logger" in parts:
