@@ -13,10 +13,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, skew, transform_points
-from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
-from poil_drake.systems.visualization.point_set_visualizer import PointSetVisualizer
+from poil_drake.control import PointTrajectory
+from poil_drake.geometry import make_transform, rotation_exp, skew, transform_points
+from poil_drake.systems import PointSetBcsdm, PointSetVisualizer
 
 # Ten points of a body go along an arc in 4 s, turn with it, and come to rest.
 body_points = np.random.default_rng(0).uniform(-0.05, 0.05, size=(10, 3))

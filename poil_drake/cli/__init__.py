@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from types import FrameType
 from typing import Annotated, Any
 
@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
+from poil_drake import __version__
 from poil_drake.cli import skill
 from poil_drake.cli.bench import bench_app
 from poil_drake.cli.replay import replay
@@ -43,7 +44,11 @@ for verb in (skill.run, skill.transfer, skill.execute, skill.driver, replay):
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"poil_drake {version('poil-drake')}, Drake {version('drake')}")
+        try:
+            drake = version("drake")
+        except PackageNotFoundError:  # It was not installed by pip.
+            drake = "of unknown version"
+        typer.echo(f"poil_drake {__version__}, Drake {drake}")
         raise typer.Exit
 
 

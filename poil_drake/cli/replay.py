@@ -40,7 +40,8 @@ def replay(
             outputs=OutputPaths(mcap=mcap, png=png, json=json),
         )
     except (PoilError, OSError) as error:
-        failure = TyperException(str(error))
+        text = str(error) if isinstance(error, PoilError) else f"{error.filename}: {error.strerror}"
+        failure = TyperException(text)
         failure.exit_code = 2
         raise failure from error
     typer.echo(summary.closing_line())

@@ -1,6 +1,6 @@
-from .panda_kinematics import PandaModel as PandaModel
-from .posture_guard import PostureGuard as PostureGuard
-from .twist_resolution import (
+from .differential_ik import (
     DifferentialInverseKinematicsConfig as DifferentialInverseKinematicsConfig,
 )
+from .panda_kinematics import PandaModel as PandaModel
+from .posture_guard import PostureGuard as PostureGuard
 from .velocity_limiter import VelocityLimiter as VelocityLimiter

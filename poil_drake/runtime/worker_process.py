@@ -25,6 +25,7 @@ from poil_drake.errors import PoilError
 from poil_drake.runtime.interpreter_turns import TURNS
 
 _GRACE = 2.0  # [s] that a worker gets to end by itself
+_LOOK = 1.0  # [s] between two checks whether a busy worker still runs
 
 
 class WorkerEndedError(Exception):
@@ -88,6 +89,7 @@ class WorkerProcess:
         try:
             TURNS.wait()
             self._channel.send(request)
+            self._wait_for_answer()
             answer, error = self._channel.receive()
         except (EOFError, OSError) as failure:
             self.end()
@@ -101,6 +103,15 @@ class WorkerProcess:
         if error is not None:
             raise RuntimeError(f"A worker process failed.\n{error}")
         return answer
+
+    def _wait_for_answer(self) -> None:
+        """Waits for the answer or the end of the process; raises an EOFError at the latter.
+
+        A child of the process may have inherited its end of the connection, and keep it open.
+        """
+        while not self._channel.readable(_LOOK):
+            if not self.alive and not self._channel.readable(0.0):
+                raise EOFError
 
     def ended(self) -> WorkerEndedError:
         """Returns the error that describes how the process ended."""
@@ -177,6 +188,10 @@ class _Channel:
             np.copyto(place, array)  # NumPy releases the interpreter while it copies.
         self._connection.send(sizes)
         self._connection.send_bytes(message)
+
+    def readable(self, timeout: float) -> bool:
+        """Returns whether a value, or the end, arrives within some time [s]."""
+        return self._connection.poll(timeout)
 
     def receive(self) -> Any:
         """Waits for a value and returns it; arrays from shared memory are read-only copies.

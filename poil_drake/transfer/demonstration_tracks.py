@@ -7,7 +7,7 @@ import numpy as np
 
 from poil_drake.errors import TrackingError
 from poil_drake.perception.images import MultiViewFrame
-from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.transfer.progress import Progress
 
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
@@ -33,7 +33,7 @@ def track_demonstration(
     query_points: np.ndarray,
     object_masks: tuple[np.ndarray, ...],
     *,
-    tracker: PointTracker,
+    tracker: Tracker,
     max_gap: float = 1.0,
     progress: Progress | None = None,
 ) -> DemonstrationTracks:

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors.protocol import PartDetector
+from poil_drake.perception.detectors.protocol import Detector
 from poil_drake.perception.images import MultiViewFrame
-from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
 from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
 from poil_drake.transfer.alignment.problem import AlignmentProblem
@@ -61,8 +61,8 @@ def transfer(
     demonstration: Demonstration,
     target_frame: MultiViewFrame,
     *,
-    detector: PartDetector,
-    tracker: PointTracker,
+    detector: Detector,
+    tracker: Tracker,
     object_label: str,
     part_label: str,
     demonstration_object_label: str | None = None,

@@ -1,6 +1,7 @@
 """A worker for the tests: it echoes requests, or fails on demand."""
 
 import os
+import time
 from typing import Any
 
 from poil_drake.errors import InvalidValueError, TrackingError
@@ -23,7 +24,10 @@ class Echo:
             raise TrackingError("Nothing is seen.", remedy="Look again.")
         if word == "stumble":
             raise ZeroDivisionError("by mistake")
-        if word == "die":
+        if word == "leave a child" and os.fork() == 0:
+            time.sleep(10.0)
+            os._exit(0)
+        if word in ("die", "leave a child"):
             os._exit(7)
         return self._setup, os.getpid(), word, arrays
 

@@ -1,4 +1,5 @@
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,6 +109,15 @@ def test_a_worker_that_dies_during_a_request_is_reported_with_its_status(
             dut.ask(("die", []))
 
     assert not dut.alive
+
+
+def test_a_worker_that_leaves_a_child_behind_is_reported_at_once(dut: WorkerProcess) -> None:
+    start = time.monotonic()
+
+    with pytest.raises(WorkerEndedError, match="has ended with status 7"):
+        dut.ask(("leave a child", []))
+
+    assert time.monotonic() - start < 8.0, "the child lives for 10 s"
 
 
 def test_a_killed_worker_is_reported(dut: WorkerProcess) -> None:

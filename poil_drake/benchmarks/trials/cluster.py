@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 import socket
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from types import ModuleType
@@ -99,7 +100,8 @@ def _connect(ray: ModuleType, address: str, cpus: int) -> None:
             "pass 'local'.",
         ) from error
     finally:
-        signal.signal(signal.SIGTERM, handler)  # Ray replaces it.
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)  # Ray replaces it, on the main thread only.
 
 
 def _require_listener(address: str) -> None:

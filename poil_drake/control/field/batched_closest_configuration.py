@@ -29,8 +29,8 @@ def closest_configurations(
         reference: The reference of the same N points.
         weights: (B, N).
         interpolate: See `closest_configuration`.
-        window: See `nearest_sample_in_window`.
-        escape_ratio: See `nearest_sample_in_window`.
+        window: See `closest_configuration`.
+        escape_ratio: See `closest_configuration`.
         previous_tau: (B,) [s]; NaN for a state without one.
     """
     costs, tolerances = _relative_costs(points, reference, weights)

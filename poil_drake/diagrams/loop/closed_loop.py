@@ -106,13 +106,14 @@ def MakeClosedLoop(
         tracker: Takes the place of detector and tracker; None: those of the scenario. It needs the
             output ports of `PointTracker` except `frame`. Its input ports `body_poses` (in
             simulation), `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image`
-            and `.image_time` are connected, if it has them.
+            and `.image_time` are connected, if it has them. The motion is of the images' time, if
+            it has images, else of now.
         meshcat: Shows the scene, the points and the reference there.
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
             robot and the object really are.
         log: Receives every signal and the images; the caller closes it after the run.
-        album: Receives pictures of the run.
+        album: Receives pictures of the run, if the tracker has the output port `frame`.
         disturbances: Pushes on bodies of the simulated plant.
         stop_switch: Stops the arm, as does the button on the page of `meshcat`.
         stopwatch: Receives the time that rendering, tracking, control and publishing take.
@@ -168,7 +169,8 @@ def MakeClosedLoop(
             parts["tracker"] = builder.AddNamedSystem("tracker", tracker)
         else:
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
-        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=album)
+        shown = album if parts["tracker"].HasOutputPort("frame") else None
+        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
         ConnectByName(builder, parts)
         AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)

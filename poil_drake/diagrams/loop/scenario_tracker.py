@@ -3,7 +3,7 @@
 from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 
@@ -11,7 +11,7 @@ DEFAULT_TRACKER = "rigid_flow"
 """Follows the demonstration where the loop runs on the simulator's own poses."""
 
 
-def MakeScenarioTracker(poil: PoilConfig) -> PointTracker:
+def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
     """Returns the image-based tracker that a scenario selects.
 
     The ground-truth baseline sees no images; then the default tracker tracks demonstrations.

@@ -126,7 +126,8 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     wires += [
         (source, f"tracker.{port}") for source, port in TRACKER_WIRES if tracker.HasInputPort(port)
     ]
-    for camera in station.camera_names:
+    cameras = station.camera_names
+    for camera in cameras:
         time = f"{camera}.image_time"
         if parts["supervisor"].HasInputPort(time):
             wires.append((f"station.{time}", f"supervisor.{time}"))
@@ -137,9 +138,11 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             for part in ("tracker", "detector"):
                 if part in parts and parts[part].HasInputPort(port) and station.HasOutputPort(port):
                     wires.append((f"station.{port}", f"{part}.{port}"))
+    seen = [camera for camera in cameras if tracker.HasInputPort(f"{camera}.rgb_image")]
+    if seen:
+        wires.append((f"station.{seen[0]}.image_time", "propagator.image_time"))
     if "detector" in parts:
         wires += DETECTOR_WIRES
-        wires.append((f"station.{station.camera_names[0]}.image_time", "propagator.image_time"))
     if "visualizer" in parts:
         wires += VISUALIZER_WIRES
     if "logger" in parts:

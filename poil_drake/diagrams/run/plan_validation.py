@@ -67,7 +67,7 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])
     joint = int(np.argmax(gaps))
-    if gaps[joint] > _JOINT_TOLERANCE:
+    if not gaps[joint] <= _JOINT_TOLERANCE:  # Catches NaN, too.
         raise PlanningError(
             f"The arm is not where the plan begins: joint {joint + 1} is "
             f"{gaps[joint]:.3f} rad away.",

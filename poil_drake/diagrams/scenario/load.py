@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +15,9 @@ from poil_drake.diagrams.scenario.randomization import ApplyRandomization
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
+
+_LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
+"""More characters, and more values with all aliases written out, than any scenario needs."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
 """The scenario that runs when a file holds several and none is named."""
@@ -115,13 +119,15 @@ def _changed(config: Any, **values: Any) -> Any:
 
 def _read(path: Path) -> Any:
     try:
-        return _parse(path.read_text(encoding="utf-8"), f"'{path}'")
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_LARGEST_TEXT + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
         raise ScenarioError(
             f"The scenario file '{path}' cannot be read ({reason}).",
             remedy=f"Give a YAML file in UTF-8, e.g. the package's: {default_scenario_file()}",
         ) from error
+    return _parse(text, f"'{path}'")
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -146,7 +152,13 @@ def _parse(text: str, source: str) -> Any:
     if not text.strip():
         return {}
     try:
-        yaml.compose(text, Loader=_StrictLoader)
+        too_large = len(text) > _LARGEST_TEXT
+        if too_large or _size(yaml.compose(text, Loader=_StrictLoader), {}) > _MOST_VALUES:
+            raise ScenarioError(
+                f"{source} has more than {_LARGEST_TEXT} characters, or its aliases stand for more "
+                f"than {_MOST_VALUES} values.",
+                remedy="Give the file of a scenario.",
+            )
         node = yaml_load(data=text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split()).replace('in "<unicode string>",', "at")
@@ -154,6 +166,18 @@ def _parse(text: str, source: str) -> Any:
             f"{source} is not valid YAML: {reason}.", remedy="Correct the YAML."
         ) from error
     return {} if node is None else node
+
+
+def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
+    """Returns the number of values of a node with all aliases written out; inf if endless."""
+    if not isinstance(node, yaml.CollectionNode):
+        return 1.0
+    if id(node) not in known:
+        known[id(node)] = math.inf  # For a node that contains itself.
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        known[id(node)] = 1.0 + sum(_size(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, Any]:

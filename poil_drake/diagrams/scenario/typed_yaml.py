@@ -94,7 +94,7 @@ def merge_yaml(
             value = _scalar_or_array(node, schema)
             if schema not in (float, np.ndarray) or not np.isnan(value).any():
                 return value
-        except (ValueError, TypeError, ZeroDivisionError):
+        except (ValueError, TypeError, ArithmeticError):
             pass
     raise _wrong(path, tag or node, wanted)
 

@@ -22,7 +22,7 @@ class PartMasks(SharedOnCopy):
     part_masks: tuple[np.ndarray, ...]
 
 
-class PartDetector(Protocol):
+class Detector(Protocol):
     """Finds an object and its functional part in the views of one instant."""
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:

@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
-from poil_drake.perception.detectors.protocol import PartDetector
+from poil_drake.perception.detectors.protocol import Detector
 
 LABEL_IMAGE = "label_image"
 """Name of the detector that reads label images."""
 
-DETECTORS: dict[str, Callable[[], PartDetector]] = {LABEL_IMAGE: LabelImageDetector}
+DETECTORS: dict[str, Callable[[], Detector]] = {LABEL_IMAGE: LabelImageDetector}
 """Constructors of the detectors, by name."""
 
 
-def make_detector(name: str) -> PartDetector:
+def make_detector(name: str) -> Detector:
     """Returns the detector of this name.
 
     Raises:

@@ -12,7 +12,7 @@ import numpy as np
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import MultiViewFrame
-from poil_drake.perception.trackers.protocol import PointTracker, TrackerOutput
+from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
 from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
@@ -29,7 +29,7 @@ class RemoteState(SharedOnCopy):
 
 
 class ProcessTracker:
-    """Runs another tracker in a worker process; a `PointTracker` itself.
+    """Runs another tracker in a worker process; a `Tracker` itself.
 
     The worker starts at once, so it is ready when it is needed. It keeps the states; returned
     states only refer to them. Images pass through shared memory. Calls block, but release the
@@ -37,7 +37,7 @@ class ProcessTracker:
     is lost, and `start` starts a new worker. Only one thread at a time may call it.
     """
 
-    def __init__(self, tracker: PointTracker):
+    def __init__(self, tracker: Tracker):
         """Starts the worker.
 
         Args:
@@ -60,7 +60,7 @@ class ProcessTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """See `PointTracker.start`."""
+        """See `Tracker.start`."""
         if self._worker is None or not self._worker.alive:
             self._launch()
         return self._call("start", None, frame, query_points, object_masks)
@@ -68,7 +68,7 @@ class ProcessTracker:
     def step(
         self, state: RemoteState, frame: MultiViewFrame, motion_prior: np.ndarray | None = None
     ) -> TrackerOutput:
-        """See `PointTracker.step`."""
+        """See `Tracker.step`."""
         if state.worker != self._workers:
             raise _lost("has ended")
         return self._call("step", state.key, frame, motion_prior)

@@ -25,7 +25,7 @@ class TrackerOutput(SharedOnCopy):
     lost: bool
 
 
-class PointTracker(Protocol):
+class Tracker(Protocol):
     """Tracks points on one rigid object through a stream of multi-view RGB-D frames.
 
     The methods are pure: all knowledge of the stream is in the returned state, so one tracker can

@@ -4,17 +4,17 @@ from collections.abc import Callable
 from typing import Any
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
-TRACKERS: dict[str, tuple[Callable[[Any], PointTracker], type]] = {
+TRACKERS: dict[str, tuple[Callable[[Any], Tracker], type]] = {
     "rigid_flow": (RigidFlowTracker, RigidFlowConfig),
 }
 """Constructor and configuration type of each tracker, by name."""
 
 
-def make_tracker(name: str, config: object | None = None) -> PointTracker:
+def make_tracker(name: str, config: object | None = None) -> Tracker:
     """Returns the tracker of this name.
 
     Args:

@@ -4,14 +4,14 @@ from itertools import count
 from typing import Any
 
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.perception.trackers.protocol import PointTracker
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.runtime.worker_process import serve
 
 
 class TrackerService:
     """Calls a tracker, and keeps its states by number."""
 
-    def __init__(self, tracker: PointTracker):
+    def __init__(self, tracker: Tracker):
         self._tracker = tracker
         self._states: dict[int, Any] = {}
         self._keys = count()

@@ -24,8 +24,9 @@ _PARSE_ERRORS = (
     *(McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, AttributeError),
     *(EOFError, RuntimeError, MemoryError, OverflowError),
 )
+# Each call makes a new decompressor: zstandard's must not be shared by threads.
 _DECOMPRESSORS = {
-    "zstd": zstandard.ZstdDecompressor().stream_reader,
+    "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
     "lz4": lambda data: lz4.frame.open(io.BytesIO(data)),
 }
 

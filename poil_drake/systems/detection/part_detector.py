@@ -74,7 +74,7 @@ class PartDetector(LeafSystem):
     def __init__(
         self,
         *,
-        detector: protocol.PartDetector,
+        detector: protocol.Detector,
         cameras: Sequence[CameraModel],
         object_label: str,
         part_label: str,

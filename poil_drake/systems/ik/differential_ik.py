@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.all_finite import all_finite
-from poil_drake.robots.twist_resolution import (
+from poil_drake.robots.differential_ik import (
     DifferentialInverseKinematicsConfig,
     approach_velocity,
     resolve_twist,
@@ -39,7 +39,7 @@ class DifferentialInverseKinematics(LeafSystem):
 
     Port `spatial_velocity` (6,) is (ω [rad/s], v [m/s]) of the gripper frame in the world;
     `position_measured` (n,) [rad] is the arm's. The mathematics is in
-    `poil_drake.robots.twist_resolution`. Every output is discrete state, updated at the control
+    `poil_drake.robots.differential_ik`. Every output is discrete state, updated at the control
     period; there is no direct feedthrough.
 
     - `velocity` (n,) [rad/s]: zero before the first update.
@@ -68,7 +68,6 @@ class DifferentialInverseKinematics(LeafSystem):
             kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
             config: Margins and gains.
-
             stopwatch: Records the durations of the updates as "control".
 
         Raises:

@@ -62,7 +62,7 @@ class PointTracker(LeafSystem):
     def __init__(
         self,
         *,
-        tracker: protocol.PointTracker,
+        tracker: protocol.Tracker,
         cameras: Sequence[CameraModel],
         num_points: int,
         query_points: np.ndarray | None = None,

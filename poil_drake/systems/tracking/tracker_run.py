@@ -11,7 +11,7 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.perception.trackers.protocol import PointTracker, TrackerOutput
+from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
 from poil_drake.systems.statuses import TrackerStatus
 
 
@@ -57,7 +57,7 @@ class TrackerRun(SharedOnCopy):
     query_motion: np.ndarray | None = None
 
 
-def advance(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     """Returns the run after one more frame.
 
     A start needs query points and a detection that was not tried before. The first start uses the
@@ -80,7 +80,7 @@ def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndar
     return None if before is None or now is None else now @ inverse(before)
 
 
-def _start(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+def _start(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     query, masks = inputs.query_points, inputs.masks
     assert query is not None and masks is not None  # noqa: PT018 (`advance` has checked)
     if run.query_points is None or not np.array_equal(query, run.query_points):
@@ -95,7 +95,7 @@ def _start(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> Tra
     return _after(run, output, inputs)
 
 
-def _step(tracker: PointTracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
+def _step(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     prior = motion_between(run.state_motion, inputs.object_motion)
     try:
         output = tracker.step(run.tracker_state, inputs.frame, prior)

@@ -4,13 +4,20 @@ import dataclasses
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.sensors import ImageRgba8U
 from short_skill import short_plan
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import InvalidValueError, ScenarioError, StationError
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
+from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 
 def children() -> set[int]:
@@ -58,3 +65,42 @@ def test_the_ground_truth_may_be_faster_than_the_cameras() -> None:
 
     with MakeClosedLoop(scenario, short_plan()) as loop:
         assert loop.detector is None
+
+
+def test_a_tracker_without_frames_leaves_an_album_empty() -> None:
+    scenario, plan, album = ChooseScenario(), short_plan(), SnapshotAlbum()
+    tracker = RecordedTracker(tracks=(), num_points=len(plan.target_points), period=1 / 256)
+
+    with MakeClosedLoop(scenario, plan, tracker=tracker, album=album) as loop:
+        Simulator(loop.diagram).AdvanceTo(0.25)
+
+    assert album.snapshots == ()
+
+
+class ImageTracker(LeafSystem):
+    """A user's tracker, which never finds anything."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.DeclareAbstractInputPort("left.rgb_image", Value(ImageRgba8U()))
+        self.DeclareVectorInputPort("object_motion", 16)
+        for port, size in (("status", 1), ("times", 3)):
+            self.DeclareStateOutputPort(port, self.DeclareDiscreteState(size))
+        lost = Value(TrackedPoints.lost(10, -np.inf))
+        self.DeclareStateOutputPort("tracked_points", self.DeclareAbstractState(lost))
+
+
+@pytest.mark.render
+def test_a_users_tracker_of_images_gets_the_motion_at_their_time() -> None:
+    with MakeClosedLoop(ChooseScenario(), short_plan(), tracker=ImageTracker()) as loop:
+        context = loop.diagram.CreateDefaultContext()
+        ports = {
+            port: system.GetInputPort(port).HasValue(system.GetMyContextFromRoot(context))
+            for system, port in (
+                (loop.tracker, "left.rgb_image"),
+                (loop.tracker, "object_motion"),
+                (loop.propagator, "image_time"),
+            )
+        }
+
+    assert all(ports.values()), ports

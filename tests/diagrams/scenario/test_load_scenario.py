@@ -102,6 +102,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {rates: {tracker: 0.3}}}", "poil.rates.tracker is 0.3 s"),
         ("{poil: {rates: {tracker: 1/0}}}", "'poil.rates.tracker' is '1/0'"),
         ("{poil: {eta: fast}}", "'poil.eta' is 'fast'"),
+        (f"{{poil: {{eta: 1{'0' * 400}}}}}", "'poil.eta' is 1000"),
         ("{poil: {eta: -1}}", "poil.eta is -1.*must be positive"),
         ("{poil: {num_points: 2}}", "at least 3"),
         ("{poil: {latency: -0.5}}", "poil.latency is -0.5.*not negative"),
@@ -272,3 +273,25 @@ def test_anchors_can_be_reused_and_overridden() -> None:
     )
 
     assert (dut.cameras["b"].name, dut.cameras["b"].width, dut.cameras["b"].height) == ("b", 32, 24)
+
+
+def test_a_file_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "long.yaml"
+    path.write_text("HangMug:\n" + "# nothing\n" * 110_000)
+
+    with pytest.raises(ScenarioError, match="more than 1000000 characters"):
+        LoadScenario(filename=path)
+
+
+def test_aliases_that_stand_for_too_many_values_are_refused() -> None:
+    # Ten lines of ten aliases each stand for 10^10 values.
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
+
+    with pytest.raises(ScenarioError, match="aliases stand for more than 100000 values"):
+        LoadScenario(data="\n".join(lines))
+
+
+def test_an_alias_within_its_own_value_is_refused() -> None:
+    with pytest.raises(ScenarioError, match="aliases stand for more than"):
+        LoadScenario(data="directives: &a [*a]")

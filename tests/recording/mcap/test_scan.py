@@ -2,6 +2,7 @@
 
 import resource
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 
 import lz4.frame
 import pytest
@@ -85,3 +86,16 @@ def test_a_damaged_length_is_distinguished_from_the_end_of_a_recording(tmp_path)
         list(scan(tmp_path / "whole.mcap"))
     with pytest.raises(CutOffError):
         list(scan(tmp_path / "cut.mcap"))
+
+
+def test_files_are_read_on_several_threads_at_once(tmp_path):
+    content = bytes(range(256)) * 4096
+    records = bytes([0x80]) + len(content).to_bytes(8, "little") + content  # Of an unknown type.
+    data, crc = zstandard.compress(records), zlib.crc32(records)
+    path = write(tmp_path / "a.mcap", "zstd", data, len(records), crc)
+
+    def read(_: int) -> list:
+        return [item for _ in range(100) for item in scan(path)]
+
+    with ThreadPoolExecutor(4) as threads:
+        assert list(threads.map(read, range(4))) == [[]] * 4

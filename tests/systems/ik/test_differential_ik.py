@@ -3,7 +3,7 @@ import pytest
 from system_bench import SystemBench
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.robots.twist_resolution import DifferentialInverseKinematicsConfig, resolve_twist
+from poil_drake.robots.differential_ik import DifferentialInverseKinematicsConfig, resolve_twist
 from poil_drake.systems.ik.arm_kinematics import ArmKinematics
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.statuses import IkStatus

@@ -50,7 +50,7 @@ _VELOCITY_GAIN = 0.7  # share of the newest velocity in the filtered one
 
 
 class RigidFlowTracker:
-    """Tracks points on one rigid object; a `PointTracker`. See the module.
+    """Tracks points on one rigid object; a `Tracker`. See the module.
 
     The reported positions move rigidly. A point that no view shows is still reported, with less
     confidence.
@@ -70,7 +70,7 @@ class RigidFlowTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """Starts to track; see `PointTracker.start`.
+        """Starts to track; see `Tracker.start`.
 
         Raises:
             InvalidValueError: if masks and images do not match, or query points are not finite.
@@ -96,7 +96,7 @@ class RigidFlowTracker:
         frame: MultiViewFrame,
         motion_prior: np.ndarray | None = None,
     ) -> TrackerOutput:
-        """Tracks into the next frame; see `PointTracker.step`."""
+        """Tracks into the next frame; see `Tracker.step`."""
         if motion_prior is not None:
             motion_prior = frozen_array(motion_prior, name="motion_prior", shape=(4, 4))
         elapsed = max(frame.stamp - state.stamp, 0.0)

@@ -8,14 +8,14 @@ from pydrake.multibody.inverse_kinematics import (
 )
 from scipy.optimize import linprog
 
-from poil_drake.robots.joint_limits import JointLimits
-from poil_drake.robots.twist_resolution import (
+from poil_drake.robots.differential_ik import (
     DifferentialInverseKinematicsConfig,
     achieved_fraction,
     approach_velocity,
     direction_preserving_velocity,
     resolve_twist,
 )
+from poil_drake.robots.joint_limits import JointLimits
 
 DT = 1 / 256
 LIMITS = JointLimits(
