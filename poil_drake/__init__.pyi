@@ -30,3 +30,5 @@ from .systems.propagation.fk_propagator import FkPropagator as FkPropagator
 from .systems.safety.supervisor import SafetySupervisor as SafetySupervisor
 from .systems.tracking.point_tracker import PointTracker as PointTracker
 from .systems.visualization.point_set_visualizer import PointSetVisualizer as PointSetVisualizer
+
+__version__: str
