@@ -53,3 +53,7 @@ def _exit_with(process: int) -> None:
 
 if __name__ == "__main__":
     serve(_make_handler)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Ends here: OMPL's bindings would report every type that a failed trial still refers to.
+    os._exit(0)
