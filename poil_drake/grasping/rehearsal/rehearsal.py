@@ -32,10 +32,10 @@ _STRAIGHT_STEPS = 6  # Samples of each straight motion.
 _SMALLEST_SINGULAR_VALUE = 0.01
 """Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
 
-_OBJECT_CONTACT = 0.003
+_OBJECT_CONTACT = 0.004
 """The object collides where it comes nearer to the scene than it may by more than this [m]; less
-only costs. Two clouds with a point every 3 to 5 mm come within about 2 mm of each other where their
-surfaces intersect."""
+only costs. Away from the goal it may come within 6 mm, so it collides within 2 mm: two clouds with
+a point every 3 to 5 mm come that near where their surfaces intersect."""
 
 # More than these margins brings no further advantage.
 _COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
