@@ -95,7 +95,11 @@ class CaptureAndRelease:
             self._background.close()
 
     def submit(self, work: Work) -> Future[Any]:
-        """Begins work: on the thread, or, without one, done at once."""
+        """Begins work on the thread; without a thread, does it at once.
+
+        Raises:
+            StationError: after `close`.
+        """
         if self._background is not None:
             return self._background.submit(work)
         future: Future[Any] = Future()

@@ -13,7 +13,7 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 class ProcessWorkers:
     """Up to `jobs` processes, started when they are needed; they run each trial once.
 
-    A thread waits for each process, so a killed process fails the future of its own trial only. (A
+    A thread waits for each process, so a killed process fails only the future of its trial. (A
     `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
 
     Args:

@@ -35,7 +35,7 @@ LARGEST_CHUNK = 256 << 20
 recorders write at once."""
 
 Location = tuple[int, int]
-"""Where a message is in a file: the offset of its own record, or of its chunk's [bytes], and which
+"""Where a message is in a file: the offset of its record, or of its chunk's [bytes], and which
 record of that chunk it is."""
 
 

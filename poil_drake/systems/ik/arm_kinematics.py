@@ -19,7 +19,7 @@ class ArmKinematics:
     """The arm's joints and its gripper frame G in a finalized plant.
 
     It has no state: its methods compute in a scratch context of the plant, which a system keeps in
-    a cache entry of its own context (`declare_scratch`). It uses Drake's kinematics rather than
+    a cache entry of its context (`declare_scratch`). It uses Drake's kinematics rather than
     `PandaModel`, so that the loop computes poses as the simulated plant does, to the last bit.
 
     Attributes:

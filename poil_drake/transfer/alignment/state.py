@@ -21,7 +21,7 @@ class AlignmentState:
     Attributes:
         R: (K, 3, 3) rotations.
         log_scales: (K, 2, 3) logarithms of the scales, of the part and of the context.
-        translations: (K, 2, 3) translations, each in units of its own cloud's length.
+        translations: (K, 2, 3) translations, each in units of the length of its cloud.
     """
 
     R: np.ndarray

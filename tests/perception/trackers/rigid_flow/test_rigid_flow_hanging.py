@@ -1,4 +1,4 @@
-"""A mug that hangs on a rod of its own colour, which the first frame shows as background."""
+"""A mug that hangs on a rod of the same colour, which the first frame shows as background."""
 
 from dataclasses import replace
 
