@@ -1,1 +1,1 @@
-"""Summaries, pictures and progress bars for users: no diagrams."""
+"""The reports of runs and replays (figures and picture), progress bars, the doctor: no diagrams."""

@@ -1,4 +1,4 @@
-"""The Panda: data, kinematics, IK, shape, limits; no pydrake. Its drivers: `systems.panda`."""
+"""The Panda: data, kinematics, IK, shape, limits; no pydrake. Drivers: `systems.lcm`."""
 
 import lazy_loader
 

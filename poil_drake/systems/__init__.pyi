@@ -13,6 +13,10 @@ from .detection.part_detector import PartDetector as PartDetector
 from .disturbance_injector import DisturbanceInjector as DisturbanceInjector
 from .disturbance_injector import Pulse as Pulse
 from .ik.differential_ik import DifferentialInverseKinematics as DifferentialInverseKinematics
+from .lcm.panda_receivers import FrankaStatusReceiver as FrankaStatusReceiver
+from .lcm.panda_receivers import HandStatusReceiver as HandStatusReceiver
+from .lcm.panda_senders import FrankaCommandSender as FrankaCommandSender
+from .lcm.panda_senders import HandCommandSender as HandCommandSender
 from .logging.mcap_logger import McapLogger as McapLogger
 from .logging.snapshot_recorder import SnapshotRecorder as SnapshotRecorder
 from .panda.hand_driver import HandDriver as HandDriver

@@ -13,7 +13,7 @@ import numpy as np
 
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.panda.lcm_messages import PandaChannels, decode_panda_command
+from poil_drake.systems.lcm.panda_messages import PandaChannels, decode_panda_command
 
 AFTERWARDS = 1.5  # [s of the robot's time]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.benchmarks.hardware.stand_in_robot import StandInRobot, StandInSetup, read_setup
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HandOpening,
     PandaStatus,
     encode_hand_status,

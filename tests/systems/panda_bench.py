@@ -18,13 +18,13 @@ from system_bench import START, SystemBench
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     decode_hand_status,
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda.lcm_receivers import FrankaStatusReceiver, HandStatusReceiver
-from poil_drake.systems.panda.lcm_senders import FrankaCommandSender, HandCommandSender
+from poil_drake.systems.lcm.panda_receivers import FrankaStatusReceiver, HandStatusReceiver
+from poil_drake.systems.lcm.panda_senders import FrankaCommandSender, HandCommandSender
 from poil_drake.systems.safety.faults import SafetyConfig
 
 PERIOD = 1 / 256

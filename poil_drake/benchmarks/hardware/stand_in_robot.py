@@ -29,7 +29,7 @@ from poil_drake.robots.panda import MAX_HAND_WIDTH, NUM_JOINTS
 from poil_drake.runtime.real_time import RealTimeScheduling
 from poil_drake.systems.cameras.lcm_image_messages import encode_images
 from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
     HandOpening,
     PandaChannels,

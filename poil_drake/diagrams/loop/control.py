@@ -21,7 +21,7 @@ from poil_drake.systems.ik.differential_ik import (
     DifferentialInverseKinematics,
     DifferentialInverseKinematicsConfig,
 )
-from poil_drake.systems.panda.lcm_messages import HAND_PERIOD
+from poil_drake.systems.lcm.panda_messages import HAND_PERIOD
 from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.safety.faults import SafetyConfig
 from poil_drake.systems.safety.supervisor import SafetySupervisor

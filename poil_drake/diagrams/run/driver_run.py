@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
+from poil_drake.diagrams.run.finished_run import REQUIRED_HANGING_TIME
 from poil_drake.diagrams.run.html_recording import MakeMeshcat
 from poil_drake.diagrams.run.output_paths import failure_reason
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
-from poil_drake.diagrams.run.report import REQUIRED_HANGING_TIME
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.scenario.hardware_config import ROBOT_BUS_URL
 from poil_drake.diagrams.scenario.scenario import Scenario
@@ -20,7 +20,7 @@ from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.runtime.held_signals import HeldSignals
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
 from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.panda.simulated_driver import SimulatedDriverConfig
+from poil_drake.systems.lcm.simulated_driver import SimulatedDriverConfig
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.run.output_paths import FreshOutputs, OutputPaths
@@ -22,7 +23,6 @@ from poil_drake.diagrams.run.plan_validation import CheckArmPosition, CheckPlanF
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.run.recorder import RunRecorder
-from poil_drake.diagrams.run.report import Report, WriteReport
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
@@ -206,15 +206,13 @@ def ExecutePlan(
                 )
                 stack.enter_context(recording)
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
-            report = _simulate(
-                loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate
-            )
-            report = dataclasses.replace(report, dry_run=dry_run)
+            run = _simulate(loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate)
+            run = dataclasses.replace(run, dry_run=dry_run)
         with stages.measure("report"):
             stack.close()
-        summary = WriteReport(report, album=album, outputs=outputs, stages=stages)
-        if report.stopped is not None and not isinstance(report.stopped, Exception):
-            raise report.stopped
+        summary = WriteReport(run, album=album, outputs=outputs, stages=stages)
+        if run.stopped is not None and not isinstance(run.stopped, Exception):
+            raise run.stopped
         return summary
 
 
@@ -227,7 +225,7 @@ def _simulate(
     stopwatch: Stopwatch,
     progress: ProgressBar,
     realtime_rate: float | None,
-) -> Report:
+) -> FinishedRun:
     """Advances the loop until the skill is done, has failed, or runs out of time."""
     station, hardware = loop.station, scenario.poil.hardware
     rates, clock = scenario.poil.rates, hardware.clock()
@@ -282,7 +280,7 @@ def _simulate(
     progress("closed loop", 1.0)
     supervisor, truth = loop.supervisor, recorder.truth
     posture = supervisor.posture_problem(supervisor.GetMyContextFromRoot(root))
-    return Report(
+    return FinishedRun(
         plan=plan,
         scenario=scenario,
         recorder=recorder,

@@ -8,7 +8,7 @@ from poil_drake.diagrams.scenario.value_ranges import require_positive
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
 from poil_drake.systems.lcm.network import check_channel
-from poil_drake.systems.panda.lcm_messages import PandaChannels
+from poil_drake.systems.lcm.panda_messages import PandaChannels
 
 ROBOT_BUS_URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's default address, restricted to this machine."""

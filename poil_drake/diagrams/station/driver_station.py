@@ -14,9 +14,9 @@ from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageCha
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
 from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
-from poil_drake.systems.panda.lcm_messages import PandaChannels
-from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
-from poil_drake.systems.panda.simulated_hand import SimulatedHand
+from poil_drake.systems.lcm.panda_messages import PandaChannels
+from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedDriverConfig
+from poil_drake.systems.lcm.simulated_hand import SimulatedHand
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""LCM networks, and mailboxes for their messages."""
+"""LCM: the drivers of the real Panda and its hand, simulated ones, networks and mailboxes."""

@@ -1,1 +1,1 @@
-"""The Panda's interface: simulated, recorded and over LCM."""
+"""The Panda and its hand, simulated or recorded; the real ones are in `systems/lcm`."""

@@ -18,7 +18,7 @@ from poil_drake.errors import StationError
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     PandaStatus,
     decode_hand_status,
     decode_panda_status,

@@ -7,8 +7,8 @@ from pydrake.systems.framework import Diagram
 from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.run import skill_run
+from poil_drake.diagrams.run.finished_run import FinishedRun
 from poil_drake.diagrams.run.output_paths import OutputPaths
-from poil_drake.diagrams.run.report import Report
 from poil_drake.diagrams.scenario.scenario import Scenario
 
 
@@ -28,9 +28,9 @@ def test_every_track_is_compared_with_the_truth(
 ) -> None:
     poil = f"{{latency: 1/64, rates: {{tracker: {tracker}, logger: {logger}}}}}"
     scenario = short_scenario(f"{{simulation_duration: 0.375, poil: {poil}}}")
-    reports: list[Report] = []
+    reports: list[FinishedRun] = []
 
-    def keep(report: Report, **_: object) -> Report:
+    def keep(report: FinishedRun, **_: object) -> FinishedRun:
         reports.append(report)
         return report
 

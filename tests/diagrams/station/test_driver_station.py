@@ -8,14 +8,14 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HandOpening,
     decode_hand_status,
     decode_panda_status,
     encode_hand_command,
     encode_panda_command,
 )
-from poil_drake.systems.panda.simulated_driver import SimulatedDriverConfig
+from poil_drake.systems.lcm.simulated_driver import SimulatedDriverConfig
 from poil_drake.systems.statuses import RobotMode
 
 WANTED = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, -0.3])

@@ -11,7 +11,7 @@ from system_bench import START
 
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.posture_guard import PostureGuard
-from poil_drake.systems.panda import lcm_senders as panda_senders
+from poil_drake.systems.lcm import panda_senders
 from poil_drake.systems.safety.faults import SafetyConfig, SafetyFault
 from poil_drake.systems.statuses import RobotMode
 

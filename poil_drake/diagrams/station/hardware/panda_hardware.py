@@ -10,8 +10,7 @@ from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
-from poil_drake.systems.panda.kinematic_robot import KinematicRobot
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
     HandOpening,
     PandaChannels,
@@ -20,8 +19,9 @@ from poil_drake.systems.panda.lcm_messages import (
     decode_panda_status,
     same_panda,
 )
-from poil_drake.systems.panda.lcm_receivers import FrankaStatusReceiver, HandStatusReceiver
-from poil_drake.systems.panda.lcm_senders import FrankaCommandSender, HandCommandSender
+from poil_drake.systems.lcm.panda_receivers import FrankaStatusReceiver, HandStatusReceiver
+from poil_drake.systems.lcm.panda_senders import FrankaCommandSender, HandCommandSender
+from poil_drake.systems.panda.kinematic_robot import KinematicRobot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ def AddPandaHardware(
     With a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
     `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
     `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
-    `poil_drake.systems.panda.lcm_receivers` for their values before the first status.
+    `poil_drake.systems.lcm.panda_receivers` for their values before the first status.
 
     Args:
         builder: Receives the systems.

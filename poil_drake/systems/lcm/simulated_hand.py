@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
     HandOpening,
     PandaChannels,

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     PandaChannels,
     PandaCommand,
     PandaStatus,

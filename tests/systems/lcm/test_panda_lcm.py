@@ -14,7 +14,7 @@ from panda_bench import JOINTS, PERIOD, RobotBench, arm_status, hand_status
 from system_bench import START
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.systems.panda.lcm_messages import decode_hand_status, decode_panda_status
+from poil_drake.systems.lcm.panda_messages import decode_hand_status, decode_panda_status
 from poil_drake.systems.statuses import RobotMode
 
 

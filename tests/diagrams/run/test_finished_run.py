@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from short_skill import short_plan, short_scenario
 
+from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport, summarize
 from poil_drake.diagrams.run.output_paths import OutputPaths
-from poil_drake.diagrams.run.report import Report, WriteReport, summarize
 from poil_drake.diagrams.run.task_success import HangingJudge
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.safety.faults import SafetyFault
@@ -54,7 +54,7 @@ def judge_of(*touched: str, hanging_since: float | None = None) -> HangingJudge:
 
 def make_report(
     *last_phases: Phase, judge: HangingJudge | None = None, **changed: object
-) -> Report:
+) -> FinishedRun:
     fields: dict = {
         "plan": short_plan(),
         "scenario": short_scenario(),
@@ -66,10 +66,10 @@ def make_report(
         "stopped": None,
         "final_state": np.zeros(3),
     }
-    return Report(**fields | changed)
+    return FinishedRun(**fields | changed)
 
 
-def verdict(report: Report) -> tuple[bool, str]:
+def verdict(report: FinishedRun) -> tuple[bool, str]:
     summary = summarize(report, OutputPaths())
     return summary.success, summary.reason
 

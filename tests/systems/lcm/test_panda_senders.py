@@ -21,8 +21,8 @@ from system_bench import START
 from poil_drake.errors import StationError
 from poil_drake.robots.velocity_limiter import JointMotion
 from poil_drake.systems.lcm import mailbox as lcm_mailbox
-from poil_drake.systems.panda import lcm_senders as panda_senders
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm import panda_senders
+from poil_drake.systems.lcm.panda_messages import (
     HandOpening,
     encode_hand_command,
     encode_panda_command,

@@ -7,12 +7,12 @@ from network_bench import NetworkBench
 
 from poil_drake.errors import StationError
 from poil_drake.systems.lcm.mailbox import LcmMailbox
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     PandaStatus,
     decode_panda_status,
     encode_panda_command,
 )
-from poil_drake.systems.panda.simulated_driver import SimulatedDriver, SimulatedDriverConfig
+from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 512

@@ -9,7 +9,7 @@ from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock
-from poil_drake.systems.panda.lcm_messages import HandOpening, PandaStatus
+from poil_drake.systems.lcm.panda_messages import HandOpening, PandaStatus
 from poil_drake.systems.statuses import RobotMode
 
 _MAX_HAND_AGE = 0.5

@@ -5,8 +5,8 @@ import pytest
 from drake import lcmt_schunk_wsg_status
 from network_bench import NetworkBench
 
-from poil_drake.systems.panda.lcm_messages import HAND_PERIOD, HandOpening, encode_hand_command
-from poil_drake.systems.panda.simulated_hand import SimulatedHand
+from poil_drake.systems.lcm.panda_messages import HAND_PERIOD, HandOpening, encode_hand_command
+from poil_drake.systems.lcm.simulated_hand import SimulatedHand
 
 
 @pytest.fixture

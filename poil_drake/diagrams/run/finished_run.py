@@ -37,8 +37,8 @@ _PICTURED_PHASES = (Phase.WAIT, Phase.GRASP, Phase.FOLLOW, Phase.RELEASE, Phase.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
-    """The outcome of a run.
+class FinishedRun:
+    """A run that has ended, as far as its report needs it.
 
     Attributes:
         plan: The plan that was executed.
@@ -77,7 +77,7 @@ class Report:
 
 
 def WriteReport(
-    report: Report,
+    run: FinishedRun,
     *,
     outputs: OutputPaths,
     album: SnapshotAlbum | None = None,
@@ -86,17 +86,17 @@ def WriteReport(
     """Judges a run and writes its picture and its figures.
 
     Args:
-        report: The outcome.
+        run: The run.
         outputs: Where the outputs go, or went.
         album: Camera pictures of the run.
         stages: How long each stage of the job took; "report" is added.
     """
     stages = stages or Stopwatch()
-    summary = summarize(report, outputs)
+    summary = summarize(run, outputs)
     try:
         with stages.measure("report"):
             if outputs.png is not None:
-                make_summary_picture(outputs.png, _picture_data(report, summary, album))
+                make_summary_picture(outputs.png, _picture_data(run, summary, album))
     finally:
         # Last, because the figures hold the time of the rest; even if the picture fails.
         timing = replace(summary.timing, stages=stages.totals())
@@ -106,10 +106,10 @@ def WriteReport(
     return summary
 
 
-def summarize(report: Report, outputs: OutputPaths) -> RunSummary:
+def summarize(run: FinishedRun, outputs: OutputPaths) -> RunSummary:
     """Returns the summary of a run, with the outputs that are written."""
-    recorder, scenario = report.recorder, report.scenario
-    success, reason = _judge(report)
+    recorder, scenario = run.recorder, run.scenario
+    success, reason = _judge(run)
     error, potential = recorder.signal("goal_error"), recorder.signal("potential")
     phases = recorder.signal("phase")
     following = phases == Phase.FOLLOW
@@ -119,14 +119,14 @@ def summarize(report: Report, outputs: OutputPaths) -> RunSummary:
     # The phase at a stamp is that of the last sample by then.
     sample = np.maximum(np.searchsorted(recorder.times, stamps, side="right") - 1, 0)
     carried = np.isin(phases[sample], _CARRYING)
-    state = report.final_state
+    state = run.final_state
     return RunSummary(
         success=success,
         reason=reason,
         scenario=scenario.source.name,
         scenario_file=scenario.source.file,
         seed=scenario.random_seed,
-        timing=_timing(report),
+        timing=_timing(run),
         phases=phase_spans(np.array(recorder.times), phases, PHASE_NAMES),
         mean_error=float(error[following][-1]),
         initial_potential=float(potential[following][0]),
@@ -136,67 +136,69 @@ def summarize(report: Report, outputs: OutputPaths) -> RunSummary:
         outputs={kind: str(path) for kind, path in outputs.as_dict().items()},
         tracker=scenario.poil.tracker,
         final_state_digest=hashlib.sha256(state.tobytes()).hexdigest() if state.size else "",
-        figures=_figures(report),
+        figures=_figures(run),
     )
 
 
-def _figures(report: Report) -> dict[str, float]:
-    judge, timing = report.recorder.judge, report.loop_timing
-    times = {"fault_time_s": report.fault_time, "epoch_s": report.epoch}
+def _figures(run: FinishedRun) -> dict[str, float]:
+    judge, timing = run.recorder.judge, run.loop_timing
+    times = {"fault_time_s": run.fault_time, "epoch_s": run.epoch}
     return {
-        **({} if judge is None else {"hanging_time_s": judge.hanging_time(report.simulated)}),
+        **({} if judge is None else {"hanging_time_s": judge.hanging_time(run.simulated)}),
         **{name: time for name, time in times.items() if math.isfinite(time)},
         **({} if timing is None else timing.figures()),
     }
 
 
-def _judge(report: Report) -> tuple[bool, str]:
+def _judge(run: FinishedRun) -> tuple[bool, str]:
     """Returns whether the task succeeded, and why."""
-    poil, judge, phase = report.scenario.poil, report.recorder.judge, report.recorder.phase
-    if report.stopped is not None:
-        return False, failure_reason(report.stopped)
+    poil, judge, phase = run.scenario.poil, run.recorder.judge, run.recorder.phase
+    if run.stopped is not None:
+        return False, failure_reason(run.stopped)
     # The supervisor can still find a fault after the sequencer is done.
-    safety = report.safety_fault is not SafetyFault.NONE
-    if report.fault is not Fault.NONE or safety:
-        reason = report.fault.text
-        if safety and report.fault in (Fault.NONE, Fault.SAFETY):
-            reason = report.safety_fault.text
-        return False, "; ".join([f"{reason} (in phase '{_last_phase(report)}')", *report.problems])
+    safety = run.safety_fault is not SafetyFault.NONE
+    if run.fault is not Fault.NONE or safety:
+        reason = run.fault.text
+        if safety and run.fault in (Fault.NONE, Fault.SAFETY):
+            reason = run.safety_fault.text
+        return False, "; ".join([f"{reason} (in phase '{_last_phase(run)}')", *run.problems])
     if phase is not Phase.DONE:
         reason = f"the time ran out in phase '{phase.name.lower()}'"
-        return False, "; ".join([reason, *report.problems])
-    if report.dry_run:
+        return False, "; ".join([reason, *run.problems])
+    if run.dry_run:
         return True, "the whole motion was shown; nothing was sent to the robot"
     if judge is None:
         return True, f"the {poil.object} was released at the goal; nothing checked that it hangs"
-    hung = judge.hanging_time(report.simulated)
+    hung = judge.hanging_time(run.simulated)
     if hung >= REQUIRED_HANGING_TIME:
         return True, f"the {poil.object} hangs on the {poil.fixture} (for {hung:.1f} s so far)"
     touched = ", ".join(sorted(judge.touched_links)) or "nothing"
     return False, f"the {poil.object} does not hang on the {poil.fixture}: it touches {touched}"
 
 
-def _last_phase(report: Report) -> str:
+def _last_phase(run: FinishedRun) -> str:
     """Returns the name of the phase in which the fault occurred."""
-    phases = [phase for phase in report.recorder.signal("phase") if phase != Phase.FAULT]
+    phases = [phase for phase in run.recorder.signal("phase") if phase != Phase.FAULT]
     return Phase(int(phases[-1])).name.lower() if phases else "wait"
 
 
-def _timing(report: Report) -> RunTiming:
-    measured = report.stopwatch.totals()
+def _timing(run: FinishedRun) -> RunTiming:
+    measured = run.stopwatch.totals()
     parts = {name: measured.get(name, 0.0) for name in _MEASURED_PARTS}
     # The rest is Drake's: physics, contact, and finding the next events.
-    parts["physics"] = max(report.wall - sum(parts.values()), 0.0)
+    parts["physics"] = max(run.wall - sum(parts.values()), 0.0)
     return RunTiming(
-        simulated=report.simulated,
-        wall=report.wall,
+        simulated=run.simulated,
+        wall=run.wall,
         parts=parts,
         concurrent={name: measured.get(name, 0.0) for name in _CONCURRENT},
     )
 
 
-def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | None) -> SummaryData:
-    recorder, poil, timing = report.recorder, report.scenario.poil, summary.timing
+def _picture_data(
+    run: FinishedRun, summary: RunSummary, album: SnapshotAlbum | None
+) -> SummaryData:
+    recorder, poil, timing = run.recorder, run.scenario.poil, summary.timing
     points = recorder.signal("points").reshape(len(recorder.times), -1, 3)
     targets = recorder.signal("target_points").reshape(points.shape)
     stamps, errors = recorder.tracking_errors()
@@ -214,11 +216,11 @@ def _picture_data(report: Report, summary: RunSummary, album: SnapshotAlbum | No
         point_errors=np.linalg.norm(points - targets, axis=2),
         potential=recorder.signal("potential"),
         tau=recorder.signal("tau"),
-        reference_duration=float(report.plan.reference.times[-1]),
+        reference_duration=float(run.plan.reference.times[-1]),
         joint_velocities=recorder.signal("joint_velocities"),
         velocity_limits=PandaModel().velocity,
         phases=summary.phases,
         tracking_times=stamps,
         tracking_errors=errors,
-        snapshots=() if album is None else album.nearest_to([*starts, report.simulated]),
+        snapshots=() if album is None else album.nearest_to([*starts, run.simulated]),
     )

@@ -14,8 +14,7 @@ from poil_drake.runtime.held_signals import HeldSignals
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
-from poil_drake.systems.lcm.shared_channel import SharedChannel
-from poil_drake.systems.panda.lcm_messages import (
+from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
     HandOpening,
     PandaChannels,
@@ -23,6 +22,7 @@ from poil_drake.systems.panda.lcm_messages import (
     encode_hand_command,
     encode_panda_command,
 )
+from poil_drake.systems.lcm.shared_channel import SharedChannel
 from poil_drake.systems.panda.velocity_driver import eval_velocity
 
 _REST = np.zeros(NUM_JOINTS)
