@@ -1,4 +1,4 @@
-"""Drake LeafSystems: ports, state and events around the pure floors."""
+"""Drake LeafSystems, which give the package's pure functions ports, state and events."""
 
 import lazy_loader
 

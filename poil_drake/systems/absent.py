@@ -6,7 +6,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 
 
 class Absent(SharedOnCopy):
-    """Replaces None, which newer versions of Drake refuse as an abstract value."""
+    """Replaces None, which newer versions of Drake reject as an abstract value."""
 
     def __repr__(self) -> str:
         return "ABSENT"

@@ -1,4 +1,4 @@
-"""Work that a system begins at a capture, and whose result it shows at a release."""
+"""Lets a system start work at a capture and show the result at a later release."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -19,20 +19,20 @@ Work = Callable[[], Any]
 
 @dataclass(frozen=True, eq=False)
 class _Released(SharedOnCopy):
-    """The result that is shown, and the number of its capture."""
+    """The result released last, and the number of its capture."""
 
     tick: int
     result: Any
 
 
 class CaptureAndRelease:
-    """Adds captures, the work they begin, and the release of its results to a system.
+    """Adds captures, the work they start, and releases of the results to a system.
 
     Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
     state is in the context.
 
     Attributes:
-        tickets: Prerequisites of outputs that show a result.
+        tickets: Prerequisites of output ports that show a result.
     """
 
     def __init__(
@@ -46,17 +46,17 @@ class CaptureAndRelease:
         thread: str | None = None,
         stopwatch: Stopwatch | None = None,
     ):
-        """Declares state and events on a system.
+        """Declares the state and events on a system.
 
         Args:
-            system: The system.
+            system: Receives the state and events.
             timing: When to capture and when to release.
             nothing: The result before the first release.
-            begin: Takes what the work needs out of the context and returns the work, or None where
-                there is nothing to capture. Its last argument is the previous capture.
+            begin: Copies what the work needs from the context and returns the work, or None if
+                there is nothing to capture. Its last argument is the previous capture, if any.
             wanted: Returns whether there is something new to capture.
-            thread: Name of a thread for the work; None: the work is done at the capture.
-            stopwatch: Receives the time spent waiting for results ("waiting").
+            thread: Name of the thread that does the work; None: the capture does the work itself.
+            stopwatch: Records the time spent waiting for results ("waiting").
         """
         self._timing, self._begin, self._wanted = timing, begin, wanted
         self._stopwatch = stopwatch or Stopwatch()
@@ -74,28 +74,28 @@ class CaptureAndRelease:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
 
     def result(self, context: Context) -> Any:
-        """Returns the result that was released last."""
+        """Returns the result released last; `nothing` before the first release."""
         return context.get_abstract_state(self._released).get_value().result
 
     def capture_time(self, context: Context) -> float:
-        """Returns the time of the capture [s] of that result; minus infinity before the first."""
+        """Returns the capture time [s] of `result`; minus infinity before the first release."""
         return float(context.get_discrete_state(self._times)[2])
 
     def DeclareTimesPort(self) -> None:
         """Declares the output port `times` (3,) [s].
 
-        It is the time of the last capture, of the last release, and of the capture whose result
-        that was; minus infinity before.
+        Its elements are the times of the last capture, of the last release, and of the capture
+        whose result was released then; each is minus infinity until it is known.
         """
         self._system.DeclareStateOutputPort("times", self._times)
 
     def close(self) -> None:
-        """Finishes the work in hand and ends the thread. No capture may follow."""
+        """Finishes the work in progress, drops the rest, ends the thread. No capture may follow."""
         if self._background is not None:
             self._background.close()
 
     def submit(self, work: Work) -> Future[Any]:
-        """Begins work on the thread; without a thread, does it at once.
+        """Submits work to the thread, or does it at once if there is none; returns its future.
 
         Raises:
             StationError: after `close`.

@@ -1,4 +1,4 @@
-"""When a capture happens and when its result is known: simulated, on hardware, or in a replay."""
+"""When captures happen and results are released: in simulation, on hardware, in a replay."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,7 +15,7 @@ _SAME = 1e-6
 """Event times closer than this fraction of a period are the same instant."""
 
 _ROUNDING = 1e-6
-"""Recorded times closer than this [s] are the same: far less than any control period."""
+"""Recorded times closer than this [s] are the same instant; far below any control period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +34,14 @@ class Captured(SharedOnCopy):
 
 
 Queue = tuple[Captured, ...]
-"""Captures in order of time; the last one is always the newest."""
+"""The newest captures, including all that may still be released, in order of time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureTiming(ABC):
     """Decides when captures happen and when their results are released.
 
-    It holds no state: the captures so far are its argument.
+    It holds no state: its methods take the queue of captures.
 
     Attributes:
         period: Period of the event that may capture [s].
@@ -65,21 +65,21 @@ class CaptureTiming(ABC):
         """Returns whether to capture at this event.
 
         Args:
-            queue: The captures so far.
-            time: Now [s].
+            queue: The captures before this event.
+            time: The current time [s].
             wanted: Whether the system has something new to capture.
         """
         return wanted
 
     def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
-        """Returns the queue after a capture at `time` [s]; drops what will not be released."""
+        """Returns the queue with a capture at `time` [s]; drops those that will not be released."""
         kept = tuple(entry for entry in queue[:-1] if self._may_be_released(entry, time))
         return (*kept, *queue[-1:], Captured(self._tick(queue, time), time, result))
 
     def due(self, queue: Queue, time: float) -> Captured | None:
         """Returns the newest capture whose result is due at `time` [s], if any.
 
-        Its result may have to be waited for.
+        The caller may have to wait for the result.
         """
         return next((entry for entry in reversed(queue) if self._is_due(entry, time)), None)
 
@@ -88,19 +88,19 @@ class CaptureTiming(ABC):
         """Returns the number of a capture at `time` [s] after those in the queue."""
 
     def _may_be_released(self, entry: Captured, time: float) -> bool:
-        """Returns whether a capture before the last two may be released at or after `time` [s]."""
+        """Returns whether a capture before the newest two may be released from `time` [s] on."""
         return False
 
     @abstractmethod
     def _is_due(self, entry: Captured, time: float) -> bool:
-        """Returns whether the result of a capture is to be known at `time` [s]."""
+        """Returns whether the result of a capture is due for release at `time` [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedDelay(CaptureTiming):
-    """Captures every `period`; releases each result exactly `latency` later, and waits for it.
+    """Captures every `period`; releases each result exactly `latency` later.
 
-    What is known when does not depend on how fast the work is done.
+    A release waits for its result, so the timing does not depend on how fast the work is done.
 
     Attributes:
         period: Time from one capture to the next [s].
@@ -114,9 +114,9 @@ class SimulatedDelay(CaptureTiming):
     def __post_init__(self) -> None:
         if not (self.period > 0.0 and self.latency >= 0.0 and self.offset >= 0.0):
             raise InvalidValueError(
-                f"The period is {self.period} s, the latency {self.latency} s and the offset "
-                f"{self.offset} s.",
-                remedy="Give a positive period, and a latency and an offset of 0 or more.",
+                f"A simulated delay cannot have the period {self.period} s, the latency "
+                f"{self.latency} s and the offset {self.offset} s.",
+                remedy="Use a positive period, and a latency and an offset of at least 0.",
             )
 
     @property
@@ -142,10 +142,10 @@ class SimulatedDelay(CaptureTiming):
 
 @dataclass(frozen=True, kw_only=True)
 class Worker(CaptureTiming):
-    """Captures whenever the last result is ready; releases results as they arrive, never waits.
+    """Captures when the last result is ready and releases results as they arrive; never waits.
 
-    For hardware, where the loop must not be delayed: frames that arrive while the worker is busy
-    are skipped.
+    It suits hardware, where the loop must not be delayed. Frames that arrive while the worker is
+    busy are skipped.
 
     Attributes:
         period: Time between checks for something new to capture [s].
@@ -174,14 +174,14 @@ class Worker(CaptureTiming):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTiming(CaptureTiming):
-    """Captures and releases when a recorded run did, however long the work takes now.
+    """Captures and releases at the times of a recorded run, however long the work takes now.
 
     Attributes:
         captured: When each capture happened [s], ascending.
-        released: When each result was released [s], ascending, and the number of its capture. Not
-            every capture needs a release.
-        period: Time between checks whether something is due [s]: the control period.
-        offset: Time of captures within that period [s].
+        released: The time of each release [s], ascending, and the number of its capture, counted
+            from 0. Not every capture needs a release.
+        period: Time between checks for a due capture or release [s]: the control period.
+        offset: Time of the first check for a capture [s]; checks for releases start at 0.
     """
 
     captured: Sequence[float]
@@ -190,17 +190,17 @@ class RecordedTiming(CaptureTiming):
 
     def __post_init__(self) -> None:
         times = [time for time, _ in self.released]
-        ascending = list(self.captured) == sorted(self.captured) and times == sorted(times)
-        causal = all(
-            0 <= tick < len(self.captured) and time >= self.captured[tick] - _ROUNDING
-            for time, tick in self.released
-        )
-        if not ascending or not causal:
+        if list(self.captured) != sorted(self.captured) or times != sorted(times):
             raise InvalidValueError(
-                f"A recording of {len(self.captured)} captures and {len(self.released)} releases "
-                "is not in order of time, or releases a result before its capture.",
-                remedy="Give both in order of time, and the number of the capture with a release.",
+                "The recorded captures or releases are not in order of time.",
+                remedy="Sort both by time.",
             )
+        for time, tick in self.released:
+            if not (0 <= tick < len(self.captured) and time >= self.captured[tick] - _ROUNDING):
+                raise InvalidValueError(
+                    f"The release at {time} s has no earlier capture with the number {tick}.",
+                    remedy=f"Use the number of an earlier capture, below {len(self.captured)}.",
+                )
 
     @classmethod
     def of(
@@ -211,9 +211,9 @@ class RecordedTiming(CaptureTiming):
         period: float,
         offset: float,
     ) -> Self:
-        """Makes the timing from releases given as (time, time of the capture) [s].
+        """Creates the timing from releases given as (time, time of the capture) [s].
 
-        Leaves out releases of unknown captures: a recording may begin late.
+        Leaves out releases of unknown captures, because a recording may begin late.
         """
         numbered = []
         for time, capture in released:
@@ -228,7 +228,7 @@ class RecordedTiming(CaptureTiming):
         return self.period, 0.0
 
     def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
-        """See `CaptureTiming`; the recording decides, whatever is wanted."""
+        """See `CaptureTiming`; the recording decides, and `wanted` is ignored."""
         return self._tick(queue, time) > (queue[-1].tick if queue else -1)
 
     def _tick(self, queue: Queue, time: float) -> int:

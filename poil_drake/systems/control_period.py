@@ -1,5 +1,5 @@
 """The default control period."""
 
 CONTROL_PERIOD = 1 / 256
-"""Default period of the systems of the control loop [s]; exact in binary, so that events at the
-same time stay simultaneous."""
+"""Default period of the systems of the control loop [s]; exact in binary, so that
+simultaneous events stay simultaneous."""

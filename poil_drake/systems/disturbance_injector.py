@@ -1,4 +1,4 @@
-"""Applies force pulses to bodies of the simulated plant."""
+"""Applies pulses of force and torque to bodies of the simulated plant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from poil_drake.errors import InvalidValueError, ScenarioError
 
 @dataclass(frozen=True, kw_only=True)
 class Pulse:
-    """One smooth pulse.
+    """A smooth pulse of force and torque on a body.
 
     Attributes:
-        body: The body that it acts on, "<model instance>::<body>".
+        body: The body that the pulse acts on, "<model instance>::<body>".
         start: When it begins [s].
         duration: How long it lasts [s].
-        force: Largest force [N, world].
-        torque: Largest torque [N m, world].
+        force: Peak force [N, world].
+        torque: Peak torque [N m, world].
         point: Where on the body the force acts [m, body frame].
     """
 
@@ -36,19 +36,19 @@ class Pulse:
     def __post_init__(self) -> None:
         if not self.duration > 0.0:
             raise InvalidValueError(
-                f"The pulse on '{self.body}' lasts {self.duration} s.",
-                remedy="Give it a positive duration.",
+                f"The pulse on '{self.body}' has the duration {self.duration} s.",
+                remedy="Set a positive duration.",
             )
 
 
 def half_sine(time: float, start: float, duration: float) -> float:
-    """Returns the strength of a pulse at `time`, in [0, 1]: half a sine period, zero outside."""
+    """Returns the strength of a pulse at `time`, in [0, 1]: a half sine, zero outside."""
     phase = (time - start) / duration
     return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
 
 
 class DisturbanceInjector(LeafSystem):
-    """Applies smooth force pulses to bodies.
+    """Applies smooth pulses of force and torque to bodies.
 
     .. pydrake_system::
 
@@ -56,8 +56,8 @@ class DisturbanceInjector(LeafSystem):
         output_ports:
         - applied_spatial_force
 
-    `applied_spatial_force` is the list of `ExternallyAppliedSpatialForce` that the plant's port of
-    that name takes: one for each pulse, zero outside its duration. It depends on time alone.
+    `applied_spatial_force` is a list of `ExternallyAppliedSpatialForce` for the plant's input port
+    of the same name: one for each pulse, zero outside its duration. It depends on time alone.
     """
 
     def __init__(self, *, plant: MultibodyPlant, pulses: Sequence[Pulse]):
@@ -78,7 +78,7 @@ class DisturbanceInjector(LeafSystem):
         for pulse in pulses:
             if pulse.body not in bodies:
                 raise ScenarioError(
-                    f"The plant has no body '{pulse.body}' to push.",
+                    f"A pulse acts on '{pulse.body}', but the plant has no such body.",
                     remedy=f"Choose one of: {', '.join(bodies)}.",
                 )
         self._pulses = [(pulse, bodies[pulse.body]) for pulse in pulses]

@@ -1,20 +1,20 @@
-"""Enumerations of the numbers on status ports."""
+"""Enumerations of the values on status ports."""
 
 from enum import IntEnum
 from typing import Self
 
 
 class DescribedEnum(IntEnum):
-    """An IntEnum whose members are pairs of a number and a clause for logs and reports.
+    """An IntEnum whose members also have a text for logs and reports.
 
     Attributes:
-        text: The clause.
+        text: A clause that describes the member.
     """
 
     text: str
 
     def __new__(cls, value: int, text: str = "") -> Self:
-        """Makes a member."""
+        """Creates a member from its number and its text."""
         member = int.__new__(cls, value)
         member._value_ = value
         member.text = text
@@ -22,7 +22,7 @@ class DescribedEnum(IntEnum):
 
 
 class DetectorStatus(IntEnum):
-    """Of `PartDetector`."""
+    """The status of a `PartDetector`."""
 
     WAITING = 0  # No images yet.
     FOUND = 1
@@ -30,7 +30,7 @@ class DetectorStatus(IntEnum):
 
 
 class TrackerStatus(IntEnum):
-    """Of a point tracker."""
+    """The status of a point tracker."""
 
     WAITING = 0  # Images, query points or masks are missing.
     TRACKING = 1
@@ -38,7 +38,7 @@ class TrackerStatus(IntEnum):
 
 
 class ControllerStatus(IntEnum):
-    """Of `PointSetBcsdm`."""
+    """The status of a `PointSetBcsdm`."""
 
     OK = 0
     LIMITED = 1  # The twist is scaled down to the speed limits.
@@ -49,16 +49,16 @@ class ControllerStatus(IntEnum):
 
 
 class IkStatus(IntEnum):
-    """Of `DifferentialInverseKinematics`."""
+    """The status of a `DifferentialInverseKinematics`."""
 
     OK = 0
     LIMITED = 1  # The arm follows the desired twist at reduced speed.
-    STUCK = 2  # The arm cannot follow it at all: joint limit or singularity.
+    STUCK = 2  # The arm cannot follow the twist at all: joint limit or singularity.
     INVALID_INPUT = 3  # An input is not finite; the arm brakes to rest.
 
 
 class RobotMode(IntEnum):
-    """Of the robot, with the numbers of Drake's `lcmt_panda_status`."""
+    """The mode of the robot, numbered as in Drake's `lcmt_panda_status`."""
 
     OTHER = 0
     IDLE = 1

@@ -1,4 +1,4 @@
-"""When a system with captures and releases captures, works, waits and shows results."""
+"""When a `CaptureAndRelease` captures, works, waits and shows results."""
 
 import threading
 from collections.abc import Callable
@@ -135,7 +135,7 @@ def test_a_workers_late_result_is_late_and_blocks_nothing() -> None:
 
     before = bench.read("result")
     go.set()
-    bench.dut.dut.close()  # Finishes the work in hand.
+    bench.dut.dut.close()  # Finishes the work in progress.
     bench.advance_to(0.5 + 1 / 256 + AFTER)
 
     assert before == ()

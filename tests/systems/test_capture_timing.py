@@ -156,16 +156,16 @@ def test_a_replay_skips_releases_of_unknown_captures() -> None:
 
 
 @pytest.mark.parametrize(
-    ("captured", "released"),
+    ("captured", "released", "said"),
     [
-        ([0.3, 0.1], []),
-        ([0.1], [(0.05, 0)]),
-        ([0.1], [(0.2, 1)]),
-        ([0.1, 0.2], [(0.4, 1), (0.3, 0)]),
+        ([0.3, 0.1], [], "not in order of time"),
+        ([0.1], [(0.05, 0)], "release at 0.05 s has no earlier capture with the number 0"),
+        ([0.1], [(0.2, 1)], "release at 0.2 s has no earlier capture with the number 1"),
+        ([0.1, 0.2], [(0.4, 1), (0.3, 0)], "not in order of time"),
     ],
 )
-def test_impossible_recordings_are_refused(
-    captured: list[float], released: list[tuple[float, int]]
+def test_impossible_recordings_are_rejected(
+    captured: list[float], released: list[tuple[float, int]], said: str
 ) -> None:
-    with pytest.raises(InvalidValueError, match="in order of time"):
+    with pytest.raises(InvalidValueError, match=said):
         RecordedTiming(captured=captured, released=released)

@@ -13,7 +13,7 @@ MASS = 2.0
 
 @pytest.fixture
 def plant() -> MultibodyPlant:
-    """Two free bodies without gravity, in a model instance each."""
+    """Two free bodies without gravity, each in its own model instance."""
     plant = MultibodyPlant(time_step=1 / 512)
     for name in ("mug", "rack"):
         plant.AddRigidBody(

@@ -1,1 +1,1 @@
-"""Camera systems: delayed, captured, recorded and over LCM."""
+"""Camera systems for simulation, hardware, replay and LCM."""

@@ -1,4 +1,4 @@
-"""The output ports of a system that shows cameras' images."""
+"""The output ports of systems that show camera images."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,16 +23,16 @@ def DeclareCameraOutputs(
 ) -> None:
     """Declares `<camera>.rgb_image`, `.depth_image`, `.label_image` and `.image_time`.
 
-    Images are empty while there is none.
+    A port holds an empty image while there is nothing to show.
 
     Args:
         system: Receives the ports.
         camera: The camera's name.
-        image: Returns the image that is shown, None for none.
-        time: Returns the time of its capture [s].
-        labels: Whether the images may have labels, else there is no label port; or returns the
-            label image (H, W), None for none.
-        prerequisites: What all of these depend on.
+        image: Returns the image to show, or None.
+        time: Returns the capture time of that image [s].
+        labels: Whether to declare the label port, which shows the labels of `image`; or a function
+            that returns the label image (H, W) to show, or None.
+        prerequisites: Tickets of everything that these functions depend on.
     """
 
     def declare(kind: str, empty: Any, fill: Callable[[Context, Any], bool]) -> None:

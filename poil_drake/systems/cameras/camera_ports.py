@@ -16,11 +16,11 @@ class CameraPorts:
     """Declares image ports on a system and reads frames from them.
 
     For each camera the system gets the ports `<name>.rgb_image` (ImageRgba8U) and
-    `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), both to be connected, and
-    `<name>.image_time` (1,) [s], which is optional: without it, images are of the time of their
-    evaluation. With labels there is also `<name>.label_image` (ImageLabel16I), also optional.
+    `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), which must be connected, and
+    the optional port `<name>.image_time` (1,) [s]; without it, images are stamped with the time of
+    evaluation. With labels, there is also the optional `<name>.label_image` (ImageLabel16I).
 
-    Evaluate these ports in events only: in simulation this renders images, which is slow.
+    Evaluate these ports only in events: in simulation, this renders images, which is slow.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class CameraPorts:
 
         Args:
             system: Receives the ports.
-            cameras: The cameras' models; their names begin the ports' names.
+            cameras: The cameras' models, whose names are the prefixes of the ports' names.
             label_ids: The meaning of the labels (see `MultiViewFrame`); None: no label ports.
         """
         self._system = system
@@ -51,19 +51,19 @@ class CameraPorts:
                 )
 
     def stamp(self, context: Context) -> float:
-        """Returns the time of capture [s] of the present frame, without evaluating images.
+        """Returns the capture time [s] of the oldest current image, without evaluating images.
 
-        It is that of the oldest image; NaN while an image is missing, and now if times are not
-        connected.
+        It is NaN while an image is missing. An image whose `image_time` is not connected counts as
+        captured now.
         """
         ports = [self._system.GetInputPort(f"{camera.name}.image_time") for camera in self._cameras]
         now = context.get_time()
         return float(np.min([p.Eval(context)[0] if p.HasValue(context) else now for p in ports]))
 
     def labels_empty(self, context: Context) -> bool:
-        """Returns whether label images are connected, but one of them is empty now.
+        """Returns whether a connected label image is currently empty.
 
-        This costs less than a capture, for sources that send labels only sometimes.
+        This is cheaper than a capture, and serves sources that label only some of their images.
         """
         if not self._with_labels:
             return False
@@ -71,9 +71,9 @@ class CameraPorts:
         return any(label is not None and label.size == 0 for label in labels)
 
     def capture(self, context: Context) -> MultiViewFrame | None:
-        """Returns the cameras' present images, copied from Drake.
+        """Returns the cameras' current images, copied from Drake.
 
-        Non-finite depth becomes 0. Returns None while a camera has no image yet.
+        Non-finite depth becomes 0. Returns None until every camera has an image.
 
         Raises:
             StationError: if an image port is not connected.
@@ -107,7 +107,7 @@ class CameraPorts:
         return copied_image(rgba, depth, label, stamp=float(stamp))
 
     def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
-        """Returns Drake's array of an image (H, W, channels), or None if not connected."""
+        """Returns Drake's array (H, W, channels) of an image; None if the port is not connected."""
         port = self._system.GetInputPort(port_name)
         return port.Eval(context).data if port.HasValue(context) else None
 
@@ -115,7 +115,7 @@ class CameraPorts:
 def copied_image(
     rgba: np.ndarray, depth: np.ndarray, label: np.ndarray | None, *, stamp: float
 ) -> RgbdImage:
-    """Returns an image of Drake's arrays (H, W, channels), copied; non-finite depth becomes 0."""
+    """Returns an image with copies of Drake's arrays (H, W, channels); non-finite depth is 0."""
     return RgbdImage(
         rgb=cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB),
         depth=np.nan_to_num(depth[:, :, 0], posinf=0.0, neginf=0.0),

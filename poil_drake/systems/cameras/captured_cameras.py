@@ -1,4 +1,4 @@
-"""Real cameras as a system: the newest images of their capture threads."""
+"""Shows the newest images of real cameras, which their capture threads read."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ class NewestImage(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Shown(SharedOnCopy):
-    """An image, None before the first, and its time [s, of the context]."""
+    """An image and its capture time in the context [s]; None and NaN before the first."""
 
     image: RgbdImage | None = None
     time: float = np.nan
@@ -42,14 +42,15 @@ class CapturedCameras(LeafSystem):
         - <camera>.label_image
         - <camera>.image_time
 
-    Each period an unrestricted update takes the newest images of the capture threads; it never
-    waits for them. `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F [m], 0 where invalid),
-    `image_time` (1,) [s], the time of the capture in the time of the context: now, less the image's
-    age by the clock, in whole nanoseconds as in logs. `label_image` (ImageLabel16I) exists for
-    cameras whose source sends label images, and is empty where the newest image has none. Before
-    the first image, images are empty and times NaN; images from before the time 0 are ignored. A
-    camera that is frozen or gone keeps its last image and its time. Every output is a function of
-    the state.
+    Each period, an unrestricted update takes the newest images of the capture threads, without
+    waiting. The drivers of RealSense, ZED, OpenCV and file cameras are in `perception/capture`.
+
+    `rgb_image` is an ImageRgba8U, `depth_image` an ImageDepth32F ([m], 0 where invalid).
+    `image_time` (1,) [s] is the capture time in the context's time: the current time minus the
+    image's age by the clock, in whole nanoseconds as in logs. `label_image` (ImageLabel16I) exists
+    if the camera's source sends labels, and is empty if the newest image has none. Before the first
+    image, images are empty and times NaN; images captured before time 0 are ignored. If a camera
+    freezes or disappears, its last image and time stay. Outputs depend on the state alone.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class CapturedCameras(LeafSystem):
             sources: The source of each camera's images.
             labels: Whether each source sends label images.
             period: Time between two updates [s].
-            clock: Returns the current time [s since the epoch], as in the images' stamps.
+            clock: Returns the current time [s since the epoch], by the clock of the images' stamps.
         """
         super().__init__()
         self._sources, self._clock = tuple(sources), clock

@@ -1,4 +1,4 @@
-"""Cameras whose images appear some time after their capture, and are rendered in between."""
+"""Simulated cameras whose images appear a fixed delay after their capture."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 
 
 class SceneRenderer(Protocol):
-    """Renders a scene; its calls may take long, and come from one thread at a time."""
+    """Renders a scene. Calls may take long; they come from one thread at a time."""
 
     def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-        """Returns what the cameras see, with the stamp `time` [s].
+        """Returns the image of each camera, with the stamp `time` [s].
 
         Args:
             positions: The plant's generalised positions (nq,).
@@ -30,17 +30,17 @@ class SceneRenderer(Protocol):
         ...
 
     def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
-        """Returns the render labels (H, W) int16 of what `render` shows."""
+        """Returns the label image (H, W) int16 of each image that `render` returns."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Rendered:
-    """The images of a capture.
+    """The rendered images of a capture.
 
     Attributes:
         images: The images.
-        labels: Returns the label images; renders them at the first call.
+        labels: Returns the label images, which the first call renders.
     """
 
     images: tuple[RgbdImage, ...]
@@ -61,12 +61,12 @@ class DelayedCameras(LeafSystem):
         - <camera>.label_image
         - <camera>.image_time
 
-    The delay is that of a real camera, from exposure to delivery. The images are rendered elsewhere
-    while the simulation continues. It waits for images that are due before they are ready, so the
-    outputs do not depend on the speed of the machine. Drake's `RgbdSensorAsync` does the same
-    with a thread. Every capture is rendered, whether it is used or not.
+    The delay is that of a real camera, from exposure to delivery. Images are rendered in the
+    background while the simulation continues. The simulation waits only for images that are due but
+    not ready, so the outputs do not depend on the speed of the machine. Drake's `RgbdSensorAsync`
+    does the same with a thread. Every capture is rendered, even if nothing uses it.
 
-    Input: `plant_state` (nq + nv,), of which the positions are used. If they are not finite,
+    Input: `plant_state` (nq + nv,), of which only the positions are used. If they are not finite,
     nothing is captured, and the last images stay.
 
     Outputs, for each camera: `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F [m], 0 where
@@ -75,7 +75,7 @@ class DelayedCameras(LeafSystem):
     Every output is a function of the state.
 
     Captures are unrestricted updates at multiples of the period, and see the state of the plant at
-    that time; images change in unrestricted updates a delay later.
+    that time; the images change in unrestricted updates one delay later.
 
     Attributes:
         cameras: The cameras' models.
@@ -96,23 +96,23 @@ class DelayedCameras(LeafSystem):
 
         Args:
             renderer: Renders the images.
-            cameras: The cameras' models, in the order of its images.
+            cameras: The cameras' models, in the order of the renderer's images.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
             period: Time from one capture to the next [s].
-            delay: Time from a capture to its images [s].
-            stopwatch: Receives the time that images take ("rendering", beside the simulation) and
-                the time spent waiting for them ("waiting").
+            delay: Time from a capture until its images appear [s].
+            stopwatch: Records the time to render images ("rendering", parallel to the simulation)
+                and the time spent waiting for them ("waiting").
 
         Raises:
-            InvalidValueError: if there is no delay.
+            InvalidValueError: if the delay is not positive.
         """
         super().__init__()
         timing = SimulatedDelay(period=period, latency=delay) if delay > 0.0 else None
         if timing is None or timing.release_event is None:
             raise InvalidValueError(
-                f"DelayedCameras.delay is {delay} s.",
-                remedy="It must be positive; use RgbdSensor for cameras without a delay.",
+                f"DelayedCameras.delay is {delay} s, but must be positive.",
+                remedy="Use RgbdSensor for cameras without a delay.",
             )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
         self.cameras, self._num_positions = tuple(cameras), num_positions
@@ -131,7 +131,7 @@ class DelayedCameras(LeafSystem):
             self._declare_outputs(view, camera.name)
 
     def close(self) -> None:
-        """Ends the thread that waits for images. No capture may follow."""
+        """Ends the rendering thread. No capture may follow."""
         self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:

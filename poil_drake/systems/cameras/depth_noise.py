@@ -8,7 +8,7 @@ from poil_drake.perception.depth_noise import StereoDepthNoiseConfig, apply_ster
 
 
 class DepthNoiseSystem(LeafSystem):
-    """Adds a stereo camera's errors to a depth image; unmeasured depth becomes 0.
+    """Adds a stereo camera's errors to a depth image; invalid pixels become 0.
 
     .. pydrake_system::
 

@@ -23,11 +23,11 @@ class LcmCameraFeed(LeafSystem):
         input_ports:
         - plant_state
 
-    `plant_state` (nq + nv,) is the plant's. Each period it is captured in a publish event and
-    rendered on a thread, which sends the images stamped by the clock at the capture. The simulation
-    does not wait: captures are skipped while images are being rendered, as by a camera that drops
-    frames. Label images, which take as long as the others, are sent every `label_every`-th time.
-    `close` ends the thread.
+    Each period, a publish event captures `plant_state` (nq + nv,), the plant's state; a thread then
+    renders and sends the images, stamped with the clock's time at the capture. The simulation does
+    not wait: captures are skipped while images are being rendered, as by a camera that drops
+    frames. Label images take as long to render as the others, so only every `label_every`-th
+    capture includes them. `close` ends the thread.
     """
 
     def __init__(
@@ -47,13 +47,13 @@ class LcmCameraFeed(LeafSystem):
 
         Args:
             renderer: Renders the images.
-            cameras: The cameras' names, in the order of its images.
-            channels: The channel of each camera's images.
-            url: The LCM network.
+            cameras: The cameras' names, in the order of the renderer's images.
+            channels: The LCM channel of each camera's images.
+            url: The URL of the LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
-            period: From one capture to the next [s].
-            label_every: One in this many captures has labels.
+            period: Time from one capture to the next [s].
+            label_every: One capture in this many includes label images.
             clock: Returns the current time [s since the epoch].
         """
         super().__init__()
@@ -68,7 +68,7 @@ class LcmCameraFeed(LeafSystem):
         self.DeclarePeriodicPublishEvent(period, 0.0, self._capture)
 
     def close(self) -> None:
-        """Ends the thread after the images in progress."""
+        """Sends the images in progress, then ends the thread."""
         self._background.close()
 
     def _capture(self, context: Context) -> None:

@@ -6,24 +6,24 @@ from poil_drake.systems.cameras.lcm_image_messages import decode_images
 from poil_drake.systems.lcm.network import LcmNetwork
 
 _WAITING = 4
-"""Capacity of the queue of unread images, which should hold one at most."""
+"""Capacity of the queue of unread images, which usually holds one at most."""
 
 _PATIENCE = 100
 """How long to wait for an image [ms]; other threads run meanwhile."""
 
 
 class LcmImageDevice:
-    """Takes the newest image of a channel; a `CaptureDevice`.
+    """A `CaptureDevice` that reads the newest image from an LCM channel.
 
     It opens its own network, so that images are read and decoded on the calling thread, not on the
-    one that commands the robot. Stamps are the sender's.
+    one that commands the robot. The sender sets the stamps.
     """
 
     def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
-        """Stores the settings; opens nothing.
+        """Stores the settings; `open` opens the channel.
 
         Args:
-            url: The LCM network.
+            url: The URL of the LCM network.
             channel: The channel of the images.
             size: (height, width) of the images [px].
         """

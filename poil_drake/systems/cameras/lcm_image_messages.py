@@ -1,4 +1,4 @@
-"""RGB-D images as LCM messages, in the `lcmt_image_array` of Drake's own cameras."""
+"""Encodes and decodes RGB-D images as the `lcmt_image_array` that Drake's cameras send."""
 
 import io
 import struct
@@ -15,7 +15,7 @@ from poil_drake.perception.capture.checked_image import depth_in_metres
 from poil_drake.perception.images import RgbdImage
 
 _COLOUR = {
-    # Pixel format: channels, and how OpenCV turns them into RGB
+    # Pixel format: number of channels, and OpenCV's conversion to RGB.
     lcmt_image.PIXEL_FORMAT_RGB: (3, None),
     lcmt_image.PIXEL_FORMAT_BGR: (3, cv2.COLOR_BGR2RGB),
     lcmt_image.PIXEL_FORMAT_RGBA: (4, cv2.COLOR_RGBA2RGB),
@@ -29,16 +29,16 @@ _DTYPES: dict[int, np.dtype] = {
 }
 _MILLIMETRE = 1e-3
 _MOST_IMAGES = 8
-_REMEDY = "Send lcmt_image_array messages as Drake's cameras do, and nothing else on the channel."
+_REMEDY = "Send only lcmt_image_array messages on the channel, as Drake's cameras do."
 
 
 def encode_images(image: RgbdImage, *, camera: str) -> bytes:
-    """Returns one camera's images as an encoded `lcmt_image_array`, not compressed.
+    """Returns one camera's images as an encoded `lcmt_image_array`, without compression.
 
-    Colour as RGB, depth as 32-bit floats [m], and the label image where there is one.
+    It holds colour as RGB, depth as 32-bit floats [m], and the label image if there is one.
 
     Args:
-        image: The image; its stamp is by the readers' clock [s since the epoch].
+        image: The image, whose stamp is a time [s since the epoch] by the receivers' clock.
         camera: The camera's name.
     """
     message = lcmt_image_array()
@@ -57,25 +57,25 @@ def encode_images(image: RgbdImage, *, camera: str) -> bytes:
 
 
 def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
-    """Returns the images of a message; the stamp is that of its header.
+    """Returns the images of a message, with the stamp of its header.
 
-    Colour may be RGB, BGR, RGBA or BGRA with 8 bits; depth 32-bit floats [m] or 16-bit integers
-    [mm], of which 65535 means "too far" and is invalid; labels 16-bit integers. All may be plain,
-    or compressed by zlib, PNG or (colour) JPEG.
+    Colour may be 8-bit RGB, BGR, RGBA or BGRA. Depth may be 32-bit floats [m], or 16-bit integers
+    [mm] with 65535 ("too far") as invalid. Labels are 16-bit integers. Images may be uncompressed,
+    or compressed with zlib or PNG; colour also with JPEG.
 
     Args:
         message: An encoded `lcmt_image_array`.
         size: (height, width) [px] of every image in it.
 
     Raises:
-        NoImageError: if it is invalid, or lacks a colour or depth image of that size.
+        NoImageError: if the message is invalid, or lacks a colour or depth image of that size.
     """
     try:
         array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
         raise _unusable(f"{len(message)} bytes are not an lcmt_image_array ({error})") from error
     if len(array.images) > _MOST_IMAGES:
-        raise _unusable(f"a message holds {len(array.images)} images")
+        raise _unusable(f"it holds {len(array.images)} images, more than {_MOST_IMAGES}")
     rgb = depth = label = None
     for image in array.images:
         if image.pixel_format in _COLOUR:
@@ -87,7 +87,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_LABEL:
             label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
     if rgb is None or rgb.dtype != np.uint8 or depth is None:
-        raise _unusable("a message holds no 8-bit colour image, or no depth image")
+        raise _unusable(f"it holds no {'depth' if depth is None else '8-bit colour'} image")
     return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * array.header.utime, label=label)
 
 
@@ -111,7 +111,7 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
             f"an image has {image.width} x {image.height} pixels, not {width} x {height}"
         )
     if image.channel_type not in _DTYPES:
-        raise _unusable(f"an image has the channel type {image.channel_type}")
+        raise _unusable(f"an image has the unsupported channel type {image.channel_type}")
     dtype = _DTYPES[image.channel_type]
     row = width * channels * dtype.itemsize
     methods = {
@@ -129,10 +129,10 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
 
 def _inflated(data: bytes, size: int) -> bytes:
     try:
-        # At most one byte more than needed, however large the data would decompress to.
+        # One byte more than needed at most, however large the decompressed data would be.
         return zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as error:
-        raise _unusable(f"an image is not zlib data ({error})") from error
+        raise _unusable(f"an image holds invalid zlib data ({error})") from error
 
 
 def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> np.ndarray:
@@ -140,20 +140,21 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
         lcmt_image.COMPRESSION_METHOD_JPEG,
         lcmt_image.COMPRESSION_METHOD_PNG,
     ):
-        raise _unusable(f"an image is compressed by method {image.compression_method}")
+        raise _unusable(f"an image has the unsupported compression {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
-        raise _unusable("a compressed image is longer than one that is not")
+        raise _unusable(f"a compressed image is larger than uncompressed: {len(image.data)} bytes")
     # Before decoding: a few bytes may decode to very many pixels.
     said = _encoded_size(image.data)
     if said != shape[:2]:
-        found = "no size" if said is None else f"{said[1]} x {said[0]} pixels"
-        raise _unusable(f"a JPEG or PNG image has {found}, not {shape[1]} x {shape[0]} pixels")
+        found = "no readable size" if said is None else f"{said[1]} x {said[0]} pixels"
+        raise _unusable(f"a JPEG or PNG image has {found}; it must be {shape[1]} x {shape[0]}")
     try:
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         pixels = None
     if pixels is None or pixels.dtype != dtype or pixels.size != np.prod(shape):
-        raise _unusable("a JPEG or PNG image cannot be decoded, or has other channels")
+        found = "nothing" if pixels is None else f"{pixels.dtype} {pixels.shape}"
+        raise _unusable(f"a JPEG or PNG image decodes to {found}, not to {dtype} {shape}")
     pixels = pixels.reshape(shape)
     # OpenCV decodes files to BGR.
     if shape[2] == 3 and image.pixel_format == lcmt_image.PIXEL_FORMAT_RGB:
@@ -164,7 +165,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
 
 
 def _encoded_size(data: bytes) -> tuple[int, int] | None:
-    """Returns (height, width) [px] from the header of a PNG or JPEG; None if it has none."""
+    """Returns (height, width) [px] from a PNG or JPEG header; None if there is none."""
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
             return image.height, image.width
@@ -173,6 +174,4 @@ def _encoded_size(data: bytes) -> tuple[int, int] | None:
 
 
 def _unusable(what: str) -> NoImageError:
-    return NoImageError(
-        f"A message on the camera's channel cannot be used: {what}.", remedy=_REMEDY
-    )
+    return NoImageError(f"A message on the camera's channel is unusable: {what}.", remedy=_REMEDY)

@@ -19,13 +19,13 @@ class RecordedCamera:
     """The recording of one camera.
 
     Attributes:
-        name: Its name.
+        name: The camera's name.
         shown_from: Time at which each of its images appeared [s], ascending.
-        stamps: Time of the capture of each [s].
-        read: Reads an image by its number.
-        labels: Whether some of its images have labels.
-        times: (T, 1) time of the capture of the newest image [s], including images that were not
-            recorded; None: images are of the moment, as of a simulated camera without a delay.
+        stamps: Capture time of each image [s].
+        read: Returns the image with a given index.
+        labels: Whether any of the images have labels.
+        times: (T, 1) capture time of the newest image [s], including images that were not recorded;
+            None: it is the current time, as for a simulated camera without a delay.
     """
 
     name: str
@@ -48,16 +48,16 @@ class RecordedCameras(LeafSystem):
         - <camera>.label_image
         - <camera>.image_time
 
-    The outputs are those of `CapturedCameras`, as functions of the time; before the first image,
-    images are empty and times NaN. An image is decoded when a port is evaluated. Of the images
-    between two recorded ones only `image_time` (1,) [s] is known.
+    The outputs are those of `CapturedCameras`, as functions of time; before the first image, images
+    are empty and times NaN. Images are decoded when a port is evaluated. Images that were not
+    recorded advance `image_time` (1,) [s] only.
     """
 
     def __init__(self, *, cameras: Sequence[RecordedCamera]):
         """Constructs the system.
 
         Args:
-            cameras: The cameras.
+            cameras: The recordings, one for each camera.
         """
         super().__init__()
         for camera in cameras:
@@ -79,12 +79,12 @@ class RecordedCameras(LeafSystem):
 
 
 def _shown(camera: RecordedCamera, time: float) -> int:
-    """Returns the number of the image that is shown at a time [s]; -1 before the first."""
+    """Returns the index of the image shown at a time [s]; -1 before the first."""
     return bisect_right(camera.shown_from, time + _ROUNDING) - 1
 
 
 def _image_time(camera: RecordedCamera, time: float) -> float:
-    """Returns when the newest image was captured, as was known at a time [s]."""
+    """Returns the capture time [s] of the newest image known at a time [s]."""
     if camera.times is None:
         return time
     index = _shown(camera, time)

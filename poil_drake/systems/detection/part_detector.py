@@ -27,9 +27,9 @@ class Detection(SharedOnCopy):
 
     Attributes:
         status: Whether the part was found.
-        request: The value of the request counter that the search answered.
-        masks: Masks of object and part in each view; None before the part was ever found.
-        cloud: The part's points [m, world]; None before the part was ever found.
+        request: The value of the request counter that the search answers.
+        masks: Masks of the object and its part in each view; None until the part is first found.
+        cloud: The part's points [m, world]; None until the part is first found.
     """
 
     status: DetectorStatus = DetectorStatus.WAITING
@@ -57,18 +57,18 @@ class PartDetector(LeafSystem):
         - frame
         - times
 
-    `request` (1,) is a counter: when it has grown, the part is searched for again at the next
-    capture. It is optional; NaN requests nothing. Where label images are connected, a set of images
-    is complete only with them. Every output is a function of the state alone:
+    `request` (1,) is a counter: when it increases, the next capture starts a new search. It is
+    optional; NaN requests nothing. If label images are connected, captures wait until none is
+    empty. Every output is a function of the state alone:
 
-    - `part_cloud`: a `PointCloud` [m, world]; `ABSENT` before the part was found.
-    - `masks`: `PartMasks`; `ABSENT` before the part was found. Each successful search gives a new
-      object, so consumers can compare by identity.
+    - `part_cloud`: a `PointCloud` [m, world]; `ABSENT` until the part is first found.
+    - `masks`: `PartMasks`; `ABSENT` until the part is first found. Each successful search gives a
+      new object, so consumers can compare by identity.
     - `status` (1,): a `DetectorStatus`; WAITING before the first result. After a failed search it
       is NOT_FOUND, while the other outputs keep what was found earlier.
     - `frame`: the `MultiViewFrame` of the last search; `ABSENT` before the first.
     - `times` (3,) [s]: of the last capture, of the last release, and of the capture whose result
-      that was; minus infinity before.
+      was released then; minus infinity until known.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class PartDetector(LeafSystem):
             timing: When frames are captured and results released; None: every 1/8 s, at once.
             label_ids: The meaning of render labels; None: there are no label ports.
             fusion: How views are merged into a cloud.
-            stopwatch: Receives the time of captures ("capture") and of searches ("detection").
+            stopwatch: Records the time of captures ("capture") and of searches ("detection").
         """
         super().__init__()
         self._detector = detector
@@ -124,7 +124,7 @@ class PartDetector(LeafSystem):
         self._detections.DeclareTimesPort()
 
     def close(self) -> None:
-        """Ends the thread of searches after the one in hand. No search may follow."""
+        """Finishes the search in progress and ends its thread. No search may follow."""
         self._detections.close()
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
@@ -137,7 +137,7 @@ class PartDetector(LeafSystem):
 
     def _wanted(self, context: Context, previous: Captured | None) -> bool:
         if previous is not None and previous.time > self._detections.capture_time(context):
-            return False  # The result of that search is still to come.
+            return False  # The result of that search has not been released yet.
         before: Detection = self._detections.result(context)
         return before.status is DetectorStatus.WAITING or self._requested(context) > before.request
 

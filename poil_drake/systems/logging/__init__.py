@@ -1,1 +1,1 @@
-"""Systems that write the closed loop to a run log and keep pictures of it."""
+"""Systems that log a run of the closed loop and keep snapshots of it."""

@@ -13,18 +13,18 @@ ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
 
 
 def meaning(texts: Mapping[int, str], number: float) -> str:
-    """Returns the meaning of a number on a port, or the number itself if it has none."""
+    """Returns the text for a number, or the number if it has none; "unknown" if not finite."""
     return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"
 
 
 def applied_forces(
     forces: Sequence[ExternallyAppliedSpatialForce], body_names: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Returns the non-zero forces as `body`, `force` [N] and `torque` [N m] in the world.
+    """Returns `body`, `force` [N, world] and `torque` [N m, world] of each non-zero force.
 
     Args:
         forces: The plant's externally applied forces.
-        body_names: The names of its bodies, by index.
+        body_names: The names of the plant's bodies, by index.
     """
     names = dict(enumerate(body_names))
     return [

@@ -1,4 +1,4 @@
-"""Writes the closed loop to a run log."""
+"""Writes the signals of the closed loop to a run log."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -35,7 +35,7 @@ _JOINT_STATES = {
     "effort": "panda.torque_external",
 }
 _JOINT_COMMANDS = {"position": "panda.position_commanded", "velocity": "panda.velocity"}
-"""Field of a joint state -> port."""
+"""Fields of the logged joint states -> input ports."""
 
 
 class McapLogger(LeafSystem):
@@ -73,12 +73,12 @@ class McapLogger(LeafSystem):
     - `tracked_points` (`TrackedPoints`), once for each stamp;
     - `frame` and `detector.frame` (`MultiViewFrame`, or any other value before the first), once for
       each stamp of an image;
-    - `tracker.times` and `detector.times` (3,) [s], when they change, or the field `status` of the
-      topic `tracker` or `detector`, which is written with them;
-    - the measured joint positions [rad], velocities [rad/s] and external torques [Nm] (J,), and
+    - `tracker.times` and `detector.times` (3,) [s], each with the field `status` of the topic
+      `tracker` or `detector`, when one of these changes;
+    - the measured joint positions [rad], velocities [rad/s] and external torques [N m] (J,), and
       `panda.velocity`, the commanded joint velocities [rad/s], with the commanded positions;
-    - `panda.status` (3,): robot mode, age [s] and share of commands in time; with it `clock` (1,),
-      the time by the clock [s] of the supervisor's last update;
+    - `panda.status` (3,): robot mode, age [s] and share of commands that arrive in time; with
+      `clock` (1,), the clock's time [s] at the supervisor's last update;
     - `phase` (1,), when it changes, with the reason, which depends on `fault` (1,);
     - `stop` (1,), the number of requests to stop, when it changes;
     - the status topic `hand`; the topic `cameras`, when one of its times changes.
@@ -88,13 +88,13 @@ class McapLogger(LeafSystem):
     - `points` and `target_points` (3N,) row-major [m, world], with `confidence` (N,);
     - `gripper_pose` (16,), X_WG row-major; `spatial_velocity` (6,), (ω [rad/s], v [m/s]);
     - the other status topics, each with one (1,) port per field;
-    - `applied_spatial_force`, the plant's forces on bodies, while there are any and when they end.
+    - `applied_spatial_force`, the plant's external forces, while there are any and when they end.
 
-    Any port may stay unconnected; its signal is then not logged. The same holds for tracked points
-    and frames before the first; NaN in other signals is logged as such. Periodic and forced publish
-    events write everything, so a sample shows the state at the end of its step.
+    Every port is optional. Tracked points, times and frames before the first are not logged, nor is
+    a gripper pose that is not finite; NaN in other signals is logged as such. Periodic and forced
+    publish events write everything, so a sample shows the state at the end of its step.
 
-    The log must be closed after the run where it was opened.
+    The code that opened the log must close it after the run.
     """
 
     def __init__(
@@ -116,11 +116,11 @@ class McapLogger(LeafSystem):
         """Constructs the logger.
 
         Args:
-            log: Where to write.
+            log: The log to write to.
             num_points: Number of points, N.
             joint_names: The arm's joints.
             phase_names: The phases' names, by index.
-            phase_reason: Returns why a phase begins, from its index and the fault's.
+            phase_reason: Returns why a phase begins, from the indices of the phase and the fault.
             body_names: The names of the plant's bodies, by index.
             statuses: Topic -> names of its scalar fields. The ports are named
                 "<topic>.<field>", the log's topics "/<topic>/status".
@@ -129,9 +129,9 @@ class McapLogger(LeafSystem):
             reference: The controller's reference; all its samples are written once, at the start.
             period: Time between samples [s].
             robot_period: Time between samples of the robot's signals [s]; None: `period`. A replay
-                computes the other signals from them, if they are as close as the control period.
-            robot_offset: Time of the first of them [s]. An offset of the plant's time step shows
-                what the controller saw at the beginning of its period.
+                recomputes the other signals from these; it needs them at the control period.
+            robot_offset: Time of the first of these samples [s]. With an offset of the plant's time
+                step, they show what the controller saw at the beginning of its period.
         """
         super().__init__()
         self._log, self._reference = log, reference
@@ -139,7 +139,7 @@ class McapLogger(LeafSystem):
         self._phase_reason, self._body_names = phase_reason, tuple(body_names)
         self._statuses = {topic: tuple(fields) for topic, fields in (statuses or {}).items()}
         self._texts = texts or {}
-        # What the file already contains. Nothing but the file depends on it.
+        # The latest values in the file. They affect only what is written to it.
         self._written: dict[str, object] = {}
         self._declare_ports(num_points)
         self.DeclareInitializationPublishEvent(self._publish_reference)
@@ -257,11 +257,11 @@ class McapLogger(LeafSystem):
         self._write_changed(context, topic, values)
 
     def _write_image_times(self, context: Context) -> None:
-        """Writes the cameras' statuses between the usual samples when an image has come."""
+        """Writes the image times between the periodic samples if a new image has arrived."""
         fields = self._statuses.get(_CAMERAS, ())
         found = [self._value(context, f"{_CAMERAS}.{field}") for field in fields]
         times = np.array([value[0] for value in found if value is not None])
-        # Cameras without delay have an image of the present at any time.
+        # A camera without a delay always has an image of the current time.
         came = np.any(np.isfinite(times) & (times != context.get_time()))
         if came and self._is_new(_CAMERAS, times.tobytes()):
             self._write_status(context, _CAMERAS)

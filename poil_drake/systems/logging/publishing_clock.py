@@ -16,31 +16,31 @@ class PublishingClock:
 
     At one instant, Drake publishes a diagram's subsystems in the order in which they were added.
     Two systems that publish nothing, one added before all others and one after them, therefore
-    enclose everything that is published, also by systems that cannot measure themselves, such as
-    Drake's visualizers. The computations that publishing triggers count, too.
+    bracket all other publish events, even of systems that cannot measure themselves, such as
+    Drake's visualizers. The computations that publishing triggers are included.
     """
 
     def __init__(self, stopwatch: Stopwatch, schedules: Iterable[Schedule]):
-        """Makes the clock.
+        """Constructs the clock.
 
         Args:
-            stopwatch: Where to note the durations.
-            schedules: When anything in the diagram publishes.
+            stopwatch: Records the durations.
+            schedules: The schedules of all publish events in the diagram.
         """
         self._stopwatch, self._schedules = stopwatch, sorted(set(schedules))
         self._running: AbstractContextManager[None] | None = None
 
     def AddStart(self, builder: DiagramBuilder) -> None:
-        """Adds the system that starts the clock: before all others."""
+        """Adds the system that starts the clock. Call this before adding any other system."""
         self._add(builder, "publishing_start", starts=True)
 
     def AddStop(self, builder: DiagramBuilder) -> None:
-        """Adds the system that stops the clock: after all others."""
+        """Adds the system that stops the clock. Call this after adding all other systems."""
         self._add(builder, "publishing_stop", starts=False)
 
     def _add(self, builder: DiagramBuilder, name: str, *, starts: bool) -> None:
         def publish(context: Context) -> None:
-            # Where two schedules meet, this runs twice.
+            # Where two schedules coincide, this runs twice.
             if starts and self._running is None:
                 self._running = self._stopwatch.measure("publishing")
                 self._running.__enter__()

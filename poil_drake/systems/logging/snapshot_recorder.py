@@ -1,4 +1,4 @@
-"""Keeps some of the camera pictures of a run for its summary."""
+"""Keeps some of a run's camera images for its summary."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,19 +14,19 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
 
 _REMEMBERED = 64
-"""Largest number of pictures that wait for their track, in case the tracker stalls."""
+"""Maximum number of images that wait for their track, in case the tracker stalls."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Snapshot:
-    """A camera picture and the points at that time.
+    """A camera image and the points at its capture time.
 
     Attributes:
-        time: Time of capture [s].
+        time: Capture time [s].
         camera: The camera.
         rgb: (H, W, 3) uint8 colour.
-        points: (N, 3) the tracked points in it [m, world]; NaN where they are not seen.
-        target_points: (N, 3) their target on the reference [m, world]; NaN where unknown.
+        points: (N, 3) the tracked points [m, world]; NaN where not observed.
+        target_points: (N, 3) their targets on the reference [m, world]; NaN where unknown.
     """
 
     time: float
@@ -40,11 +40,11 @@ class SnapshotAlbum:
     """A bounded collection of snapshots, about evenly spaced over a run of any duration."""
 
     def __init__(self, capacity: int = 48):
-        """Makes an empty album.
+        """Creates an empty album.
 
         Args:
-            capacity: Largest number of snapshots, at least 2. When it is full, it drops every
-                other one, and from then on takes every other one. At 640 x 480 one takes 0.9 MB.
+            capacity: Maximum number of snapshots, at least 2. A full album drops every other one,
+                and then keeps new ones half as often. A 640 x 480 snapshot takes 0.9 MB.
         """
         self._capacity, self._stride, self._offered = capacity, 1, 0
         self._snapshots: list[Snapshot] = []
@@ -63,18 +63,18 @@ class SnapshotAlbum:
 
     @property
     def last_time(self) -> float:
-        """Time of capture of the last snapshot offered [s]; minus infinity before the first."""
+        """Capture time of the last snapshot offered [s]; minus infinity before the first."""
         return -np.inf if self._last is None else self._last.time
 
     @property
     def snapshots(self) -> tuple[Snapshot, ...]:
-        """The snapshots that are kept, in order."""
+        """The snapshots kept, in the order in which they were offered."""
         if self._last is None or self._snapshots[-1] is self._last:
             return tuple(self._snapshots)
         return (*self._snapshots, self._last)
 
     def nearest_to(self, times: Sequence[float]) -> tuple[Snapshot, ...]:
-        """Returns the snapshots nearest to some times [s], in order and each at most once."""
+        """Returns the snapshots nearest to the given times [s], in order and without duplicates."""
         kept = self.snapshots
         if not kept:
             return ()
@@ -95,8 +95,8 @@ class SnapshotRecorder(LeafSystem):
 
     `frame` is an abstract `MultiViewFrame`, or any other value before the first; `tracked_points`
     are `TrackedPoints`, which arrive later than their frame and have its stamp. There are no
-    outputs. Periodic updates store the camera's images in the context, and periodic publish events
-    add the one that has been tracked. None is added before the first track; lost points are NaN.
+    outputs. Periodic updates store the camera's images in the context; periodic publish events add
+    an image to the album once it has been tracked. Lost points are NaN.
     """
 
     def __init__(
@@ -112,11 +112,11 @@ class SnapshotRecorder(LeafSystem):
 
         Args:
             album: Where the snapshots go.
-            camera: The first of the frames' cameras, whose pictures are kept.
-            reference: The reference of the N points; its closest configuration is their target.
+            camera: The first of the frames' cameras, whose images are kept.
+            reference: The reference of the N points; its closest configuration gives their targets.
             period: Time between captures [s].
             offset: Time of the first capture [s], e.g. the control period: a publish event at the
-                time of a capture would still see the frame before.
+                time of a capture would still see the previous frame.
         """
         super().__init__()
         self._album, self._reference = album, reference
@@ -130,7 +130,7 @@ class SnapshotRecorder(LeafSystem):
         self.DeclareForcedPublishEvent(self._publish)
 
     def _waiting(self, context: Context) -> tuple[RgbdImage, ...]:
-        """Returns the stored images and, if it is newer, the one at the port."""
+        """Returns the stored images, and the one at the port if it is newer."""
         images: tuple[RgbdImage, ...] = context.get_abstract_state(self._images).get_value()
         frame = self._frame.Eval(context)
         if not isinstance(frame, MultiViewFrame) or (images and frame.stamp <= images[-1].stamp):

@@ -22,12 +22,12 @@ from poil_drake.systems.tracking.tracker_outputs import DeclareTrackerOutputs
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruthTrackerConfig:
-    """Rate and quality of this tracker.
+    """Rate, latency and errors of a `GroundTruthTracker`.
 
     Attributes:
         period: Time from one capture to the next [s].
-        latency: Time from a capture to the release of its result [s]; 0: released at once.
-        noise: Standard deviation of each coordinate, independent across points and time [m].
+        latency: Time from a capture to the release of its result [s]; 0: immediate release.
+        noise: Standard deviation of each coordinate [m], independent across points and frames.
         point_dropout: Probability that a point is not observed in a frame.
         frame_dropout: Probability that the object is lost in a frame.
         seed: Seed of noise and dropouts.
@@ -43,9 +43,9 @@ class GroundTruthTrackerConfig:
     def __post_init__(self) -> None:
         if self.noise < 0.0 or not 0 <= self.point_dropout <= 1 or not 0 <= self.frame_dropout <= 1:
             raise InvalidValueError(
-                f"The noise is {self.noise} m, the dropouts are {self.point_dropout} and "
-                f"{self.frame_dropout}.",
-                remedy="Pass a non-negative noise, and probabilities in [0, 1].",
+                f"GroundTruthTrackerConfig has noise={self.noise}, point_dropout="
+                f"{self.point_dropout} and frame_dropout={self.frame_dropout}.",
+                remedy="Set a noise of at least 0, and dropout probabilities in [0, 1].",
             )
 
 
@@ -57,13 +57,13 @@ class _Report(NamedTuple):
 def observe(
     points: np.ndarray, stamp: float, tick: int, config: GroundTruthTrackerConfig
 ) -> TrackedPoints:
-    """Returns true points (N, 3) [m, world] as this tracker observes them.
+    """Returns the true points with this tracker's noise and dropouts.
 
-    Noise is a function of the seed and the tick alone.
+    Noise and dropouts depend on the seed and the tick alone.
 
     Args:
         points: (N, 3) the true points [m, world].
-        stamp: Time of capture [s].
+        stamp: Capture time [s].
         tick: Number of the capture.
         config: Noise and dropouts.
     """
@@ -89,10 +89,10 @@ class GroundTruthTracker(LeafSystem):
         - times
 
     Inputs: `body_poses`, the simulator's poses of all bodies; `query_points` (3N,) row-major, the
-    points at the start [m, world], NaN until known (optional if the constructor gets them). At the
-    first capture at which they are known they are fixed to the body. Outputs are those of
-    `PointTracker`, functions of the state alone: before the first release `tracked_points` are lost
-    with a stamp of minus infinity and `status` is WAITING; `status` is LOST where no point was
+    points at the start [m, world], NaN until known (optional if the constructor gets them). The
+    first capture at which they are known fixes them to the body. Outputs are those of
+    `PointTracker`, functions of the state alone: before the first release, `tracked_points` are
+    lost with a stamp of minus infinity, and `status` is WAITING; `status` is LOST if no point was
     observed.
     """
 
@@ -110,7 +110,7 @@ class GroundTruthTracker(LeafSystem):
             body_index: The object's body in `body_poses`.
             num_points: Number of points, N.
             query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
-            config: Rate, latency, noise.
+            config: Rate, latency and errors.
         """
         super().__init__()
         self._body_index = body_index

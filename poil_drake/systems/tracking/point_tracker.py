@@ -43,18 +43,18 @@ class PointTracker(LeafSystem):
 
     Inputs: `query_points` (3N,) row-major, the points at the start [m, world], NaN until known
     (optional if the constructor gets them); `masks`, the detector's `PartMasks`, any other value
-    until known; `object_motion` (16,) X_M row-major, by forward kinematics at the time of the
+    until known; `object_motion` (16,) X_M row-major, from forward kinematics at the time of the
     images (optional; NaN: no prior). `tracker_run.advance` decides when to start, step and restart.
 
     Every output is a function of the state alone:
 
-    - `tracked_points`: `TrackedPoints` with the stamp of their capture. Before the first release
+    - `tracked_points`: `TrackedPoints` with the stamp of their images. Before the first release
       they are lost, with a stamp of minus infinity; points of a lost object have confidence 0.
     - `status` (1,): a `TrackerStatus` as of the last release; WAITING until query points and masks
-      were known at a capture.
+      are known at a capture.
     - `frame`: the `MultiViewFrame` of the last capture; `ABSENT` before the first.
     - `times` (3,) [s]: of the last capture, of the last release, and of the capture whose result
-      that was; minus infinity before.
+      was released then; minus infinity until known.
 
     Images whose stamp does not advance are not tracked, so the track of a frozen camera ages.
     """
@@ -74,17 +74,17 @@ class PointTracker(LeafSystem):
         """Constructs the system.
 
         Args:
-            tracker: Tracks. A `ProcessTracker` leaves the interpreter to the simulation.
+            tracker: The tracker to run. A `ProcessTracker` releases the interpreter meanwhile.
             cameras: The cameras' models, in the order of the views.
             num_points: Number of points, N.
             query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
             timing: When frames are captured and results released; None: `SimulatedDelay()`.
             min_interval: Least time [s] between the images of two captures, for cameras that are
                 faster than the tracker.
-            once: Whether to stop once the points were found: for a dry run, in which the object
+            once: Whether to stop once the points are tracked: for a dry run, in which the object
                 does not move.
-            stopwatch: Receives the time of captures ("capture"; this is rendering where cameras do
-                not delay), of steps ("tracking", beside the simulation) and of waiting ("waiting").
+            stopwatch: Records the time of captures ("capture", which may include rendering), of
+                steps ("tracking", parallel to the simulation) and of waiting ("waiting").
         """
         super().__init__()
         self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()
@@ -120,11 +120,11 @@ class PointTracker(LeafSystem):
 
     @property
     def worker_pid(self) -> int | None:
-        """Number of the tracker's process; None where it has none."""
+        """ID of the tracker's worker process; None if it has none."""
         return self._tracker.pid if isinstance(self._tracker, ProcessTracker) else None
 
     def close(self) -> None:
-        """Ends the tracker's process and thread. Work in hand is lost. No capture may follow."""
+        """Ends the tracker's process and thread; drops work in progress. No capture may follow."""
         if isinstance(self._tracker, ProcessTracker):
             self._tracker.abort()
         self._runs.close()

@@ -17,11 +17,11 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTrack:
-    """A track that was released.
+    """A recorded track, as the tracker released it.
 
     Attributes:
-        captured: Time of the capture of its images [s].
-        released: Time of its release [s].
+        captured: Capture time of its images [s].
+        released: Release time [s].
         points: The points.
         status: The tracker's status.
     """
@@ -44,7 +44,7 @@ class RecordedTracker(LeafSystem):
         - times
 
     The outputs are those of `PointTracker`, functions of the state, which changes in unrestricted
-    updates. Before the first release `tracked_points` are lost with a stamp of minus infinity,
+    updates. Before the first release, `tracked_points` are lost with a stamp of minus infinity,
     `status` is WAITING, and `times` are minus infinity.
     """
 
@@ -54,7 +54,7 @@ class RecordedTracker(LeafSystem):
         Args:
             tracks: The tracks in the order of their releases.
             num_points: Number of points, N.
-            period: How often to check whether one is due [s]: the control period.
+            period: Time between checks for a due track [s]: the control period.
         """
         super().__init__()
         nothing = RecordedTrack(

@@ -33,9 +33,9 @@ def DeclareTrackerOutputs(
 
     Args:
         system: The tracker.
-        report: Returns its latest report.
+        report: Returns the tracker's latest report.
         num_points: Number of points, N.
-        prerequisites: What the report depends on.
+        prerequisites: Tickets of everything that the report depends on.
     """
 
     def calc_points(context: Context, output: AbstractValue) -> None:

@@ -1,4 +1,4 @@
-"""One step of following the points: when to start, step, give up and restart."""
+"""Advances a tracker by one frame: when to start, step and restart."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,15 +17,15 @@ from poil_drake.systems.statuses import TrackerStatus
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerInputs(SharedOnCopy):
-    """The inputs of one capture.
+    """The tracker's inputs at one capture.
 
     Attributes:
         frame: The images.
         masks: The latest detection; None before the first.
         query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN until
             known.
-        object_motion: (4, 4) X_M, motion of the object since some fixed time, by forward
-            kinematics; None if unknown.
+        object_motion: (4, 4) X_M, the object's motion since a fixed time, from forward kinematics;
+            None if unknown.
     """
 
     frame: MultiViewFrame
@@ -36,16 +36,16 @@ class TrackerInputs(SharedOnCopy):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackerRun(SharedOnCopy):
-    """The state of tracking one stream after a capture.
+    """The state of tracking after a capture.
 
     Attributes:
-        points: What to report.
+        points: The points to report.
         status: Whether the tracker follows the object.
         tracker_state: The tracker's own state; None before the first start.
-        state_motion: (4, 4) X_M at the frame of `tracker_state`, or None.
+        state_motion: (4, 4) X_M at the frame of `tracker_state`; None if unknown.
         masks: The detection used at the last attempt to start.
-        query_points: (N, 3) the query of the last start, or None.
-        query_motion: (4, 4) X_M when that query was first used, or None.
+        query_points: (N, 3) the query points of the last start; None before it.
+        query_motion: (4, 4) X_M when those points were first used; None if unknown.
     """
 
     points: TrackedPoints
@@ -60,10 +60,10 @@ class TrackerRun(SharedOnCopy):
 def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     """Returns the run after one more frame.
 
-    A start needs query points and a detection that was not tried before. The first start uses the
-    query as it is; a new start after a loss carries the query along with the object's motion since
-    then, which is right while the grasp is rigid. In between, the tracker steps, with that motion
-    as its prior; it keeps stepping while lost, because it may recover by itself.
+    A start needs query points and a new detection. The first start uses the query points as they
+    are; a restart after a loss applies the object's motion since their first use, which is right
+    while the grasp is rigid. Otherwise, the tracker steps, with the object's motion since the last
+    usable frame as its prior; it also steps while lost, because it may recover by itself.
     """
     query = inputs.query_points
     fresh = inputs.masks is not None and inputs.masks is not run.masks
@@ -76,7 +76,7 @@ def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> Tracker
 
 
 def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if one of them is unknown."""
+    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if either is unknown."""
     return None if before is None or now is None else now @ inverse(before)
 
 

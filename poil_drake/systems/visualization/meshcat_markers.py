@@ -10,11 +10,11 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-_SIDES = 6  # Of a tube.
+_SIDES = 6  # Number of sides of a tube.
 
 
 class SphereMarkers:
-    """A fixed number of spheres that move, each with one of several looks."""
+    """A fixed number of spheres that move, each of which shows one of several looks."""
 
     def __init__(
         self, meshcat: Meshcat, path: str, *, count: int, radius: float, colors: Sequence[Rgba]
@@ -114,7 +114,7 @@ def make_tube_mesh(
 
     Returns:
         vertices (6S, 3) [m] of S hexagons, faces (F, 3) int32, and the indices (S,) of the points
-        kept; all empty for a curve that moves no further than its radius.
+        kept; all empty for a curve that stays within `radius` of its start.
     """
     kept = [0]
     for index in range(1, len(curve)):
@@ -151,7 +151,7 @@ def DrawTubes(
     start_color: Rgba,
     end_color: Rgba,
 ) -> None:
-    """Draws curves (N, T, 3) [m, world] as tubes whose colour changes from start to end."""
+    """Draws curves (N, T, 3) [m, world] as tubes whose colour changes along their length."""
     vertices, faces, colors = [], [], []
     ends = np.array([[c.r(), c.g(), c.b()] for c in (start_color, end_color)])
     count = 0

@@ -26,11 +26,11 @@ OVERLAY_PATH = f"{CAMERA_PATH}/poil"
 FIELD_OF_VIEW = math.radians(45.0)
 """The page's vertical field of view [rad]. The default, 75 degrees, distorts a scene this small."""
 
-# Text is so close to the camera that nothing can be in between; the page's near plane is at
+# Text is so close to the camera that nothing can come between them; the page's near plane is at
 # 0.01 m.
 _DISTANCE = 0.1  # [m]
 _HALF_SCREEN = _DISTANCE * math.tan(FIELD_OF_VIEW / 2.0)  # [m]
-_PANEL_MARGIN = 0.05 * _HALF_SCREEN  # [m] to the left and the right of text.
+_PANEL_MARGIN = 0.05 * _HALF_SCREEN  # [m] to the left and the right of the text.
 _PANEL_OFFSET = 0.0005  # [m] Distance of panels behind their text.
 
 # Font sizes and heights as fractions of half the screen's height; 0 is the middle, 1 the top.
@@ -55,14 +55,14 @@ class MeshcatOverlay:
         phase_names: Sequence[str] = (),
         legend: Mapping[str, Rgba] | None = None,
     ):
-        """Draws everything that can be shown, and hides all of it but the legend.
+        """Draws everything that can be shown, and hides all but the legend.
 
-        Sets the page's field of view, which text of a fixed size on the screen depends on.
+        Also sets the page's field of view, which determines the size of the text on the screen.
 
         Args:
             meshcat: Where to draw.
             phase_names: The phases' names, in the order of their indices.
-            legend: What is drawn in which colour; None or empty for no legend.
+            legend: Label -> colour, for each thing drawn; None or empty for no legend.
         """
         self._meshcat, self._num_phases = meshcat, len(phase_names)
         meshcat.SetProperty(CAMERA_PATH, "fov", math.degrees(FIELD_OF_VIEW))
@@ -86,7 +86,7 @@ class MeshcatOverlay:
         self.show_error(math.nan)
 
     def show_phase(self, index: int | None, time: float | None = None) -> None:
-        """Shows the phase with that index at `time` in the recording [s].
+        """Shows the phase with this index at `time` in the recording [s].
 
         None hides the phase, and so does an index without a name.
         """
@@ -97,7 +97,7 @@ class MeshcatOverlay:
     def show_error(self, mean_error: float, time: float | None = None) -> None:
         """Shows the mean point error [m] at `time` in the recording [s], in mm up to 999.9.
 
-        A value that is not finite hides it.
+        A value that is not finite hides the line.
         """
         finite = math.isfinite(mean_error)
         self._meshcat.SetProperty(f"{OVERLAY_PATH}/error", "visible", finite, time)
@@ -113,7 +113,7 @@ class MeshcatOverlay:
             )
 
     def _draw_digits(self) -> None:
-        """Draws ten digits for each place of the error's display."""
+        """Draws all ten digits at each place of the error's display."""
         left = text_width(_LABEL) - text_width(_ERROR_LINE) / 2.0
         for place, before in enumerate(("", "0", "00", "000.")):
             x = left + text_width(before) + text_width("0") / 2.0

@@ -1,7 +1,7 @@
 """Text in Meshcat, which has no text objects: rectangles that show pictures of text.
 
 A recording holds changes of properties, never new objects. A text that changes is therefore a set
-of texts, all drawn beforehand, of which one at a time has its property `visible` set.
+of texts, all drawn beforehand, of which one at a time is visible.
 """
 
 import base64
@@ -18,7 +18,7 @@ LINE_HEIGHT = 1.4
 """Height of the picture of a line of text, as a multiple of the font size."""
 
 _DESCENT = 0.4  # Height of that picture below the baseline, as a multiple of the font size.
-_RESOLUTION = 64  # [px] per font size: text is drawn at about the size that screens show it at.
+_RESOLUTION = 64  # [px] per font size; about the size of the text on a screen.
 _FONT = "DejaVu Sans"  # matplotlib ships it.
 
 
@@ -72,7 +72,7 @@ def DrawText(
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = np.array(canvas.buffer_rgba())
-    # Transparent pixels are white, and the page would blend that with the text when it scales it.
+    # Transparent pixels are white, which the page would blend into the text when it scales it.
     picture[picture[:, :, 3] == 0] = 0
     _draw_picture(meshcat, path, picture, size * sum(widths), size * LINE_HEIGHT)
 
@@ -89,7 +89,7 @@ def _draw_picture(
     """Draws a picture (H, W, 4), uint8 RGBA, on a rectangle [m] that the scene does not light."""
     png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA))[1].tobytes()
     x, y = width / 2.0, height / 2.0
-    # In glTF y is up. Drake turns it to z, and this plane to the x-y plane.
+    # In glTF, y is up. Drake rotates y to z, and so this x-z plane to the x-y plane.
     corners = [[-x, 0.0, y], [x, 0.0, y], [-x, 0.0, -y], [x, 0.0, -y]]
     texture = [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]]
     data = np.array(corners, "<f4").tobytes() + np.array(texture, "<f4").tobytes()

@@ -14,7 +14,7 @@ from poil_drake.systems.visualization.meshcat_markers import ArrowMarker, DrawTu
 from poil_drake.systems.visualization.meshcat_overlay import MeshcatOverlay
 
 _PATH = "poil"
-"""The Meshcat path to draw below."""
+"""The Meshcat path below which everything is drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class PointSetVisualizerConfig:
 
 
 class PointSetVisualizer(LeafSystem):
-    """Draws what the controller sees and does into a Meshcat, live and for a recording.
+    """Draws in Meshcat what the controller sees and does, live and for a recording.
 
     .. pydrake_system::
 
@@ -65,12 +65,12 @@ class PointSetVisualizer(LeafSystem):
 
     - `points` is (3N,), row-major [m, world]: the controller's input points.
     - `confidence` is (N,) in [0, 1]; points with low confidence are drawn small and grey.
-    - `target_points` is (3N,), row-major [m, world]: their present targets on the reference.
+    - `target_points` is (3N,), row-major [m, world]: their current targets on the reference.
     - `spatial_velocity` is (6,), (ω [rad/s], v [m/s]) in the world frame, drawn as two arrows that
       start at the gripper.
     - `gripper_pose` is (16,), X_WG row-major.
     - `phase` is (1,), an index into the names of the phases.
-    - `mean_error` is (1,), the mean distance of points and target points [m].
+    - `mean_error` is (1,), the mean distance between points and target points [m].
     - `tracked_points` is an abstract `TrackedPoints`: the tracker's latest output.
 
     Every port is optional; the value of an unconnected port is not drawn, and neither is a value

@@ -27,7 +27,7 @@ def right() -> Source:
 
 @pytest.fixture
 def bench(left: Source, right: Source) -> SystemBench:
-    """Two cameras, of which the first gives labels; the loop runs 2 ms behind the clock."""
+    """Two cameras, of which the first sends labels; the loop runs 2 ms behind the clock."""
     K = np.array([[5.0, 0.0, 1.5], [0.0, 5.0, 1.0], [0.0, 0.0, 1.0]])
     dut = CapturedCameras(
         cameras=[CameraModel(name, W, H, K, np.eye(4)) for name in ("left", "right")],
@@ -97,7 +97,7 @@ def test_newer_images_replace_older_ones(bench: SystemBench, left: Source, right
 
 
 def test_only_cameras_with_labels_have_a_port_for_them(bench: SystemBench, left: Source) -> None:
-    left.newest = image(START + 0.002)  # An image without labels may come, too.
+    left.newest = image(START + 0.002)  # Some images may come without labels.
     bench.advance(PERIOD)
 
     assert bench.read("left.label_image").size == 0

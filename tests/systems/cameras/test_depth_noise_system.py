@@ -40,7 +40,7 @@ def test_the_noise_at_each_time_is_that_of_the_function(camera_index: int, enabl
 
 
 def test_the_image_passes_through_within_an_instant() -> None:
-    # By design: it is a camera's last stage, and a camera has no state.
+    # By design: the system is the last stage of a camera, which has no state.
     dut = make_bench(StereoDepthNoiseConfig()).dut
     assert dut.HasDirectFeedthrough(0, 0)
     assert dut.num_discrete_state_groups() == dut.num_abstract_states() == 0

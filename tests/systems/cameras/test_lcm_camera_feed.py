@@ -76,7 +76,7 @@ def test_images_go_out_with_the_clock_of_their_capture(bench: FeedBench) -> None
     image = bench.receive(1)[0]
 
     np.testing.assert_array_equal(image.rgb, 7)
-    assert image.stamp - START in (0.0, PERIOD)  # Drake may publish at the start, too.
+    assert image.stamp - START in (0.0, PERIOD)  # Drake may also publish at the start.
 
 
 def test_every_second_message_has_labels(bench: FeedBench) -> None:
@@ -96,7 +96,7 @@ def test_captures_are_skipped_while_images_are_rendered(bench: FeedBench) -> Non
         bench.advance(PERIOD)  # Would never return if it waited for the renderer.
     bench.renderer.begun.wait()
     bench.renderer.go.set()
-    bench.dut.close()  # Finishes the images in work.
+    bench.dut.close()  # Finishes the images in progress.
 
     assert len(bench.renderer.scenes) == 1
     assert len(bench.receive(1)) == 1

@@ -209,7 +209,7 @@ def test_the_frame_and_the_times_of_a_late_search_are_outputs() -> None:
     assert bench.read("frame").stamp == 0.0
 
     detector.go.set()
-    bench.dut.close()  # Finishes the search in work.
+    bench.dut.close()  # Finishes the search in progress.
     bench.advance_to(3.5 * PERIOD)
     assert bench.read("status") == DetectorStatus.FOUND
     assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]

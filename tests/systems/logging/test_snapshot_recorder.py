@@ -32,12 +32,12 @@ def make_snapshot(time):
 
 
 def lifted(height, *, aside=0.0):
-    """Returns the points at a height above their start and aside of it [m]."""
+    """Returns the start, shifted up by `height` and sideways by `aside` [m]."""
     return START + np.array([aside, 0.0, height])
 
 
 def seen(stamp, height=0.05):
-    """Returns a track of the points at a height above their start [m], and aside by 10 mm."""
+    """Returns a track of the start, shifted up by `height` [m] and sideways by 10 mm."""
     return TrackedPoints(lifted(height, aside=0.01), np.ones(N), stamp)
 
 
