@@ -1,4 +1,4 @@
-"""The Panda: data, kinematics, IK, shape, limits; no pydrake. Drivers: `systems.lcm`."""
+"""The Panda's kinematics, IK, shape and limits, without pydrake; drivers are in `systems.lcm`."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Clearance of the robot and of the carried object to a scene known as a point cloud."""
+"""The robot's clearance from itself and from a scene that is known as a point cloud."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ _RESTING_LINKS = (0, 1)
 """Links that do not move, or only turn about their own axis; they may touch the robot's stand."""
 
 _SHOULDER_LINKS, _WRIST_LINKS = (0, 1, 2), (5, 6, 7, 8)
-"""The links of the Panda that can meet within its joint limits."""
+"""The two groups of the Panda's links that can collide with each other within the joint limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,12 +20,12 @@ class CollisionConfig:
     """Margins of the collision checks.
 
     Attributes:
-        robot_margin: Clearance that the robot's spheres must keep from the scene [m]: depth noise
-            and the tracking error of the arm; the spheres themselves already bulge by 5-10 mm.
+        robot_margin: Clearance that the robot's spheres must keep from the scene [m]. It covers
+            depth noise and the arm's tracking error; the spheres already bulge by 5-10 mm.
         object_margin: Clearance that the carried object must keep from the scene [m].
-        ground_height: Height of the table in the world [m], a plane because the cameras see only
-            part of it; None without a table.
-        max_distance: Cap on the distances that are reported [m]; a smaller value is faster.
+        ground_height: Height of the table in the world [m]; None without a table. The table is an
+            infinite plane, because the cameras see only part of it.
+        max_distance: Cap on the reported distances [m]; a smaller cap makes the checks faster.
     """
 
     robot_margin: float = 0.008
@@ -35,7 +35,7 @@ class CollisionConfig:
 
 
 class RobotCollisionChecker:
-    """Clearance of the robot's spheres to a scene and to the robot itself."""
+    """Computes the clearance of the robot's spheres from a scene and from the robot itself."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class RobotCollisionChecker:
             model: The arm's kinematics.
             spheres: The robot's shape.
             scene: The obstacles.
-            config: Margins and range.
+            config: Margins, and the cap on distances.
         """
         self._config = config or CollisionConfig()
         self._model = model
@@ -63,7 +63,7 @@ class RobotCollisionChecker:
         self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Returns the smallest clearance (B,) to the scene or the robot itself, capped [m].
+        """Returns the robot's clearance (B,) [m] from the scene and from itself, capped.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -79,7 +79,7 @@ class RobotCollisionChecker:
         return free
 
     def scene_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the clearance (B,) of the robot at link poses (B, 9, 4, 4) to the scene [m]."""
+        """Returns the clearance (B,) [m] from the scene at link poses (B, 9, 4, 4), capped."""
         reach = self._config.max_distance
         clearance = np.full(len(link_poses), reach)
         for group in self._moving:
@@ -95,7 +95,7 @@ class RobotCollisionChecker:
         return clearance
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the clearance (B,) between the shoulder links and the wrist, capped [m]."""
+        """Returns the clearance (B,) [m] between the shoulder links and the wrist, capped."""
         links, centers, radii = self._shoulder
         centers = _to_world(link_poses[:, links], centers)
         bounds = _to_world(
@@ -136,5 +136,5 @@ class _LinkGroup:
 
 
 def _to_world(X: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns points (..., 3) in the frames X (..., 4, 4), each in the world."""
+    """Transforms `points` (..., 3), each given in its frame `X` (..., 4, 4), to the world frame."""
     return (X[..., :3, :3] @ points[..., None])[..., 0] + X[..., :3, 3]

@@ -9,14 +9,14 @@ from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import NOMINAL_POSTURE
 
 _RANK_TOLERANCE = 1e-6
-"""Singular values below this fraction of the largest count as zero, as does a residual twist."""
+"""Relative tolerance below which a singular value, or the residual of the twist, counts as zero."""
 
 _FLAT = 1e-12
-"""A direction that moves a joint by less than this does not move it."""
+"""Components of joint-space directions whose absolute values are below this count as zero."""
 
 _LENGTH = 0.1
-"""Converts angular into linear speed where twists are compared [m]: about the distance between
-the gripper and the object's points."""
+"""Length that converts angular to linear speed where twists are compared [m]: about the distance
+between the gripper and the object's points."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,10 +27,10 @@ class DifferentialInverseKinematicsConfig:
         nominal_posture: (n,) joint positions towards which the null space pulls [rad].
         centering_gain: Speed of that pull per distance [1/s]; slow compared with the task.
         centering_speed: Largest speed of that pull [rad/s].
-        position_margin: Distance from the joint limits [rad]; the Panda's own controller stops the
-            arm at the limits.
-        braking_gain: Largest speed of a joint per distance left to its limit [1/s]. 5/s times
-            1 rad/s is a deceleration that the weakest joint can produce.
+        position_margin: Distance to keep from the joint limits [rad]; the Panda's own controller
+            stops the arm at the limits.
+        braking_gain: Largest speed of a joint per remaining distance to the margin [1/s]. At
+            1 rad/s, a gain of 5/s needs 5 rad/s^2, which the weakest joint can produce.
         velocity_scale: Fraction of the joints' speed limits that is used.
         acceleration_scale: Fraction of the joints' acceleration limits that is used.
     """
@@ -48,9 +48,9 @@ class ResolvedTwist(NamedTuple):
     """Joint velocities for a twist.
 
     Attributes:
-        velocity: (n,) [rad/s].
-        scale: The fraction of the twist that they achieve, in [0, 1]; 1 for a zero twist.
-        reachable_scale: The fraction without the acceleration limits: 0 where the arm is stuck.
+        velocity: (n,) joint velocities [rad/s].
+        scale: The fraction of the twist that `velocity` achieves, in [0, 1]; 1 for a zero twist.
+        reachable_scale: The same without the acceleration limits; 0 where the arm is stuck.
     """
 
     velocity: np.ndarray
@@ -69,18 +69,18 @@ def resolve_twist(
 ) -> ResolvedTwist:
     """Returns the next joint velocities to command.
 
-    Two steps. (1) `direction_preserving_velocity`: J qdot = a V with the largest a in [0, 1] that
-    the joints' speeds (reduced near position limits) allow, and a pull to the nominal posture in
-    the null space of J. (2) `approach_velocity`: ONE factor shortens the change from `previous` to
-    that velocity until every joint's acceleration is allowed. So the twist keeps its direction
-    from rest and along a steady direction; after a change of the desired direction the command
-    moves straight, in joint space, from the old velocity to the new one.
+    There are two steps. (1) `direction_preserving_velocity`: J qdot = a V with the largest a in
+    [0, 1] that the joints' speed limits (reduced near position limits) allow, and a pull to the
+    nominal posture in the null space of J. (2) `approach_velocity`: ONE factor shortens the change
+    from `previous` to that velocity until every joint respects its acceleration limit. So the
+    twist has the desired direction when the arm starts from rest and while that direction is
+    steady. When it changes, the command moves along a line in joint space to the new velocity.
 
-    A zero twist brings the arm to rest, the null space included.
+    A zero twist brings the arm to rest, including its motion in the null space.
 
     Args:
         V_WG: (6,) desired (ω [rad/s], v [m/s]) of the gripper frame, in the world.
-        J: (6, n) V_WG = J qdot, n <= 7.
+        J: (6, n) Jacobian, V_WG = J qdot, n <= 7.
         positions: (n,) measured joint positions [rad].
         previous: (n,) velocities commanded one time step ago [rad/s].
         limits: Limits of the joints.
@@ -115,19 +115,19 @@ def direction_preserving_velocity(
 ) -> tuple[np.ndarray, float]:
     """Returns qdot (n,) and the largest a in [0, 1] with J qdot = a V within the bounds.
 
-    Of all such qdot it is the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
-    poses the same problem, but its solver OSQP fails, after milliseconds, close to joint limits.
-    With one spare joint qdot = a J^+ V + z n, where n spans the null space of J; a linear program
-    in the plane (a, z) remains, and eliminating z (Fourier-Motzkin) solves it exactly.
+    Of these qdot it returns the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
+    poses the same problem, but its solver, OSQP, takes milliseconds and fails near joint limits.
+    With one redundant joint, qdot = a J^+ V + z n, where n spans the null space of J. A linear
+    program in the plane (a, z) remains; eliminating z (Fourier-Motzkin) solves it exactly.
 
     Args:
         V: (6,) the desired twist.
-        J: (6, n), n <= 7.
+        J: (6, n) Jacobian, n <= 7.
         pull: (n,) desired velocities in the null space [rad/s].
-        lowest: (n,) not above 0 [rad/s].
-        highest: (n,) not below 0 [rad/s].
-        pull_speed: Largest speed in the null space [rad/s]. It is also at most |J^+ V|, so that it
-            fades out with the twist.
+        lowest: (n,) lowest joint velocities, at most 0 [rad/s].
+        highest: (n,) highest joint velocities, at least 0 [rad/s].
+        pull_speed: Largest speed in the null space [rad/s]. That speed is also at most |J^+ V|, so
+            that it fades out with the twist.
     """
     rows, n = J.shape
     U, S, Vt = np.linalg.svd(J)
@@ -137,8 +137,8 @@ def direction_preserving_velocity(
     span = min(pull_speed, float(np.linalg.norm(task)))
     wanted_z = min(max(float(null @ pull), -span), span)
 
-    # The bounds of the joints that z moves are lower <= slope a + z <= upper, of the others
-    # lowest <= task a <= highest.
+    # For the joints that z moves, the bounds are lower <= slope a + z <= upper; for the others,
+    # they are lowest <= task a <= highest.
     moved = np.abs(null) > _FLAT
     slope = task[moved] / null[moved]
     ends = np.array([lowest[moved], highest[moved]]) / null[moved]
@@ -171,12 +171,12 @@ def direction_preserving_velocity(
 def approach_velocity(
     previous: np.ndarray, wanted: np.ndarray, acceleration: np.ndarray, time_step: float
 ) -> np.ndarray:
-    """Returns the velocity (n,) on the straight line to `wanted`, as near to it as allowed.
+    """Returns the velocity (n,) [rad/s] nearest to `wanted` on the line from `previous` to it.
 
     Args:
         previous: (n,) current velocities, at which the line begins [rad/s].
         wanted: (n,) target velocities [rad/s].
-        acceleration: (n,) largest accelerations [rad/s^2].
+        acceleration: (n,) largest accelerations [rad/s^2], which bound the change.
         time_step: Duration of the step [s].
     """
     change = wanted - previous
@@ -185,10 +185,10 @@ def approach_velocity(
 
 
 def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray) -> float:
-    """Returns the fraction of a desired twist (6,) that `achieved` (6,) has, in [0, 1].
+    """Returns the fraction, in [0, 1], of the twist `wanted` (6,) that `achieved` (6,) amounts to.
 
-    It is the projection onto the desired twist, with angular speeds times a length of 0.1 m; 1 for
-    a zero twist.
+    `achieved` is projected onto `wanted`, with angular speeds multiplied by a length of 0.1 m. The
+    fraction is 1 if `wanted` is zero.
     """
     square = _LENGTH**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])
     product = _LENGTH**2 * float(wanted[:3] @ achieved[:3]) + float(wanted[3:] @ achieved[3:])

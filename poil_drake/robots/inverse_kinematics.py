@@ -9,13 +9,13 @@ from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
-"""Offsets of joint 7 from the nominal posture at which the search starts [rad]."""
+"""Offsets of joint 7 from the nominal posture in the seeds of the search [rad]."""
 
 _ELBOW_SEEDS = (0.0, 0.7, -0.7)
-"""Offsets of joint 1, and negated of joint 3 [rad], which swing the elbow to either side."""
+"""Offsets of joint 1, and with the opposite sign of joint 3 [rad], that swing the elbow aside."""
 
 ROTATION_SCALE = 0.15
-"""Length that one radian counts as [m]: about the hand's size."""
+"""Length that converts radians to metres in pose errors [m]: about the hand's size."""
 
 _SCALE = np.array([ROTATION_SCALE] * 3 + [1.0] * 3)
 
@@ -23,7 +23,7 @@ _ITERATIONS = 60
 """Largest number of steps; grasps of the Panda converge within 20 to 40."""
 
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 5e-4, 3e-3
-"""Largest accepted errors [m], [rad]."""
+"""Largest accepted position error [m] and rotation error [rad]."""
 
 DISTINCT = 0.2
 """Solutions closer than this in every joint count as one [rad]."""
@@ -34,11 +34,11 @@ class InverseKinematicsConfig:
     """Parameters of a step of the search.
 
     Attributes:
-        damping: Damping of the least squares [m]. A larger value is calmer near singularities and
-            slower elsewhere.
-        posture_gain: Share of the way to the nominal posture that each step goes within the null
+        damping: Damping of the least squares [m]. A larger value makes the steps calmer near
+            singularities and the convergence slower elsewhere.
+        posture_gain: Share of the way to the nominal posture that each step covers within the null
             space of the gripper's motion.
-        largest_step: Largest joint step of one iteration [rad]; the linearisation holds that far.
+        largest_step: Largest change of a joint in a step [rad]; the linearisation holds that far.
         limit_margin: Distance from the joint limits [rad], so that the controller, which starts
             from a solution, can move both ways.
     """
@@ -70,14 +70,14 @@ def damped_step(
     """Returns the configurations (B, 7) after one damped least-squares step towards the targets.
 
     The step is J+ e + (I - J+ J) k (q_nominal - q) with the damped pseudo-inverse
-    J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits stays at the limit, and the
-    other joints solve for the step again, so that they use the redundancy first.
+    J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits stops at the limit, and the
+    step is solved again for the other joints, which thus use the redundancy first.
 
     Args:
         model: The arm.
         q: (B, 7) current joint positions [rad].
         X_target: (B, 4, 4) target poses of the gripper in the world.
-        nominal: (7,) or (B, 7) preferred posture within the redundancy [rad].
+        nominal: (7,) or (B, 7) posture that the motion in the null space approaches [rad].
         config: Damping, limits and step size.
     """
     X, jacobian = model.gripper_pose_and_jacobian(q)
@@ -144,15 +144,15 @@ def solve_inverse_kinematics(
 
 
 def distinct_solutions(model: PandaModel, X_WG: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds different configurations for each of many gripper poses.
+    """Finds distinct configurations that reach each of the gripper poses.
 
     Args:
         model: The arm.
         X_WG: (B, 4, 4) target poses of the gripper in the world.
 
     Returns:
-        The configurations (S, 7) [rad] and the index (S,) of the pose that each one reaches, in
-        the order of the poses and, for one pose, of the seeds.
+        The configurations (S, 7) [rad] and the index (S,) of the pose that each one reaches,
+        ordered by pose and then by seed.
     """
     offsets = np.array(
         [[elbow, 0, -elbow, 0, 0, 0, wrist] for wrist in _WRIST_SEEDS for elbow in _ELBOW_SEEDS]

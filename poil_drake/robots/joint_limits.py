@@ -31,7 +31,7 @@ class JointLimits(SharedOnCopy):
         if not ordered or not np.all(self.velocity > 0.0) or not np.all(self.acceleration > 0.0):
             raise InvalidValueError(
                 f"These joint limits leave no room to move: {self}.",
-                remedy="Give lower < upper, and positive speeds and accelerations.",
+                remedy="Pass lower < upper, and positive velocity and acceleration.",
             )
 
     def velocity_bounds(
@@ -39,9 +39,9 @@ class JointLimits(SharedOnCopy):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns the lowest and highest velocities (n,) [rad/s] allowed at `positions` (n,).
 
-        A joint approaches its limit no faster than `braking_gain` times the distance left to
-        `margin` before it, so that it brakes smoothly and stops there. Beyond the margin it may
-        only move back. Rest is always allowed.
+        A joint approaches the point `margin` before its limit no faster than `braking_gain` times
+        its distance from that point, so that it brakes smoothly and stops there. Beyond that point
+        it may only move back. Rest is always allowed.
 
         Args:
             positions: Joint positions [rad].

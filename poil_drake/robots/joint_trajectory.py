@@ -27,7 +27,7 @@ class JointTrajectory(SharedOnCopy):
         times = self.times
         if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
             raise InvalidValueError(
-                f"JointTrajectory.times has {times.size} samples that do not increase from 0.",
+                f"JointTrajectory.times is {times}, which does not increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
 
@@ -37,11 +37,11 @@ class JointTrajectory(SharedOnCopy):
         return float(self.times[-1])
 
     def slowed(self, speed: float) -> "JointTrajectory":
-        """Returns the same path at a share `speed`, in (0, 1], of its speed."""
+        """Returns the same path at the fraction `speed`, in (0, 1], of its speed."""
         return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; rest outside its duration."""
+        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
         if time <= 0.0:
             return self.positions[0], np.zeros(self.positions.shape[1])
         if time >= self.times[-1]:
@@ -58,7 +58,7 @@ class JointTrajectory(SharedOnCopy):
 def follow_joint_trajectory(
     trajectory: JointTrajectory, time: float, positions: np.ndarray, gain: float
 ) -> np.ndarray:
-    """Returns the joint velocity (J,) [rad/s] of feedforward and proportional feedback.
+    """Returns joint velocities (J,) [rad/s]: the trajectory's plus proportional feedback.
 
     Args:
         trajectory: The motion.

@@ -1,4 +1,4 @@
-"""The Franka Panda as data: names, measures and limits. Vectors of 7 are in the joints' order."""
+"""Constants of the Franka Panda: names, dimensions and limits. 7-vectors are in joint order."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ FINGER_JOINTS = ("panda_finger_joint1", "panda_finger_joint2")
 """Joints of the fingers; the second one mimics the first."""
 
 GRIPPER_FRAME = "panda_hand_tcp"
-"""The gripper frame G, between the finger tips: +z approaches, the fingers close along y."""
+"""The gripper frame G, between the finger tips: approach along +z, fingers close along y."""
 
 NOMINAL_POSTURE = frozen_array(
     [0.0, -np.pi / 4, 0.0, -3.0 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4],
@@ -30,7 +30,7 @@ NOMINAL_POSTURE = frozen_array(
 """The usual ready posture (7,) [rad]: elbow up, gripper pointing down, far from every limit."""
 
 ACCELERATION_LIMITS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
-"""Largest joint accelerations [rad/s^2], from the datasheet; the description has none."""
+"""Largest joint accelerations [rad/s^2], from the datasheet; the URDF has none."""
 
 JERK_LIMITS = (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0)
 """Largest joint jerks [rad/s^3], from Franka's documentation."""

@@ -11,9 +11,9 @@ from poil_drake.robots.panda import MAX_HAND_WIDTH
 class GripperGeometry:
     """The Franka hand in the gripper frame G.
 
-    +z is the approach direction, the fingers close along y. Lengths in metres, measured on the
-    collision meshes of the Panda's description: each finger is a slim tip that carries the pad and
-    a thicker base that is screwed to the hand.
+    +z is the approach direction, and the fingers close along y. Lengths are in metres, measured on
+    the collision meshes of the Panda's description: each finger is a slim tip that carries the pad
+    and a thicker base that is screwed to the hand.
 
     Attributes:
         max_width: Largest opening between the pads.
@@ -36,7 +36,7 @@ class GripperGeometry:
     hand_bottom: float = -0.0374
 
     def finger_boxes(self, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lower and upper corners (4, 3) of the finger boxes: tip and base, +y then -y.
+        """Returns the lower and upper corners (4, 3) [m] of the boxes: +y tip and base, then -y.
 
         Args:
             width: Distance between the pads [m].
@@ -55,7 +55,7 @@ class GripperGeometry:
         return np.concatenate([lower, far_lower]), np.concatenate([upper, far_upper])
 
     def hand_box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lower and upper corners (3,) of the hand's body."""
+        """Returns the lower and upper corners (3,) [m] of the hand's body."""
         x, y, z = self.hand_size
         lower = np.array([-0.5 * x, -0.5 * y, self.hand_bottom - z])
         return lower, np.array([0.5 * x, 0.5 * y, self.hand_bottom])

@@ -11,9 +11,9 @@ from poil_drake.robots.robot_description import panda_urdf
 class PandaModel:
     """The Panda arm with its fingers locked, read by Pinocchio from its URDF.
 
-    Pinocchio reads the description. NumPy then evaluates the chain of seven revolute joints for a
-    whole batch of configurations in one call, as planning needs it; from Python, Pinocchio takes
-    one configuration at a time. A leading "..." in a shape is any batch shape.
+    NumPy evaluates the chain of seven revolute joints for a whole batch of configurations in one
+    call, as planning needs; from Python, Pinocchio takes one configuration at a time. A leading
+    "..." in a shape stands for any batch dimensions.
 
     Attributes:
         joint_limits: All limits of the joints.
@@ -30,7 +30,7 @@ class PandaModel:
             X_WB: (4, 4) pose of the robot's base; None places it at the world's origin.
 
         Raises:
-            MissingDependencyError: the Panda's description is not installed.
+            MissingDependencyError: if the Panda's description is not installed.
         """
         import pinocchio
 
@@ -54,7 +54,7 @@ class PandaModel:
         self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
-        """Returns X_W (..., 9, 4, 4) of panda_link0 to panda_link7 and of the gripper frame.
+        """Returns the world poses (..., 9, 4, 4) of panda_link0 to panda_link7 and the gripper.
 
         Args:
             q: (..., 7) joint positions [rad].
@@ -96,7 +96,7 @@ class PandaModel:
         return poses[..., 8, :, :], np.swapaxes(jacobian, -1, -2)
 
     def limit_margin(self, q: np.ndarray) -> np.ndarray:
-        """Returns the distance (...) to the nearest joint limit [rad]; negative outside.
+        """Returns each configuration's distance to its nearest joint limit [rad]; negative outside.
 
         Args:
             q: (..., 7) joint positions [rad].

@@ -19,8 +19,8 @@ class RobotSpheresConfig:
 
     Attributes:
         arm_spacing: Distance between spheres along an arm cylinder [m]; closer spheres bulge less.
-        hand_cell: Largest edge of the cells into which the hand's box is divided [m]; each cell
-            gets the sphere around it, so a smaller edge bulges less beyond the box.
+        hand_cell: Largest edge of the cells into which the hand's box is divided [m]; a sphere
+            encloses each cell, so smaller cells bulge less beyond the box.
         finger_cell: The same for the fingers, which come closest to other objects [m].
         gripper: The shape of the hand.
     """
@@ -73,16 +73,16 @@ def make_robot_spheres(
 ) -> RobotSpheres:
     """Covers the collision primitives of the arm's description and the hand's boxes with spheres.
 
-    The hand and the fingers of the description are far thicker than the real ones, so the spheres
-    cover their measured boxes instead.
+    The description's primitives of the hand and the fingers are far thicker than the real parts,
+    so the spheres cover the measured boxes of `config.gripper` instead.
 
     Args:
         finger_opening: Distance between the pads [m]; None leaves the fingers out, for motions
-            in which other code checks them or they are meant to come close.
+            in which other code checks them or they are meant to come close to an object.
         config: How finely the shape is covered.
 
     Raises:
-        MissingDependencyError: the Panda's description is not installed.
+        MissingDependencyError: if the Panda's description is not installed.
     """
     config = config or RobotSpheresConfig()
     parts = [_arm_spheres(config.arm_spacing)]
@@ -141,7 +141,7 @@ def _arm_spheres(spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         link = model.frames[shape.parentFrame].name
         if link not in ARM_LINKS:
             continue
-        # A sphere is a cylinder without a length.
+        # A sphere is a cylinder of length zero.
         length = 2.0 * getattr(shape.geometry, "halfLength", 0.0)
         own, radius = cover_cylinder(length, shape.geometry.radius, spacing)
         links.append(np.full(len(own), ARM_LINKS.index(link)))

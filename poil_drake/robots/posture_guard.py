@@ -19,10 +19,10 @@ from poil_drake.robots.panda_spheres import (
 )
 
 _FIRST_LINK = 2
-"""Links 0 and 1 do not move, or only turn about their own axis; they may touch the table."""
+"""The first link to check; links 0 and 1 at most turn about their axis, and may touch the table."""
 
 _SELF_REACH = 0.02
-"""Cap on the robot's distance to itself, beyond the margin [m]; a smaller value is faster."""
+"""Cap on the self-clearance beyond its margin [m]; a smaller cap makes the check faster."""
 
 _ROUNDING = 1e-9
 """Clearances that differ by no more than this count as equal [m]."""
@@ -42,20 +42,20 @@ class PostureRule(IntEnum):
 class PostureGuardConfig:
     """The workspace that the arm must stay in.
 
-    The boxes are along the world's axes, measured from the robot's base [m]. By default they
-    contain all of the arm's useful reach; narrow them to the cell.
+    The boxes are aligned with the world's axes and measured from the robot's base [m]. By default
+    they contain the arm's whole useful reach; narrow them to your cell.
 
     Attributes:
         gripper_lower: Lower corner of the box for the gripper point, between the finger tips.
         gripper_upper: Its upper corner.
-        body_lower: Lower corner of the box for the whole arm from its second link on, the elbow
-            included; it keeps the arm from walls and people.
+        body_lower: Lower corner of the box for the arm from panda_link2 on, including the elbow;
+            the box keeps the arm away from walls and people.
         body_upper: Its upper corner.
-        table_height: Height of the table in the world [m], an infinite plane; None without a table.
-        table_margin: Distance of the arm, the hand and the tips of the closed fingers from the
-            table [m]: less than the 6 mm of planned grasps, as the tips are exact.
-        self_margin: Distance of the wrist and the hand from the shoulder [m]; the spheres between
-            which it is measured already bulge by 5-10 mm.
+        table_height: Height of the table, an infinite plane, in the world [m]; None without one.
+        table_margin: Distance that the arm, the hand and the tips of the closed fingers keep from
+            the table [m]: less than the 6 mm of planned grasps, as the model of the tips is exact.
+        self_margin: Distance that the wrist and the hand keep from the shoulder [m]; it is measured
+            between spheres that already bulge by 5-10 mm.
         spheres: How finely the robot's shape is covered.
     """
 
@@ -74,22 +74,22 @@ class PostureGuardConfig:
             if not np.shape(lower) == np.shape(upper) == (3,) or not np.less(lower, upper).all():
                 raise InvalidValueError(
                     f"PostureGuardConfig.{name}_lower is {lower} and {name}_upper is {upper}.",
-                    remedy="Give three numbers each, the lower ones below the upper ones.",
+                    remedy="Set each to three numbers, every lower one below its upper one.",
                 )
         for name in ("table_height", "table_margin", "self_margin"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
                 raise InvalidValueError(
-                    f"PostureGuardConfig.{name} is {value}.", remedy="Write a length in metres."
+                    f"PostureGuardConfig.{name} is {value}.", remedy="It must be finite."
                 )
 
 
 class PostureGuard:
     """Checks postures against the rules of `PostureGuardConfig`.
 
-    The arm's shape is the spheres of motion planning. For the boxes and the table, the hand's shape
-    is the corners of its box and of its closed finger tips: with open fingers a slanting hand
-    reaches up to 4 cm times the sine of its slant farther down. A held object is ignored.
+    The spheres of motion planning represent the arm. For the boxes and the table, the corners of
+    the hand's box and of the closed finger tips represent the hand; with open fingers, a tilted
+    hand reaches farther down by up to 4 cm times the sine of its tilt. Held objects are ignored.
     """
 
     def __init__(self, *, model: PandaModel, config: PostureGuardConfig | None = None):
@@ -117,10 +117,10 @@ class PostureGuard:
         self._lowest_height = table + config.table_margin
 
     def clearances(self, q: np.ndarray) -> np.ndarray:
-        """Returns the distance of postures from breaking each rule (B, 3) [m]; negative if broken.
+        """Returns how far each posture is from breaking each rule, (B, 3) [m]; negative if broken.
 
-        The columns are `PostureRule`s: the depth inside the boxes, the height above the table and
-        the distance between the robot's parts (capped at 2 cm), each less its margin.
+        The columns are `PostureRule`s: the depth inside the boxes, the height above the table less
+        its margin, and the self-clearance less its margin, capped at 2 cm.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -135,9 +135,9 @@ class PostureGuard:
         return clearances
 
     def face_distances(self, q: np.ndarray) -> np.ndarray:
-        """Returns the depth of postures inside each face of the boxes (B, 12) [m].
+        """Returns how far each posture is inside each face of the boxes, (B, 12) [m].
 
-        It is negative beyond a face. The smallest depth is the first column of `clearances`.
+        A distance is negative beyond a face; the smallest is the first column of `clearances`.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -145,7 +145,7 @@ class PostureGuard:
         return self._outer(self._model.link_poses(q))[0].reshape(len(q), 12)
 
     def tightest_face(self, q: np.ndarray) -> str:
-        """Returns a clause that names the face of the boxes nearest to, or farthest passed by, `q`.
+        """Returns a clause on the boxes' face that the postures are nearest to, or exceed most.
 
         Args:
             q: (B, 7) joint positions [rad], at least one.
@@ -156,16 +156,16 @@ class PostureGuard:
         name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
         limit = getattr(self._config, name)[axis]
         distance = 1e3 * float(distances.min())
-        where = f"{distance:.1f} mm away" if distance >= 0.0 else f"passed by {-distance:.1f} mm"
-        return f"posture.{name}[{axis}] is {limit:g} m, which is {where}"
+        where = f"{distance:.1f} mm away" if distance >= 0.0 else f"exceeded by {-distance:.1f} mm"
+        return f"posture.{name}[{axis}] is {limit:g} m, {where}"
 
     def tightest(self, q: np.ndarray) -> str:
-        """Returns a clause on the rule that a posture (7,) [rad] is nearest to, or breaks most."""
+        """Returns a clause on the rule that `q` (7,) [rad] most nearly breaks, or breaks most."""
         rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
         if rule is PostureRule.WORKSPACE:
             return self.tightest_face(q[None])
         if rule is PostureRule.SELF_COLLISION:
-            return "wrist or hand are close to the shoulder"
+            return "the wrist or the hand is close to the shoulder"
         _, height = self._outer(self._model.link_poses(q[None]))
         table = self._lowest_height - self._config.table_margin
         return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
@@ -173,7 +173,7 @@ class PostureGuard:
     def _outer(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).
 
-        The distances are by side (lower, upper), body (gripper point, whole arm) and axis.
+        The distances are indexed by side (lower, upper), body (gripper point, arm) and axis.
         """
         gripper = poses[:, GRIPPER_LINK, :3, 3]
         points = poses[:, _FIRST_LINK:, :3] @ self._centers
@@ -185,7 +185,7 @@ class PostureGuard:
     def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
         """Returns the first rule that any of the postures breaks, or None.
 
-        An arm that already breaks a rule may return, but not break it by more.
+        An arm that already breaks a rule may move back, but not break that rule by more.
 
         Args:
             q: (B, 7) next postures [rad].
@@ -202,7 +202,7 @@ class PostureGuard:
 def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarray, np.ndarray]:
     """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) of the moving links' spheres.
 
-    Repeated spheres fill each link up to P. Those of the hand are its corners, of radius zero.
+    Each link's spheres are repeated up to P. Those of the hand are its corners, of radius zero.
     """
     corners = _hand_corners(gripper)
     own = [np.flatnonzero(spheres.links == link) for link in range(_FIRST_LINK, GRIPPER_LINK)]

@@ -31,7 +31,7 @@ def panda_description_directory() -> Path:
 
 
 def panda_urdf() -> Path:
-    """Returns the URDF of the Panda with primitive collision shapes.
+    """Returns the path of the Panda's URDF with primitive collision shapes.
 
     Raises:
         MissingDependencyError: when the package `example-robot-data` is not installed.

@@ -44,10 +44,9 @@ class GuardedStep(NamedTuple, Generic[Reason]):
 
     Attributes:
         motion: The motion one period later.
-        share: The share of the desired velocity that the arm heads for, in [0, 1]: 1 without an
-            obstacle, less beyond the speed limits, 0 if the arm brakes instead.
-        reason: Why a larger share was refused; None if nothing or only the joints' limits forbade
-            it.
+        share: The share of the desired velocity that the arm heads for, in [0, 1]: 1 if no limit
+            and no forbidden posture reduces it, 0 if the arm brakes instead.
+        reason: Why a larger share was refused; None if nothing but the joints' limits did so.
     """
 
     motion: JointMotion
@@ -80,11 +79,14 @@ class VelocityLimiterConfig:
                     f"VelocityLimiterConfig.{name} is {getattr(self, name)}.",
                     remedy="It must be above 0 and at most 1.",
                 )
-        if not self.position_margin >= 0.0 or not all(j > 0.0 for j in self.jerk):
+        if not self.position_margin >= 0.0:
             raise InvalidValueError(
-                f"VelocityLimiterConfig has position_margin={self.position_margin} rad and "
-                f"jerk={self.jerk} rad/s^3.",
-                remedy="The margin must not be negative, and the jerks positive.",
+                f"VelocityLimiterConfig.position_margin is {self.position_margin} rad.",
+                remedy="It must not be negative.",
+            )
+        if not all(j > 0.0 for j in self.jerk):
+            raise InvalidValueError(
+                f"VelocityLimiterConfig.jerk is {self.jerk}.", remedy="Every jerk must be positive."
             )
 
 
@@ -93,9 +95,9 @@ class VelocityLimiter:
 
     Ruckig (Berscheid and Kroeger 2021) finds the fastest motion to a desired velocity. All joints
     share one scale, which keeps the direction where possible. After every step the arm can brake
-    within the position limits: the limiter plans the braking that would follow a step before it
-    takes the step, and chooses a smaller share of the velocity, or braking, if the arm would stop
-    outside. So if the arm can stop from one motion, it can stop from all later ones.
+    within the position limits: before it takes a step, the limiter plans the braking that would
+    follow, and chooses a smaller share of the velocity, or brakes, if the arm would stop outside
+    the limits. So if the arm can stop from one motion, it can stop from all later ones.
 
     The limiter has no state; callers pass the last commanded motion.
 
@@ -143,7 +145,7 @@ class VelocityLimiter:
 
         Args:
             motion: The current command.
-            wanted: (n,) velocity [rad/s]; a velocity that is not finite means rest.
+            wanted: (n,) desired velocity [rad/s]; one that is not finite means rest.
         """
         return self.guarded_step(motion, wanted, lambda postures: None).motion
 
@@ -172,16 +174,16 @@ class VelocityLimiter:
         """Returns the motion one period later, for an arm with forbidden postures.
 
         The step heads for the largest share of the desired velocity after which the arm can still
-        brake within the joints' limits and in allowed postures; without one, the arm brakes.
+        brake within the joints' limits and in allowed postures; if there is none, the arm brakes.
 
         Args:
             motion: The current command.
-            wanted: (n,) velocity [rad/s]; a velocity that is not finite means rest.
+            wanted: (n,) desired velocity [rad/s]; one that is not finite means rest.
             refuse: Returns why one of the postures (3, n) [rad] is forbidden, or None. They are the
-                posture after the step, half-way through the braking that would follow, and at its
-                end. It is called only for steps that the joints' limits allow.
-            offset: (n,) distance of the real arm from its command [rad], so that the real arm stays
-                within the joints' limits too.
+                postures after the step, halfway through the braking that would follow, and at its
+                end. `refuse` is called only for steps that the joints' limits allow.
+            offset: (n,) position of the real arm relative to its command [rad]; the real arm stays
+                within the joints' limits, too.
         """
         rest = np.zeros_like(motion.velocity)
         if not all_finite(wanted) or not wanted.any():
@@ -209,9 +211,9 @@ class VelocityLimiter:
         return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
-        """Returns whether braking from `start` (K, n) stays inside, or no farther out than before.
+        """Returns whether braking from `start` stays inside, or no farther outside than `before`.
 
-        The braking itself starts at zero; `before` (K, n) is one period earlier [rad].
+        Both are (K, n) positions [rad], `before` one period earlier; `braking` starts at zero.
         """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]
@@ -231,7 +233,7 @@ class VelocityLimiter:
         # phase synchronization.
         moving = velocity.any()
         task.synchronization = Synchronization.Phase if moving else Synchronization.Time
-        # A reused trajectory that once held a motion of no length keeps its extrema.
+        # A trajectory is not reused: after a motion of zero duration it would keep its extrema.
         trajectory = Trajectory(velocity.size)
         result = ruckig.calculate(task, trajectory)
         if result not in (Result.Working, Result.Finished):
@@ -243,6 +245,6 @@ class VelocityLimiter:
 
 
 def _ways(braking: Trajectory) -> np.ndarray:
-    """Returns the distances (3, n) [rad] of the joints at the start, the middle and the end."""
+    """Returns the joints' displacements (3, n) [rad] at the start, middle and end of braking."""
     middle, end = (braking.at_time(share * braking.duration)[0] for share in (0.5, 1.0))
     return np.array([[0.0] * len(end), middle, end])

@@ -75,7 +75,7 @@ def test_the_whole_arm_keeps_the_larger_box() -> None:
 
 @pytest.mark.parametrize(
     ("distance", "said"),
-    [(0.012, "is 0.8346 m, which is 12.0 mm away"), (-0.012, "is 0.8106 m, which is passed by")],
+    [(0.012, "is 0.8346 m, 12.0 mm away"), (-0.012, "is 0.8106 m, exceeded by 12.0 mm")],
 )
 def test_the_nearest_face_over_all_postures_is_named(distance: float, said: str) -> None:
     dut = guard(gripper_upper=(0.85, 0.85, UPRIGHT_GRIPPER[2] + distance))

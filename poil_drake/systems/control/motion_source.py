@@ -46,10 +46,10 @@ class MotionSource(LeafSystem):
     retreating (back along the approach axis), zero otherwise. `velocity` (7,) [rad/s] goes to the
     supervisor: the approach and descent trajectories with feedback, else the inverse kinematics'
     result in `ik_velocity` while there is a twist, else zero. `motion_done` is 1 once the phase's
-    own motion has ended and a joint motion has arrived.
+    own motion has ended and, if it is a joint motion, the arm has arrived.
 
     Before the first update, and whenever an input that they depend on is NaN, both velocities are
-    zero; with an unknown phase or start, or unknown joints in a joint motion, `motion_done` is 0.
+    zero. `motion_done` is 0 while the phase, its start or, in a joint motion, a position is NaN.
     Only a NaN in `ik_velocity` passes through, for the safety supervisor to detect.
     """
 
@@ -68,7 +68,7 @@ class MotionSource(LeafSystem):
         Args:
             approach: Motion from the start to the pre-grasp.
             descent: Motion from the pre-grasp to the grasp.
-            lift_distance: Height to which the arm lifts the object before it follows the field [m].
+            lift_distance: Height by which the arm lifts the object before it follows the field [m].
             retreat_distance: Distance by which the gripper retreats after release [m].
             straight: Speed and gain of the lift and the retreat.
             period: The control period [s].

@@ -57,7 +57,7 @@ class ControllerAnswer(NamedTuple):
         V_WG: (6,) (ω [rad/s], v [m/s]) of the gripper frame, in the world.
         status: The controller's status.
         output: The field's output.
-        target: (N, 3) the closest configuration of the reference [m]; NaN when lost.
+        target: (N, 3) the reference's configuration closest to the points [m]; NaN when lost.
     """
 
     V_WG: np.ndarray
@@ -91,9 +91,9 @@ def gripper_velocity(
         points: (N, 3) positions [m, world]; NaN where not observed.
         confidence: (N,) weights in [0, 1].
         X_WG: (4, 4) pose of the gripper frame.
-        reference: The reference of the same points.
+        reference: The reference motion of the same points.
         config: The field and the limits.
-        previous_tau: The last closest time [s], for the field's progress window.
+        previous_tau: Time of the last closest configuration [s], for the field's progress window.
     """
     confidence = confidence_in_workspace(points, confidence, config)
     output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
@@ -118,7 +118,7 @@ def gripper_velocity(
 
 
 class PointSetBcsdm(LeafSystem):
-    """The closed-loop velocity field of POIL (section III-B) on the tracked points.
+    """Evaluates POIL's closed-loop velocity field (section III-B) at the tracked points.
 
     .. pydrake_system::
 
@@ -151,11 +151,11 @@ class PointSetBcsdm(LeafSystem):
     - `target_points` (3N,): that configuration [m, world].
 
     With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
-    confidence (so before the first track, and when it is stale), the velocity is zero, the status
-    LOST and the other outputs are NaN. Otherwise, with a gripper pose that is not finite the
-    velocity is zero and the status INVALID_INPUT; while `reference` is `ABSENT` the velocity is
-    zero, the status HOLDING, and the other outputs are those of the constructor's reference. The
-    only state, if the field has a progress window, is the last finite `tau` with its reference. It
+    confidence (as before the first track, and when it is stale), the velocity is zero, the status
+    is LOST and the other outputs are NaN. Otherwise, if the gripper pose is not finite, the
+    velocity is zero and the status is INVALID_INPUT; while `reference` is `ABSENT`, the velocity is
+    zero, the status is HOLDING, and the other outputs are for the constructor's reference. The only
+    state, if the field has a progress window, is the last finite `tau` with its reference. It
     survives periods without a reference.
     """
 
@@ -214,7 +214,7 @@ class PointSetBcsdm(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, {self._answer.ticket()})
 
     def _reference_to_follow(self, context: Context) -> PointTrajectory | None:
-        """Returns the reference to follow, None to rest."""
+        """Returns the reference to follow, or None to rest."""
         given = self._given.Eval(context) if self._given.HasValue(context) else self._reference
         return None if given is ABSENT else given
 

@@ -26,18 +26,18 @@ class SafeEntry(LeafSystem):
 
     Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,).
     Points outside the controller's workspace are ignored. The mathematics is in `safe_entry_step`,
-    which runs once per period, in an unrestricted update. So does the update of the controller's
-    memory, and all updates at one instant read the state from before it: commands computed from
-    that instant on follow the new plan, while the controller remembers a closest configuration on
-    it from its next update on, and until then searches the whole plan. Planning happens within the
-    update and blocks the loop: for tens of milliseconds if there is a path, for some seconds if
-    there is none.
+    which runs once per period, in an unrestricted update. The controller updates its memory in such
+    an update, too, and all updates at one instant read the state before that instant. So commands
+    computed from that instant on follow the new plan, but the controller remembers no closest
+    configuration on it until its next update, and searches the whole plan. Planning happens within
+    the update and blocks the loop: for tens of milliseconds if there is a path, for a few seconds
+    if there is none.
 
     Every output is a function of the state alone:
 
-    - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, whose field
-      should be the planner's. Each plan is a new object. `ABSENT` while the object should rest:
-      before the first three points, while it is off its path, and while there is no path.
+    - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, which
+      should use the planner's field. Each plan is a new object. `ABSENT` while the object should
+      rest: before the first three points, while it is off its path, and while there is no path.
     - `status` (1,): an `EntryStatus`; WAITING before the first three points. While it is FAILED
       and the fallback is the paper's field, the reference is the demonstration, for a controller
       with the field that was given to the planner.

@@ -35,7 +35,7 @@ class ArmKinematics:
                 at their default positions.
             frame: The gripper frame G.
             joint_names: The arm's joints in the order of the joint vectors. Each has one degree of
-                freedom, and they follow one another in the plant.
+                freedom, and they are consecutive in the plant.
         """
         self._plant = plant
         self._frame = frame
@@ -52,7 +52,7 @@ class ArmKinematics:
         )
 
     def declare_scratch(self, system: LeafSystem) -> CacheEntry:
-        """Declares the cache entry of `system` that holds the plant's context."""
+        """Declares the cache entry of `system` that holds a scratch context of the plant."""
         return system.DeclareCacheEntry(
             "scratch context of the arm's plant",
             ValueProducer(
@@ -91,7 +91,7 @@ def MakePandaKinematics(X_WB: RigidTransform | None = None) -> ArmKinematics:
         X_WB: Pose of the robot's base; None places it at the world's origin.
 
     Raises:
-        MissingDependencyError: when the Panda's description is not installed.
+        MissingDependencyError: if the Panda's description is not installed.
     """
     # Drake models the coupling of the fingers only in discrete plants.
     plant = MultibodyPlant(time_step=1e-3)

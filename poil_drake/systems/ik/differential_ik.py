@@ -16,10 +16,10 @@ from poil_drake.systems.ik.arm_kinematics import ArmKinematics, MakePandaKinemat
 from poil_drake.systems.statuses import IkStatus
 
 _STUCK_SCALE = 0.02
-"""If the arm can reach less than this fraction of the twist, it is stuck."""
+"""The arm is stuck if it can achieve less than this fraction of the twist."""
 
 _FULL_SCALE = 0.99
-"""From this achieved fraction on, the arm follows the twist."""
+"""The arm follows the twist if it achieves at least this fraction of it."""
 
 
 class DifferentialInverseKinematics(LeafSystem):
@@ -71,8 +71,8 @@ class DifferentialInverseKinematics(LeafSystem):
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
-            InvalidValueError: if the nominal posture has another number of joints, or the arm has
-                more than 7.
+            InvalidValueError: if the nominal posture does not have one value for each joint, or the
+                arm has more than 7 joints.
         """
         super().__init__()
         self._stopwatch = stopwatch or Stopwatch()
@@ -83,8 +83,8 @@ class DifferentialInverseKinematics(LeafSystem):
         posture = self._config.nominal_posture
         if n > 7 or len(posture) != n:
             raise InvalidValueError(
-                f"The arm has {n} joints, and its nominal posture {len(posture)}.",
-                remedy="Use an arm of up to 7 joints, and a posture of its size.",
+                f"The arm has {n} joints, and nominal_posture has {len(posture)} values.",
+                remedy="Use an arm with at most 7 joints, and set one value for each joint.",
             )
         self._scratch = self._kinematics.declare_scratch(self)
         self._twist = self.DeclareVectorInputPort("spatial_velocity", 6)

@@ -1,4 +1,4 @@
-"""The positions of a whole plant in which only the arm and the hand are measured."""
+"""Positions of a whole plant, of which only the arm's and the hand's are measured."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -10,7 +10,7 @@ from poil_drake.robots.panda import NUM_JOINTS
 
 
 class MeasuredPosture(LeafSystem):
-    """Sets the robot in a plant to its measured posture; all else stays at its default.
+    """Outputs a plant's positions: the robot's as measured, all others at their defaults.
 
     .. pydrake_system::
 
@@ -22,8 +22,8 @@ class MeasuredPosture(LeafSystem):
         - positions
 
     `position_measured` (7,) [rad] is the arm's, `width_measured` (1,) [m] the hand's opening.
-    `positions` (nq,) are the plant's. An input that is NaN, as before the first message, leaves
-    its joints at their default.
+    `positions` (nq,) are the plant's. While an input is NaN, as before the first message, its
+    joints stay at their defaults.
     """
 
     def __init__(self, *, plant: MultibodyPlant, robot: ModelInstanceIndex):

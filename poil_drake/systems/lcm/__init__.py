@@ -1,1 +1,1 @@
-"""LCM: the drivers of the real Panda and its hand, simulated ones, networks and mailboxes."""
+"""LCM: connections to the drivers of the Panda and its hand, and simulated drivers."""

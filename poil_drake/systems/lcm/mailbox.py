@@ -13,16 +13,15 @@ _SET_BACK = 10
 """After this many consecutive late messages in order, their sender's clock counts as set back."""
 
 _CHANGES, _WITHIN = 10, 1.0
-"""This many changes of the sender within this time [s] mean two senders; a restarted sender makes
-one change."""
+"""This many changes of sender within this time [s] mean two senders; a restart makes one change."""
 
 
 class Stamped(Protocol):
-    """Something with a time."""
+    """A message with a time stamp."""
 
     @property
     def stamp(self) -> float:
-        """Time of the sender's clock [s since the epoch]."""
+        """Time by the sender's clock [s since the epoch]."""
 
 
 S = TypeVar("S", bound=Stamped)
@@ -38,7 +37,7 @@ class LcmMailbox(Generic[S]):
         newest: The message with the newest stamp; None before the first.
         late: Number of messages whose stamp was not newer than that of an earlier one.
         malformed: Number of messages that could not be decoded.
-        offset: Our clock minus the stamp of the last message when it arrived [s], late or not.
+        offset: `clock` minus the stamp of the last message, late or not, when it arrived [s].
     """
 
     def __init__(
@@ -50,13 +49,13 @@ class LcmMailbox(Generic[S]):
         same_sender: Callable[[S, S], bool] = lambda before, after: True,
         clock: Clock = time.time,
     ):
-        """Subscribes; the owner of `lcm` handles its subscriptions.
+        """Subscribes to the channel; the owner of `lcm` handles the subscriptions.
 
         Args:
             lcm: The network.
             channel: The channel of the messages.
-            decode: Decodes a message; raises an InvalidValueError if it cannot.
-            same_sender: Returns whether two consecutive messages can be of one sender.
+            decode: Decodes a message, or raises an InvalidValueError.
+            same_sender: Returns whether two consecutive messages could be from the same sender.
             clock: Returns the current time [s since the epoch].
         """
         self._decode, self._clock = decode, clock
@@ -70,13 +69,13 @@ class LcmMailbox(Generic[S]):
         lcm.Subscribe(channel, self._receive)
 
     def CheckOneSender(self) -> None:
-        """Raises a StationError if two senders take turns on the channel."""
+        """Raises a StationError if two senders alternate on the channel."""
         changes = self._changes
         if len(changes) == _CHANGES and changes[-1] - changes[0] <= _WITHIN:
             raise StationError(
-                f"Two senders take turns on {self._channel}.",
-                remedy="End one of them, such as a forgotten poil driver, or give each robot its "
-                "own channels (poil.hardware.channels).",
+                f"Two senders alternate on the LCM channel {self._channel}.",
+                remedy="Stop one of them, for example a poil driver that is still running, or "
+                "set different channels for each robot (poil.hardware.channels).",
             )
 
     def _receive(self, message: bytes) -> None:

@@ -27,38 +27,38 @@ def check_channel(name: str, key: str) -> None:
 
     Args:
         name: The channel's name.
-        key: The setting that holds it, for the error.
+        key: The setting that holds the name, for the error.
 
     Raises:
-        InvalidValueError: if LCM does not.
+        InvalidValueError: if LCM does not accept it.
     """
     if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
         raise InvalidValueError(
-            f"{key} is '{name}', which is not an LCM channel.",
-            remedy=f"Write 1 to {_LONGEST_CHANNEL} letters.",
+            f"{key} is '{name}', which is not a valid LCM channel name.",
+            remedy=f"Use 1 to {_LONGEST_CHANNEL} ASCII characters.",
         )
 
 
 class MessageNetwork(Protocol):
-    """The interface of a network: of `LcmNetwork`, and of Drake's `DrakeLcmInterface`."""
+    """The interface that `LcmNetwork` and Drake's `DrakeLcmInterface` have in common."""
 
     def Publish(self, channel: str, buffer: bytes) -> None:
         """Sends a message."""
 
     def Subscribe(self, channel: str, handler: Callable[[bytes], None]) -> None:
-        """Calls the handler with each message from now on; it must not raise."""
+        """Calls the handler with each message from now on; the handler must not raise."""
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
-        """Handles all received messages, after waiting for one at most; returns their number."""
+        """Handles all messages, after waiting up to the timeout for one; returns their number."""
 
 
 class LcmNetwork:
-    """LCM's own Python interface, with the methods of Drake's.
+    """A network through LCM's own Python interface, with the methods of Drake's.
 
     Drake's `DrakeLcm` keeps only the first message of each channel between two calls of
-    `HandleSubscriptions` and drops the rest; Python cannot change that. After a pause that message
-    is old, and another sender on the channel can keep the robot's messages out. Here a channel
-    queues the messages of a second or two.
+    `HandleSubscriptions` and drops the rest, which Python cannot change. After a pause that message
+    is old, and another sender on the channel can crowd out the robot's messages. Here each channel
+    has a queue that holds the messages of a second or two.
     """
 
     def __init__(self, url: str, *, queue_capacity: int = 2048, realtime_priority: int = 0):
@@ -66,11 +66,11 @@ class LcmNetwork:
 
         Args:
             url: The network's URL in LCM's syntax, e.g. udpm://239.255.76.67:7667?ttl=0.
-            queue_capacity: Number of messages of a channel that wait to be handled.
+            queue_capacity: Largest number of messages that wait in the queue of a channel.
             realtime_priority: Priority of LCM's receive thread, see `RealTimeScheduling`.
 
         Raises:
-            StationError: if it cannot be opened.
+            StationError: if the network cannot be opened.
         """
         self._capacity = queue_capacity
         self._subscriptions: list[Any] = []
@@ -81,8 +81,8 @@ class LcmNetwork:
         except (RuntimeError, OSError) as error:
             raise StationError(
                 f"The LCM network '{url}' cannot be opened ({error}).",
-                remedy="Write e.g. udpm://239.255.76.67:7667?ttl=0, and give multicast a route; "
-                "poil doctor tests it.",
+                remedy="Use a URL such as udpm://239.255.76.67:7667?ttl=0, and add a route for "
+                "multicast; poil doctor shows how.",
             ) from error
 
     def Publish(self, channel: str, buffer: bytes) -> None:
@@ -96,7 +96,7 @@ class LcmNetwork:
         self._subscriptions.append(subscription)
 
     def Close(self) -> None:
-        """Ends all subscriptions, and so drops their queues."""
+        """Ends all subscriptions, which drops their queues."""
         while self._subscriptions:
             self._lcm.unsubscribe(self._subscriptions.pop())
 
@@ -122,11 +122,11 @@ class LcmPump(LeafSystem):
 
         name: LcmPump
 
-    It does so in an unrestricted update. Drake runs those of one instant in the order in which the
-    systems were added to the diagram, so add the pump before all systems that read messages.
+    It does so in an unrestricted update. Drake runs the unrestricted updates of one instant in the
+    order in which their systems were added, so add the pump before all systems that read messages.
 
     Attributes:
-        handled_at: Time of the last call [s], by `time.monotonic`.
+        handled_at: When the messages were last handled [s], by `time.monotonic`.
     """
 
     def __init__(self, *, network: MessageNetwork, period: float = CONTROL_PERIOD):
@@ -134,7 +134,7 @@ class LcmPump(LeafSystem):
 
         Args:
             network: The network.
-            period: Time between two calls [s].
+            period: Time between two updates [s].
         """
         super().__init__()
         self.handled_at = -math.inf

@@ -49,7 +49,7 @@ class PandaChannels:
             if other != field:
                 raise InvalidValueError(
                     f"poil.hardware.channels.{other} and .{field} are both '{channel}'.",
-                    remedy="Give each its own channel.",
+                    remedy="Set a different channel for each.",
                 )
 
 
@@ -58,7 +58,7 @@ def _decode(lcm_type: Any, message: bytes, kind: str) -> Any:
         return lcm_type.decode(message)
     except (ValueError, struct.error) as error:
         raise InvalidValueError(
-            f"A message of {len(message)} bytes is not a {kind}: {error}", remedy=_OTHER_SENDERS
+            f"A message of {len(message)} bytes is not a {kind}: {error}.", remedy=_OTHER_SENDERS
         ) from error
 
 
@@ -66,13 +66,13 @@ class PandaStatus(NamedTuple):
     """A status of the arm's driver.
 
     Attributes:
-        stamp: Time of the driver's clock [s since the epoch].
-        position: (7,) measured [rad].
-        velocity: (7,) measured [rad/s].
-        torque_external: (7,) external torques on the joints [N m], positive along the joints.
+        stamp: Time by the driver's clock [s since the epoch].
+        position: (7,) measured positions [rad].
+        velocity: (7,) measured velocities [rad/s].
+        torque_external: (7,) external torques [N m], positive in the joints' positive directions.
         mode: The robot's mode.
         success_rate: Share of the last commands that reached the robot in time, in [0, 1].
-        robot_stamp: Time of the robot's own clock [s]; NaN if unknown.
+        robot_stamp: Time by the robot's own clock [s]; NaN if unknown.
     """
 
     stamp: float
@@ -90,18 +90,18 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     The driver reports external torques with the opposite sign of Drake's; the result has Drake's.
 
     Raises:
-        InvalidValueError: if the message is of another type or robot, or has numbers that are not
-            finite.
+        InvalidValueError: if the message is of another type, its robot has another number of joints
+            or an unknown mode, or a joint value is not finite.
     """
-    decoded = _decode(lcmt_panda_status, message, "status of a Panda")
+    decoded = _decode(lcmt_panda_status, message, "Panda status")
     joints = np.array(
         [decoded.joint_position, decoded.joint_velocity, decoded.joint_torque_external]
     )
     known_mode = decoded.robot_mode in RobotMode.__members__.values()
     if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
-            "This status of a Panda cannot be used: it has the robot mode "
-            f"{decoded.robot_mode} and the joint values {joints.tolist()}.",
+            f"A Panda status needs a known robot mode and {NUM_JOINTS} finite values per quantity, "
+            f"but has the mode {decoded.robot_mode} and the joint values {joints.tolist()}.",
             remedy=_OTHER_SENDERS,
         )
     return PandaStatus(
@@ -138,15 +138,15 @@ def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> 
 
 
 _MAX_JUMP, _MAX_SPEED = 0.1, 3.0
-"""Between two statuses of one robot a joint moves at most this offset [rad] plus this speed [rad/s]
-times the elapsed time; repeated and late statuses may be some time apart."""
+"""Between two statuses of the same robot, a joint moves by at most this offset [rad] plus this
+speed [rad/s] times the elapsed time, which repeated and late statuses can make long."""
 
 _MAX_CLOCK_JUMP = 0.5
-"""Between two statuses of one robot its clock and the driver's drift apart by at most this [s]."""
+"""Between two statuses of the same robot, its clock drifts from the driver's by up to this [s]."""
 
 
 def same_panda(before: PandaStatus, after: PandaStatus) -> bool:
-    """Returns whether two consecutive statuses can be of one robot."""
+    """Returns whether two consecutive statuses could have come from the same robot."""
     elapsed = after.stamp - before.stamp
     jump = float(np.abs(after.position - before.position).max())
     clock_jump = abs(after.robot_stamp - before.robot_stamp - elapsed)
@@ -158,10 +158,10 @@ class PandaCommand(NamedTuple):
     """A command to the arm's driver.
 
     Attributes:
-        stamp: Time of the sender's clock [s since the epoch].
+        stamp: Time by the sender's clock [s since the epoch].
         mode: The control mode that the sender expects, see `PandaControlMode`.
         sizes: Numbers of positions, velocities and torques.
-        velocity: (n,) desired [rad/s].
+        velocity: (n,) desired velocities [rad/s].
     """
 
     stamp: float
@@ -176,7 +176,7 @@ def decode_panda_command(message: bytes) -> PandaCommand:
     Raises:
         InvalidValueError: if the message is of another type.
     """
-    decoded = _decode(lcmt_panda_command, message, "command to a Panda")
+    decoded = _decode(lcmt_panda_command, message, "Panda command")
     return PandaCommand(
         stamp=1e-6 * decoded.utime,
         mode=decoded.control_mode_expected,
@@ -189,8 +189,8 @@ def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
     """Encodes an `lcmt_panda_command` in velocity mode.
 
     Args:
-        velocity: (7,) [rad/s], finite.
-        stamp: Time of the clock that the driver compares it with [s since the epoch].
+        velocity: (7,) desired velocities [rad/s], finite.
+        stamp: The command's time [s since the epoch], by a clock that agrees with the driver's.
     """
     message = lcmt_panda_command()
     message.utime = round(1e6 * stamp)
@@ -203,11 +203,11 @@ def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
 class HandOpening(NamedTuple):
     """The measured opening in a status of the hand, or the desired one in a command to it.
 
-    The Franka driver uses the messages of the Schunk WSG for its hand. The force in its statuses
-    is always zero and the speed made up.
+    The Franka driver uses the messages of the Schunk WSG for its hand. In its statuses the force is
+    always zero, and the speed is made up.
 
     Attributes:
-        stamp: Time of the sender's clock [s since the epoch].
+        stamp: Time by the sender's clock [s since the epoch].
         width: Opening between the fingers [m].
     """
 
@@ -221,7 +221,7 @@ def decode_hand_status(message: bytes) -> HandOpening:
     Raises:
         InvalidValueError: if the message is of another type, or its width is not finite.
     """
-    decoded = _decode(lcmt_schunk_wsg_status, message, "status of a hand")
+    decoded = _decode(lcmt_schunk_wsg_status, message, "hand status")
     return _hand_opening(decoded.utime, decoded.actual_position_mm)
 
 
@@ -231,7 +231,7 @@ def decode_hand_command(message: bytes) -> HandOpening:
     Raises:
         InvalidValueError: if the message is of another type, or its width is not finite.
     """
-    decoded = _decode(lcmt_schunk_wsg_command, message, "command to a hand")
+    decoded = _decode(lcmt_schunk_wsg_command, message, "hand command")
     return _hand_opening(decoded.utime, decoded.target_position_mm)
 
 

@@ -1,4 +1,4 @@
-"""Systems that show the statuses of the real Panda's and its hand's drivers."""
+"""Systems that output the statuses from the drivers of the real Panda and its hand."""
 
 import time
 
@@ -13,7 +13,7 @@ from poil_drake.systems.lcm.panda_messages import HandOpening, PandaStatus
 from poil_drake.systems.statuses import RobotMode
 
 _MAX_HAND_AGE = 0.5
-"""Largest age of a valid status of the hand [s]; the driver sends ten a second."""
+"""Largest age of a valid hand status [s]; the driver sends ten a second."""
 
 _HAND_GRACE = 0.1
 """The opening of a hand stays valid for this long after its status became too old [s], so that the
@@ -21,7 +21,7 @@ supervisor detects a failure of the whole robot first."""
 
 
 class FrankaStatusReceiver(LeafSystem):
-    """Shows the newest status of the Panda's driver.
+    """Outputs the newest status from the Panda's driver.
 
     .. pydrake_system::
 
@@ -40,8 +40,8 @@ class FrankaStatusReceiver(LeafSystem):
     [rad/s] and `torque_external` [N m] are (7,), NaN before the first status. `status` (3,) holds
     the `RobotMode`, the age [s] and the share of commands that reach the robot in time. The age is
     the clock at the last update minus the driver's stamp: it grows when statuses stop, arrive late
-    or repeat, and is negative if the driver's clock is ahead of ours. Before the first status these
-    are OTHER, infinity and 0. An update raises a StationError if two drivers take turns.
+    or repeat, and is negative if the driver's clock is ahead. Before the first status, `status` is
+    OTHER, infinity and 0. An update raises a StationError if two drivers alternate on the channel.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class FrankaStatusReceiver(LeafSystem):
 
 
 class HandStatusReceiver(LeafSystem):
-    """Shows the opening of the Panda's hand.
+    """Outputs the opening of the Panda's hand.
 
     .. pydrake_system::
 
@@ -93,7 +93,7 @@ class HandStatusReceiver(LeafSystem):
         - width_measured
 
     `width_measured` (1,) [m] is state; an unrestricted update takes it from the mailbox once per
-    period. It is NaN before the first status, and once the stamp of the newest has differed from
+    period. It is NaN before the first status, and once the newest status's stamp has differed from
     the clock by more than 0.5 s for 0.1 s.
     """
 

@@ -1,4 +1,4 @@
-"""Systems that send commands to the real Panda's and its hand's drivers."""
+"""Systems that send commands to the drivers of the real Panda and its hand."""
 
 import math
 import time
@@ -35,7 +35,7 @@ _GRIP_FORCE = 40.0
 
 
 class FrankaCommandSender(LeafSystem):
-    """Sends joint velocities to the Panda's driver, which stops the arm without them.
+    """Sends joint velocities to the Panda's driver, which stops the arm when they cease.
 
     .. pydrake_system::
 
@@ -44,8 +44,8 @@ class FrankaCommandSender(LeafSystem):
         - velocity
         - velocity_time
 
-    Drake's `PandaCommandSender` stamps commands with the context's time, which the driver drops as
-    expired, and sends whatever its input holds.
+    Drake's `PandaCommandSender` stamps commands with the context's time, so that the driver drops
+    them as expired, and sends whatever its input holds.
 
     A publish event sends `velocity` (7,) [rad/s] once per period with the clock's time as its
     stamp. The arm brakes if `velocity` is not connected or not finite, or if the time [s] in
@@ -58,7 +58,7 @@ class FrankaCommandSender(LeafSystem):
     has commanded the arm.
 
     Attributes:
-        commanding: Whether it has sent anything since `SendRest` ended at rest.
+        commanding: Whether the sender has sent anything since `SendRest` ended at rest.
         channel: The channel of the commands.
     """
 
@@ -84,14 +84,14 @@ class FrankaCommandSender(LeafSystem):
             mailbox: Receives the driver's statuses.
             limiter: Computes the braking, at the same period.
             period: Time between two commands [s].
-            offset: Time of the first command [s]. With a fraction of the period, commands go out
-                this long after the update that computes them, at an even pace if the loop waits for
-                that time.
+            offset: Time of the first command [s]. With a fraction of the period, each command goes
+                out this long after the update that computes it, at an even pace if the loop waits
+                for that time.
             expiry: How long the driver follows a command [s of the context's time].
-            outdated: Returns whether the period's update is too long ago by the clock, as after the
-                process was suspended.
-            clock: Returns the current time [s since the epoch], on which the driver must agree.
-            time_scale: Seconds of that clock per second.
+            outdated: Returns whether the period's update was too long ago by the clock, as after
+                the process was suspended.
+            clock: Returns the current time [s since the epoch]; the driver's clock must agree.
+            time_scale: Seconds by `clock` per second of real time.
         """
         super().__init__()
         self.commanding, self._sent_at = False, -math.inf
@@ -108,7 +108,7 @@ class FrankaCommandSender(LeafSystem):
         self.DeclareForcedPublishEvent(self._send)
 
     def SendRest(self, duration: float) -> None:
-        """Brakes from the last command, then sends zero velocities; waits until both are done.
+        """Brakes from the last command, then sends zero velocities; returns when both are done.
 
         The limiter plans the braking as after a fault, so that the arm stays in its allowed space.
         If the last command is so old that the driver has stopped the arm, there is no braking.
@@ -148,8 +148,8 @@ class FrankaCommandSender(LeafSystem):
     def _motion(self) -> JointMotion:
         """Returns the last commanded motion; rest if the driver has stopped the arm since.
 
-        Its acceleration is the mean over the last period, in which jerks can build up all that the
-        limiter allows.
+        Its acceleration is the mean over the last period, clipped to the limiter's; a period is
+        long enough for the allowed jerk to build that up.
         """
         newest, before = self._sent
         followed = self._time_scale * (time.monotonic() - self._sent_at) <= self._expiry
@@ -206,8 +206,8 @@ class HandCommandSender(LeafSystem):
             lcm: The network.
             channel: The driver's channel for commands.
             mailbox: Receives the hand's statuses.
-            period: Time between two commands [s]; the driver reads ten a second.
-            offset: Time of the first command [s]; above 0, initializing a simulator sends nothing.
+            period: Time between two commands [s]; the driver reads ten commands a second.
+            offset: Time of the first command [s]; if positive, initialization sends nothing.
             outdated: See `FrankaCommandSender`.
             clock: Returns the current time [s since the epoch].
         """

@@ -6,7 +6,7 @@ from poil_drake.errors import StationError
 from poil_drake.systems.lcm.network import MessageNetwork
 
 _REMEMBERED = 1024
-"""Number of own messages that are recognized when they return: those of four seconds."""
+"""How many of its own messages a channel recognizes when they return: four seconds' worth."""
 
 
 class SharedChannel:
@@ -17,7 +17,7 @@ class SharedChannel:
     """
 
     def __init__(self, lcm: MessageNetwork, channel: str, *, what: str):
-        """Subscribes; the owner of `lcm` handles its subscriptions.
+        """Subscribes to the channel; the owner of `lcm` handles the subscriptions.
 
         Args:
             lcm: The network.

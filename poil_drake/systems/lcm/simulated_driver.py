@@ -33,9 +33,9 @@ class SimulatedDriverConfig:
         expire_sec: The driver drops a command whose stamp differs from its clock by more than this
             [s], as the real one does.
         torque_limit: External torque on a joint at which the robot's reflex stops it [N m]; the
-            real driver's default is 100, Franka's examples have 20.
+            real driver's default is 100, Franka's examples use 20.
         status_period: Time between two statuses [s]; the real driver sends a thousand a second, and
-            this is exact in binary.
+            this period is exact in binary.
     """
 
     expire_sec: float = 0.1
@@ -44,7 +44,7 @@ class SimulatedDriverConfig:
 
 
 class SimulatedDriver(LeafSystem):
-    """Accepts velocity commands from the network and reports the arm's status as the real driver.
+    """Accepts velocity commands over the network and reports the arm's status.
 
     .. pydrake_system::
 
@@ -61,11 +61,11 @@ class SimulatedDriver(LeafSystem):
     Drake's `PandaCommandReceiver` checks neither the age of a command nor the robot's reflex, and
     its `PandaStatusSender` has no robot mode and stamps statuses with the context's time.
 
-    Once per period, that of the plant, the driver reads the last command. A control mode other than
-    velocity, or another size, ends the driver (a StationError), as it ends the real one. The driver
-    drops a command whose stamp differs from its clock by more than `expire_sec`. It sends statuses
-    with the joints' values as in `lcmt_panda_status` at their own rate; between two steps of the
-    plant it extrapolates the position by the velocity.
+    Once per period of the plant, the driver reads the last command. A command in a mode other than
+    velocity control, or of another size, ends the driver (with a StationError), as it ends the real
+    one. The driver drops a command whose stamp differs from its clock by more than `expire_sec`. It
+    sends statuses at their own rate, with the joints' values as in `lcmt_panda_status`; between two
+    steps of the plant it extrapolates the positions with the velocities.
 
     `velocity` (7,) [rad/s] is that of the last command, zero before the first; `velocity_time` (1,)
     [s] is the simulation time of its stamp, minus infinity before the first, so that the arm rests
@@ -91,7 +91,7 @@ class SimulatedDriver(LeafSystem):
             command_channel: The channel of the commands.
             status_channel: The channel of the statuses.
             period: Period of the plant, and of reading commands [s].
-            config: Its behaviour.
+            config: The driver's behaviour.
             clock: The driver's time [s since the epoch].
         """
         super().__init__()
@@ -129,8 +129,8 @@ class SimulatedDriver(LeafSystem):
         if command is not None:
             if command.mode != int(PandaControlMode.kVelocity) or command.sizes != _SIZES:
                 raise StationError(
-                    f"A command expects the control mode {command.mode}, with {command.sizes} "
-                    "positions, velocities and torques.",
+                    f"The driver cannot follow a command with the control mode {command.mode} and "
+                    f"{command.sizes} positions, velocities and torques.",
                     remedy="Send seven velocities in velocity mode (2).",
                 )
             age = self._clock() - command.stamp

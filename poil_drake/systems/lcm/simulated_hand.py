@@ -20,7 +20,7 @@ _STILL = 5e-4
 
 
 class SimulatedHand(LeafSystem):
-    """Accepts opening widths from the network and reports the hand's, ten times a second.
+    """Accepts opening commands over the network and reports the opening ten times a second.
 
     .. pydrake_system::
 
@@ -32,7 +32,7 @@ class SimulatedHand(LeafSystem):
 
     Like the real driver it runs one loop at 10 Hz, ignores a command that repeats the last one,
     reads no command while the hand moves, and reports no force. `width` (1,) [m] is the last
-    commanded opening, NaN before the first, with which the hand holds its opening.
+    commanded opening; before the first command it is NaN, and the hand holds its opening.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""The Panda and its hand, simulated or recorded; the real ones are in `systems/lcm`."""
+"""The simulated and the recorded Panda and its hand; `systems/lcm` connects the real ones."""

@@ -10,7 +10,7 @@ from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
 def step_width(*, width: float, wanted: float, speed: float, time_step: float) -> float:
-    """Moves the commanded width [m] towards the desired one by at most speed * time_step."""
+    """Returns the commanded width [m], moved by at most speed * time_step towards `wanted`."""
     wanted = min(max(wanted, 0.0), MAX_HAND_WIDTH)
     change = speed * time_step
     return min(max(wanted, width - change), width + change)
@@ -30,12 +30,12 @@ class HandDriver(LeafSystem):
         - finger_velocity
 
     Port `width` is the desired opening between the pads [m]; if it is NaN or not connected, the
-    hand holds its opening. A width smaller than the object between the fingers grips it; the
-    actuator's effort limit bounds the force.
+    hand holds its opening. A width smaller than the object between the fingers grips the object;
+    the actuator's effort limit bounds the force.
 
-    `finger_position` [m] and `finger_velocity` [m/s] are those of one finger, half of the width's.
-    Before the first step, and until the measured width is finite, they are half the measured width
-    and zero.
+    `finger_position` [m] and `finger_velocity` [m/s] are those of one finger: half of the commanded
+    width and half of its rate. Before the first step, and until the measured width is finite, they
+    are half of the measured width and zero.
     """
 
     def __init__(self, *, speed: float = PandaDriver.hand_speed, time_step: float = 1 / 512):
@@ -43,7 +43,7 @@ class HandDriver(LeafSystem):
 
         Args:
             speed: Rate of change of the opening [m/s].
-            time_step: The plant's [s].
+            time_step: The plant's time step [s].
         """
         super().__init__()
         self._speed, self._time_step = speed, time_step
@@ -63,7 +63,7 @@ class HandDriver(LeafSystem):
         context.SetDiscreteState(self._state, np.array([math.nan, 0.0]))
 
     def _commanded_width(self, context: Context) -> float:
-        """Returns the commanded width, before the first step the measured one [m]."""
+        """Returns the commanded width [m]; the measured one before the first step."""
         width = context.get_discrete_state(self._state).value()[0]
         return float(self._measured.Eval(context)[0] if math.isnan(width) else width)
 

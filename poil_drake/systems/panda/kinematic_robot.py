@@ -1,4 +1,4 @@
-"""A robot without dynamics that starts at the posture of the real one, for dry runs."""
+"""A robot without dynamics that starts at the real robot's posture, for dry runs."""
 
 import numpy as np
 from pydrake.systems.framework import (

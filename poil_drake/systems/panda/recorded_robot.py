@@ -14,7 +14,7 @@ JOINTS, HAND, STATUS = "joints", "hand", "status"
 
 
 class RecordedClock:
-    """The clock of a replayed run in the current control period.
+    """The recorded clock of a replayed run; its time is constant within a control period.
 
     Attributes:
         now: The clock's time [s].
@@ -28,7 +28,7 @@ class RecordedClock:
 
 
 class RecordedRobot(LeafSystem):
-    """Shows the recorded signals of an arm and its hand.
+    """Outputs the recorded signals of an arm and its hand.
 
     .. pydrake_system::
 
@@ -45,17 +45,17 @@ class RecordedRobot(LeafSystem):
         - width_measured
         - position_commanded
 
-    The robot ignores its inputs, which are those of other robots. `position_measured` [rad],
+    The inputs match those of the other robots, and are ignored. `position_measured` [rad],
     `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `width_measured` (1,) [m] is
-    the hand's, and `status` (3,) is mode, age [s] and share of commands in time: those of the
-    newest sample at or before the context's time, NaN before the first. `position_commanded` (7,)
-    [rad] is the commanded posture of the run, which cannot be computed from the commands of the
-    replay, as the robot does not follow them.
+    the hand's opening, and `status` (3,) holds the mode, the age [s] and the share of commands in
+    time. All outputs show the newest sample at or before the context's time, NaN before the first.
+    `position_commanded` (7,) [rad] is the run's commanded posture; it cannot be computed from the
+    commands of the replay, which the robot does not follow.
 
-    A sample shows the values before the updates at its time. The signals of a plant, and those
+    A sample holds the values before the updates at its time. The signals of a plant, and those
     received from a real robot, change in unrestricted updates, so that the discrete updates at the
-    same time see what only the next sample shows. Here, too, such `leading` signals are state, set
-    at the beginning of each period to the newest sample at its end.
+    same time see values that only the next sample holds. To reproduce this, an unrestricted update
+    at each period's start sets such `leading` signals to the newest sample at the period's end.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class RecordedRobot(LeafSystem):
             postures: (T, 7) commanded positions.
             period: The control period [s].
             clock: The run's clock, which the robot sets at the beginning of each period.
-            leading: Those of `JOINTS`, `HAND` and `STATUS` that change in unrestricted updates.
+            leading: Which of `JOINTS`, `HAND` and `STATUS` change in unrestricted updates.
         """
         super().__init__()
         self._period, self._clock, self._status = period, clock, status

@@ -53,7 +53,7 @@ class PandaDriver:
             if len(getattr(self, name)) != NUM_JOINTS:
                 raise InvalidValueError(
                     f"PandaDriver.{name} has {len(getattr(self, name))} values.",
-                    remedy=f"Give {NUM_JOINTS}, one for each joint of the arm.",
+                    remedy=f"Set {NUM_JOINTS} values, one for each joint of the arm.",
                 )
         for name, value in vars(self).items():
             may_be_zero = name in ("limit_margin", "damping", "hand_damping")
@@ -79,14 +79,14 @@ def step_joints(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Advances the joints' commanded positions by one step.
 
-    The desired velocity passes a low pass, then limits of speed, of braking distance before the
-    position limits, and of acceleration, separately for each joint, as in libfranka's rate limiter.
+    A low-pass filter smooths the desired velocity. Limits of speed, of braking distance to the
+    position limits, and of acceleration then apply to each joint, as in libfranka's rate limiter.
 
     Args:
         position: (7,) commanded positions [rad].
         velocity: (7,) commanded velocities [rad/s].
         wanted: (7,) velocities to follow [rad/s], finite.
-        measured: (7,) measured positions [rad]; a NaN lifts the leash.
+        measured: (7,) measured positions [rad]; a NaN disables the leash.
         limits: Limits of the joints.
         config: Filter, leash and margin.
         time_step: Duration of the step [s].
@@ -112,17 +112,17 @@ def step_joints(
         np.fmax(lower, measured - config.leash),
         np.fmin(upper, measured + config.leash),
     )
-    # A joint that its limits or its leash hold has no velocity, which prevents windup.
+    # A joint that is held by its limits or its leash gets zero velocity, which prevents windup.
     return reached, np.where(reached == next_position, limited, 0.0)
 
 
 def eval_velocity(
     context: Context, velocity: InputPort, velocity_time: InputPort, *, max_age: float
 ) -> np.ndarray | None:
-    """Evaluates the ports of a velocity and its time [s]; returns None for a velocity to ignore.
+    """Returns the velocity at a port, or None if it must be ignored.
 
-    That is one which is not connected, not finite, or whose time is connected and not within
-    `max_age` [s] of the context's.
+    It must be ignored if it is not connected or not finite, or if its time [s] is connected and is
+    NaN or more than `max_age` [s] older than the context's.
     """
     if not velocity.HasValue(context):
         return None
@@ -172,7 +172,7 @@ class PandaVelocityDriver(LeafSystem):
         Args:
             limits: Limits of the joints; None for the Panda's.
             config: How the robot follows commands.
-            time_step: The plant's [s].
+            time_step: The plant's time step [s].
         """
         super().__init__()
         self._limits = limits or PandaModel().joint_limits

@@ -45,12 +45,11 @@ class FkPropagator(LeafSystem):
     - `points` (3N,) row-major [m, world]: NaN before the first track, and for points that the last
       track did not observe.
     - `confidence` (N,): zero before the first track and when `age` exceeds `max_age`.
-    - `age` (1,) [s] since the capture of the last track: infinite before the first track.
-    - `gripper_pose` (16,) X_WG row-major: NaN before the first finite joint positions, after that
-      the last finite one.
+    - `age` (1,) [s]: time since the capture of the last track; infinite before the first track.
+    - `gripper_pose` (16,) X_WG row-major: at the last finite joint positions; NaN before the first.
     - `object_motion` (16,) X_M row-major at `image_time` (1,) [s], the capture time of the images
-      that the tracker processes next; the present X_M while that port is not connected or NaN. The
-      identity before the first grasp; NaN if the images are older than the history.
+      that the tracker processes next, or at present while that port is not connected or NaN. It is
+      the identity before the first grasp, and NaN if the images are older than the history.
 
     `position_measured` (n,) [rad] is the arm's. The system accepts a track if its stamp is newer
     than the last one's and at least one of its points was observed: through a short loss it
@@ -74,9 +73,9 @@ class FkPropagator(LeafSystem):
             num_points: The number of tracked points, N.
             kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
-            max_age: Largest age of points with confidence [s]; several periods of the tracker and
-                its latency, yet short enough that slip in the hand matters little.
-            history: Duration of the motion's history, for late tracks [s]; None for `max_age`.
+            max_age: Age beyond which points have no confidence [s]: several periods of the tracker
+                and its latency, yet short enough that slip in the hand matters little.
+            history: How far back the motion is known, for late tracks [s]; None for `max_age`.
             stopwatch: Records the durations of the updates as "control".
         """
         super().__init__()
@@ -182,10 +181,11 @@ class FkPropagator(LeafSystem):
 
     def _eval_tracked(self, context: Context) -> TrackedPoints:
         tracked = self._tracked.Eval(context)
-        if not isinstance(tracked, TrackedPoints) or len(tracked.positions) != self._num_points:
+        size = len(tracked.positions) if isinstance(tracked, TrackedPoints) else None
+        if size != self._num_points:
+            found = f"a {type(tracked).__name__}" if size is None else f"{size} tracked points"
             raise InvalidValueError(
-                f"Port tracked_points of FkPropagator holds a {type(tracked).__name__}, but it "
-                f"needs TrackedPoints of {self._num_points} points.",
-                remedy="Connect a tracker, and give both systems the same number of points.",
+                f"Port tracked_points of FkPropagator has {found}, not {self._num_points} points.",
+                remedy="Connect a tracker with as many points as the propagator.",
             )
         return tracked

@@ -12,10 +12,10 @@ from poil_drake.geometry.rigid_transform import (
 )
 
 ROW_SIZE = 17
-"""A row of a history: the time of the sample [s], then X (4, 4) row-major."""
+"""Size of a row of a history: the time of the sample [s], then X (4, 4) row-major."""
 
 _ON_GRID = 1e-6
-"""Times within this fraction of a period of a sample count as the sample's time."""
+"""A time within this fraction of a period from a sample counts as the sample's time."""
 
 
 def empty_history(duration: float, period: float) -> np.ndarray:
@@ -24,14 +24,14 @@ def empty_history(duration: float, period: float) -> np.ndarray:
 
 
 def record_motion(history: np.ndarray, time: float, X: np.ndarray, period: float) -> None:
-    """Replaces the oldest sample by X (4, 4) at `time` [s], a multiple of `period`."""
+    """Replaces the oldest sample with X (4, 4) at `time` [s], a multiple of `period`."""
     row = history[round(time / period) % len(history)]
     row[0] = time
     row[1:] = X.ravel()
 
 
 def motion_at(history: np.ndarray, time: float, period: float) -> np.ndarray | None:
-    """Returns X (4, 4) at `time` [s], or None if the history does not contain it.
+    """Returns X (4, 4) at `time` [s], or None if the history does not cover it.
 
     Between two samples the translation is interpolated linearly, the rotation along the geodesic.
     """

@@ -32,7 +32,7 @@ class SafetyFault(DescribedEnum):
 
 
 POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
-"""The fault of an arm that would break a rule."""
+"""The fault for each rule that the arm is about to break."""
 
 
 def _limiter() -> VelocityLimiterConfig:
@@ -44,31 +44,31 @@ class SafetyConfig:
     """Thresholds of the faults, and limits of the arm's motion.
 
     Attributes:
-        limiter: Shares of the joints' limits. By default more of the accelerations than the inverse
-            kinematics uses (0.8), so that it slows nothing down, and half of the jerks, which
-            delays a velocity by at most 4 ms. Its `velocity_scale` is the speed override.
+        limiter: Shares of the joints' limits. The default acceleration share exceeds that of the
+            inverse kinematics (0.8), so that the limiter does not slow it down; half of the jerk
+            limits delays a velocity by at most 4 ms. `velocity_scale` is the speed override.
         posture: The workspace that the arm must stay in.
-        status_age_limit: Largest difference between the stamp of the robot's status and our clock
+        status_age_limit: Largest difference between the clock and the stamp of the robot's status
             [s]: a dozen control periods.
         clock_off_age: Statuses that keep arriving but are older than this [s] indicate a clock
             that is off, not a slow network.
         min_success_rate: Smallest share of commands that must reach the robot in time; Franka's
             communication test rejects a network with less.
-        success_rate_time: How long the share may stay below that [s]: the robot counts over its
-            last 0.1 s, and has nothing to count before the first commands.
+        success_rate_time: How long the share may stay below `min_success_rate` [s]: the robot
+            counts over its last 0.1 s, and has nothing to count before the first commands.
         command_age_limit: Largest age of the desired velocity [s]: a dozen control periods.
         external_torque: Largest external torque on each joint [N m], as in the motion examples
             of Franka's library. Grasping and hanging a mug takes up to 7 N m.
-        external_torque_time: How long a torque may exceed that [s]: longer than a single bad
+        external_torque_time: How long a torque may exceed its limit [s]: longer than a single bad
             measurement, shorter than a person's reaction.
         tracking_leash: Largest difference between a joint's commanded and its measured position
-            [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold an arm in
-            contact back by as much.
+            [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold back an arm in
+            contact by as much.
         rest_speed: An arm with all measured joint speeds below this is at rest [rad/s].
-        image_age_limit: Largest age of each camera's image [s]: more than a tracker can bridge.
+        image_age_limit: Largest age of a camera's newest image [s]: more than a tracker can bridge.
         image_ahead_limit: How far the stamp of an image may be in the future [s].
-        stall_limit: Largest time between two updates by the clock, if there is one [s]: shorter
-            than the driver follows a command.
+        stall_limit: Longest time between two updates by the clock, if there is one [s]: shorter
+            than the time for which the driver follows a command.
     """
 
     limiter: VelocityLimiterConfig = field(default_factory=_limiter)
@@ -98,5 +98,5 @@ class SafetyConfig:
         if not 0.0 <= self.min_success_rate <= 1.0:
             raise InvalidValueError(
                 f"SafetyConfig.min_success_rate is {self.min_success_rate}.",
-                remedy="Write a share in [0, 1].",
+                remedy="It must be in [0, 1].",
             )

@@ -59,36 +59,36 @@ class SafetySupervisor(LeafSystem):
         - updated_at
         - position
 
-    Inputs, of which `velocity_time`, `stop`, `reset`, `position_commanded` and the cameras' are
-    optional: `velocity` (7,) [rad/s] is the desired velocity, computed at `velocity_time` (1,) [s];
+    The inputs `velocity_time`, `stop`, `reset`, `position_commanded` and those of the cameras are
+    optional. `velocity` (7,) [rad/s] is the desired velocity, computed at `velocity_time` (1,) [s];
     `position_measured` (7,) [rad], `velocity_measured` (7,) [rad/s], `torque_external` (7,) [N m]
-    and `status` (3,) are the station's; `stop` and `reset` (1,) count requests, of which every
-    increase is one; `<camera>.image_time` (1,) [s] is the capture time of its newest image, NaN
-    before the first.
+    and `status` (3,) come from the station; `stop` and `reset` (1,) count requests, and every
+    increase is a request; `<camera>.image_time` (1,) [s] is the capture time of the camera's newest
+    image, NaN before the first.
 
     Outputs, all discrete state that is updated every control period:
 
     - `velocity` (7,) [rad/s]: the command to the robot. It is always within the limits of speed,
       acceleration and jerk, and the arm can brake from it within the joints' position limits and
       the rules of the posture guard, both from its commanded and from its measured posture. Only
-      after the process was suspended it jumps to the measured velocity, or to zero if the robot's
-      driver has stopped the arm since.
-    - `velocity_time` (1,) [s]: when it was computed.
+      after the process was suspended does it jump to the measured velocity, or to zero if the
+      robot's driver has stopped the arm since.
+    - `velocity_time` (1,) [s]: when `velocity` was computed.
     - `fault` (1,): a `SafetyFault`. After a fault the arm brakes, and rests until a reset arrives
       while it is at rest and no cause persists.
     - `scale` (1,): the share of the desired velocity that the arm heads for, usually 1; 0 while it
       brakes or rests because of a fault.
-    - `updated_at` (1,) [s]: the clock's time of the last update; NaN without a clock.
+    - `updated_at` (1,) [s]: when the last update took place, by `clock`; NaN without a clock.
     - `position` (7,) [rad]: the commanded posture; NaN before the start.
 
-    Before the first update, and until the robot was measured at rest with a fresh status, the
+    Before the first update, and until the robot has been measured at rest with a fresh status, the
     velocity is zero, its time minus infinity, and the scale 0. While the status is not fresh, or
     holds a NaN, the arm brakes along its command; a NaN in any other input is a fault.
 
-    The commanded posture is state as well. At rest it is set to the measured one; while the arm
-    moves, each velocity is integrated over the time by the clock for which it was commanded, even
-    if updates are late. If the station reports `position_commanded` (7,) [rad], the posture is that
-    at each update instead. A velocity that a rule refuses at every speed is a fault.
+    The commanded posture is state as well. At rest it is set to the measured one. While the arm
+    moves, each velocity is integrated over the time for which it was commanded, by `clock`, even if
+    updates are late. If the station reports `position_commanded` (7,) [rad], each update sets the
+    posture to that instead. A velocity that a rule refuses at every speed is a fault.
     """
 
     def __init__(
@@ -109,21 +109,21 @@ class SafetySupervisor(LeafSystem):
             period: The control period [s].
             cameras: Names of the cameras whose images are monitored.
             config: The thresholds and limits.
-            clock: Returns the time [s], from which the supervisor detects that the process was
-                suspended, during which the context's time does not advance. It must be
-                monotonic. None disables this, as in simulation.
+            clock: Returns a monotonic time [s], from which the supervisor detects that the process
+                was suspended; the context's time does not advance meanwhile. None disables this
+                detection, as in simulation.
             command_expiry: How long the robot's driver follows a command [s], by that clock.
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
-            InvalidValueError: if the config does not have 7 limits of torque.
+            InvalidValueError: if the config does not have 7 torque limits.
         """
         super().__init__()
         self._config = config = config or SafetyConfig()
         if len(config.external_torque) != NUM_JOINTS:
             raise InvalidValueError(
-                f"SafetyConfig.external_torque has {len(config.external_torque)} numbers.",
-                remedy=f"Give {NUM_JOINTS}, one for each joint.",
+                f"SafetyConfig.external_torque has {len(config.external_torque)} values.",
+                remedy=f"Set {NUM_JOINTS} values, one for each joint.",
             )
         model = model or PandaModel()
         self._period, self._stopwatch = period, stopwatch or Stopwatch()
@@ -161,14 +161,14 @@ class SafetySupervisor(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def commanded_motion(self, context: Context) -> JointMotion:
-        """Returns the commanded motion in its own `context`; NaN positions before the start."""
+        """Returns the commanded motion in the system's `context`; its position is NaN at first."""
         parts = ("position", "velocity", "acceleration")
         return JointMotion(
             *(np.array(context.get_discrete_state(self._state[part]).value()) for part in parts)
         )
 
     def posture_problem(self, context: Context) -> str | None:
-        """Returns a clause on the rule behind a posture fault in its own `context`, else None."""
+        """Returns a clause on the rule behind a posture fault in the system's `context`, if any."""
         fault = SafetyFault(int(context.get_discrete_state(self._state["fault"]).value()[0]))
         if fault not in POSTURE_FAULTS.values():
             return None
@@ -214,7 +214,7 @@ class SafetySupervisor(LeafSystem):
         state["memory"][:] = memory
 
     def _time_since_update(self, updated_at: np.ndarray) -> float:
-        """Returns the clock's time since the last update [s], and records this one."""
+        """Returns the time since the last update by the clock [s], and records this update's."""
         if self._clock is None:
             return 0.0
         before, updated_at[0] = float(updated_at[0]), self._clock()
@@ -225,7 +225,7 @@ class SafetySupervisor(LeafSystem):
 
         After a long time the measurements may be outdated: a process that was suspended handles old
         messages first, or was suspended just after it had read the newest. They count only if their
-        status is fresh, and the time not longer than an arm takes to come to rest.
+        status is fresh and `stalled` is not longer than an arm takes to come to rest.
         """
         driven_on = motion.position + (stalled - self._period) * motion.velocity
         if stalled <= self._config.stall_limit:

@@ -1,4 +1,4 @@
-"""The supervisor's fault detection, a pure function."""
+"""The supervisor's fault detection, as a pure function."""
 
 import math
 from typing import NamedTuple
@@ -12,19 +12,19 @@ class SafetyObservation(NamedTuple):
 
     Attributes:
         mode: The `RobotMode`.
-        status_age: Our clock minus the stamp of the newest status [s].
+        status_age: Age of the newest status [s]; negative if its stamp is in the future.
         success_rate: Share of commands that reach the robot in time.
         position_known: Whether the measured position is finite.
         torque_ratio: Largest external torque as a multiple of its limit; NaN if unknown.
-        tracking_error: Largest difference of commanded and measured positions [rad]; zero while
-            the arm is at rest, and NaN before the first command.
+        tracking_error: Largest difference between commanded and measured positions [rad]; zero
+            while the arm is at rest, and NaN before the first command.
         standing: Whether the arm is at rest, both as commanded and as measured.
         command_finite: Whether the desired velocity is finite.
         command_age: Age of the desired velocity [s]: infinity before the first one; zero without
             stamps.
-        image_age: Age of the oldest camera's image [s]; zero without images.
-        image_ahead: How far the newest camera's image is in the future [s]; zero without images.
-        stalled: The clock's time since the last update [s]; zero without a clock.
+        image_age: Age of the oldest of the cameras' newest images [s]; zero without images.
+        image_ahead: How far the newest of all images is in the future [s]; zero without images.
+        stalled: Time since the last update by the clock [s]; zero without a clock.
         stops: Number of stop requests.
         resets: Number of reset requests.
     """
@@ -54,12 +54,12 @@ class SafetyMemory(NamedTuple):
         fresh: 1 while the robot's status is fresh.
         last_age: Age of the status in the last period [s]; NaN before the first.
         silent_for: Time without a newer status [s].
-        off_for: Time with statuses whose stamps are off our clock [s].
+        off_for: Time with statuses whose stamps differ too much from the clock [s].
         rate_low_for: Time with a success rate below its limit [s].
         torque_high_for: Time with an external torque above its limit [s].
         commanded: 1 once a velocity was computed.
-        stops: Number of stop requests in the last period.
-        resets: Number of reset requests in the last period.
+        stops: Number of stop requests up to the last period.
+        resets: Number of reset requests up to the last period.
     """
 
     fault: float = float(SafetyFault.NONE)
@@ -131,7 +131,7 @@ def _remember(
 def _cause(
     memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig
 ) -> SafetyFault:
-    """Returns the most severe present cause."""
+    """Returns the most severe cause that is present."""
     if not memory.received:
         return SafetyFault.NONE
     if observation.stalled > config.stall_limit:
@@ -157,9 +157,9 @@ def _status_fault(
 ) -> SafetyFault:
     """Distinguishes a driver that fell silent from one whose clock is off.
 
-    The age of a silent driver's status grows with time, that of a wrong clock stays constant. After
-    a jump of the age there is no fault yet, as it may come from a delay of this process; what
-    follows decides.
+    With a silent driver, the age of its status grows with time; with a wrong clock, it stays
+    constant. After a jump of the age there is no fault yet, as a delay of this process may have
+    caused it; the next periods decide.
     """
     if not math.isfinite(observation.status_age) or not observation.position_known:
         return SafetyFault.NO_STATUS

@@ -4,7 +4,7 @@ from poil_drake.systems.statuses import DescribedEnum
 
 
 class Phase(DescribedEnum):
-    """A phase of the skill, with a clause on why it begins; phases follow one another."""
+    """A phase of the skill, with a clause on why it begins; the phases up to DONE run in order."""
 
     WAIT = 0, "the run has begun"
     APPROACH = 1, "the tracker follows the object"
@@ -36,7 +36,7 @@ class Fault(DescribedEnum):
     TRACKING_LOST = 1, "the tracker lost the object and did not find it again"
     GRASP_MISSED = 2, "the fingers closed on nothing"
     OBJECT_DROPPED = 3, "the object slipped out of the fingers"
-    NO_PROGRESS = 4, "the points stopped short of the reference"
+    NO_PROGRESS = 4, "the points stopped short of the reference's end"
     IK_STUCK = 5, "the arm could not follow the desired twist (joint limit or singularity)"
     HAND_STATUS = 6, "the hand stopped reporting its opening"
     TIMEOUT = 7, "a phase took longer than allowed"
@@ -49,6 +49,6 @@ def phase_reason(phase: int, fault: int) -> str:
 
     Args:
         phase: A `Phase`, e.g. as read from a port.
-        fault: The `Fault` that is reported with it.
+        fault: The `Fault` that is reported with the phase.
     """
     return Fault(fault).text if phase == Phase.FAULT else Phase(phase).text

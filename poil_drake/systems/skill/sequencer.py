@@ -1,4 +1,4 @@
-"""The system around the skill's state machine."""
+"""The system that runs the skill's state machine."""
 
 import math
 from collections.abc import Callable
@@ -56,12 +56,12 @@ class SkillSequencer(LeafSystem):
         - detect_request
 
     Every port has size 1, and every output is a function of the state alone. Before the first
-    update the phase is WAIT, the hand opens, and there is no grasp and no request. A NaN in `tau`
-    or an error counts as no progress; a NaN in the hand's `width_measured` [m], or a nonzero
+    update the phase is WAIT, the hand opens, and `holding` and `detect_request` are 0. A NaN in
+    `tau` or an error counts as no progress; a NaN in the hand's `width_measured` [m], or a nonzero
     `safety_fault` (a `SafetyFault`, or NaN), is a fault. The sequencer reads the controller's
-    inputs in the phase FOLLOW only. `phase` is a `Phase`, `fault` a `Fault` of
+    outputs only in the phase FOLLOW. `phase` is a `Phase`, `fault` a `Fault` of
     `poil_drake.systems.skill.phases`. `width` [m] is the commanded opening of the hand, which a
-    fault leaves unchanged; `holding` is 1 while the object moves with the gripper, `detect_request`
+    fault leaves unchanged; `holding` is 1 while the object moves with the gripper; `detect_request`
     counts the requests to the part detector to search again.
     """
 
@@ -105,7 +105,7 @@ class SkillSequencer(LeafSystem):
             self.DeclareVectorOutputPort(name, 1, calc, {self.xd_ticket()})
 
     def skill_state(self, context: Context) -> SkillState:
-        """Returns the sequencer's memory in its own `context`."""
+        """Returns the sequencer's memory in the system's `context`."""
         return SkillState(*context.get_discrete_state_vector().value().tolist())
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -35,7 +35,7 @@ class SkillConfig:
         progress_step: A decrease of the error, or an advance along the reference, that counts as
             progress [m, s].
         lost_grace: How long the points may be lost before the part detector searches again [s];
-            while the robot waits for the first track, the detector searches at this period.
+            while the robot waits for the first track, the detector searches once per this time.
         lost_fault: How long the points may be lost before a fault [s].
         stuck_time: How long the inverse kinematics may be stuck [s].
         phase_time_limit: Longest duration of a phase [s].
@@ -65,7 +65,7 @@ class Observation(NamedTuple):
         time: Current time [s].
         tracking: Whether the tracker follows the object.
         at_goal: Whether the controller reports the goal.
-        points_lost: Whether the controller lacks enough points.
+        points_lost: Whether the controller has too few points.
         tau: Progress along the reference [s].
         mean_error: Mean distance of the points to the current target [m].
         goal_error: Mean distance of the points to the reference's end [m].
@@ -93,19 +93,19 @@ class SkillState(NamedTuple):
 
     Attributes:
         phase: The current `Phase`.
-        phase_start: When it began [s].
+        phase_start: When the phase began [s].
         fault: The `Fault`, once the phase is FAULT.
         last_width: Finger opening in the last period [m]; NaN before the first.
         last_time: Time of the last period [s].
-        still_since: Since when the fingers stand still [s]; NaN while they move.
-        goal_since: Since when the goal holds [s]; NaN when it does not.
-        lost_since: Since when the points are lost [s]; NaN when they are not.
-        stuck_since: Since when the inverse kinematics is stuck [s]; NaN when it is not.
+        still_since: When the fingers came to a standstill [s]; NaN while they move.
+        goal_since: When the goal was reached [s]; NaN while it is not.
+        lost_since: When the points were lost [s]; NaN while they are not.
+        stuck_since: When the inverse kinematics got stuck [s]; NaN while it is not.
         best_error: Smallest error since the last progress [m].
         best_tau: Largest progress along the reference [s].
         progress_at: Time of the last progress [s].
         detect_requests: Number of requests to the part detector to search again.
-        asked: 1 once there was a request for the present loss.
+        asked: 1 once there was a request because of the present loss.
         width: Finger opening to command [m], which a fault leaves unchanged.
     """
 
@@ -161,7 +161,7 @@ def next_state(state: SkillState, observation: Observation, config: SkillConfig)
 
 
 def hand_width_of(phase: Phase, config: SkillConfig) -> float:
-    """Returns the finger opening [m] to command in a phase, other than FAULT."""
+    """Returns the finger opening [m] to command in a phase other than FAULT."""
     return 0.0 if phase in _CLOSED_HAND else config.open_width
 
 

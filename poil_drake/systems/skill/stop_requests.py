@@ -11,11 +11,11 @@ BUTTON = "Stop"
 """The button on the Meshcat page."""
 
 BUTTON_KEY = "Escape"
-"""The key that presses it while the page has the focus."""
+"""The key that presses the button while the page has the focus."""
 
 
 class StopSwitch:
-    """Counts stop requests from any thread: of a key, a signal, or a program."""
+    """Counts stop requests from any thread, whether made by a key, a signal or a program."""
 
     def __init__(self) -> None:
         self._lock, self._requests = threading.Lock(), 0
@@ -32,7 +32,7 @@ class StopSwitch:
 
 
 class StopRequests(LeafSystem):
-    """Shows the number of stop requests.
+    """Outputs the number of stop requests.
 
     .. pydrake_system::
 
@@ -40,9 +40,8 @@ class StopRequests(LeafSystem):
         output_ports:
         - stop
 
-    `stop` (1,) is the number of requests so far, discrete state that is updated from the button and
-    the switch once per period. Before the first update it is 0; the first update counts all earlier
-    requests.
+    `stop` (1,) is the number of requests so far: discrete state, updated from the button and the
+    switch once per period. It is 0 before the first update, which counts all earlier requests.
     """
 
     def __init__(

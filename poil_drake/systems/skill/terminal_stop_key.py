@@ -1,4 +1,4 @@
-"""Stops the robot by a key in the terminal."""
+"""Stops the robot when a key is typed in the terminal."""
 
 import os
 import select
@@ -18,18 +18,18 @@ STOP_KEYS = b" \r\nqQ\x1b"
 
 @contextmanager
 def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> Iterator[bool]:
-    """Requests a stop for every stop key that is typed in the context.
+    """Requests a stop for every stop key that is typed inside the `with` block.
 
     It takes the terminal out of its line mode, so that keys arrive without Enter and without echo,
-    and restores the mode at the end. Ctrl-C still interrupts. It does nothing if the stream is no
-    terminal, or if another program controls the terminal, as for a background job.
+    and restores the mode at the end. Ctrl-C still interrupts. It does nothing if the stream is not
+    a terminal, or if another program controls the terminal, as for a background job.
 
     Args:
         switch: Receives the requests.
         stream: The terminal; None for the standard input.
 
     Yields:
-        Whether it listens to keys.
+        Whether it listens for keys.
     """
     stream = stream or sys.stdin
     is_terminal = stream is not None and not stream.closed and stream.isatty()
@@ -73,8 +73,8 @@ def _listen(switch: StopSwitch, terminal: int, wake_reader: int) -> None:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Returns whether we may change a terminal; the system suspends background jobs that do."""
+    """Returns whether this process may change a terminal; background jobs that do are suspended."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
-    except OSError:  # It is not our controlling terminal, so there is no such restriction.
+    except OSError:  # It is not the controlling terminal, so there is no such restriction.
         return True

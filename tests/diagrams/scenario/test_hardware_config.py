@@ -27,7 +27,7 @@ def test_values_out_of_range_are_named(field: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("hardware: {channels: {status: ''}}", "status is '', which is not an LCM channel"),
+        ("hardware: {channels: {status: ''}}", "status is '', which is not a valid LCM channel"),
         (f"hardware: {{channels: {{command: {'A' * 64}}}}}", "channels.command is 'AAA"),
         ("hardware: {channels: {status: A, command: A}}", "channels.command and .status are both"),
         (

@@ -135,5 +135,5 @@ def test_an_input_that_is_not_finite_stops_a_moving_arm_without_a_jump(bench: Ar
 
 
 def test_a_posture_of_another_arm_is_refused(two_joint_arm: ArmKinematics) -> None:
-    with pytest.raises(InvalidValueError, match="nominal posture 7"):
+    with pytest.raises(InvalidValueError, match="nominal_posture has 7 values"):
         DifferentialInverseKinematics(kinematics=two_joint_arm, period=PERIOD)

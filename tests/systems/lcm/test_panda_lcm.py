@@ -60,7 +60,7 @@ def test_malformed_statuses_change_nothing(arm: RobotBench, message: bytes) -> N
 
     assert arm.mailbox.malformed == 1
     np.testing.assert_array_equal(arm.show("position_measured"), JOINTS)
-    with pytest.raises(InvalidValueError, match="status of a Panda"):
+    with pytest.raises(InvalidValueError, match="Panda status"):
         decode_panda_status(message)
 
 

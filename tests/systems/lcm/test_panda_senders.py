@@ -321,5 +321,5 @@ def test_two_drivers_that_take_turns_are_reported(arm: RobotBench, difference: d
         changes = now | difference | other if k % 2 else now
         arm.report(arm_status(START + 0.001 * k, **changes))
 
-    with pytest.raises(StationError, match="Two senders take turns on STATUS"):
+    with pytest.raises(StationError, match="Two senders alternate on the LCM channel STATUS"):
         arm.show("status")

@@ -219,7 +219,7 @@ def test_an_arm_moved_by_hand_after_a_fault_continues_from_there() -> None:
             DOWN,
             PostureGuardConfig(gripper_lower=(-0.85, -0.85, 0.03)),
             SafetyFault.WORKSPACE,
-            "posture.gripper_lower[2] is 0.03 m, which is ",
+            "posture.gripper_lower[2] is 0.03 m, ",
         ),
         (LOW, DOWN, PostureGuardConfig(), SafetyFault.TABLE, "the arm is "),
         (
@@ -227,7 +227,7 @@ def test_an_arm_moved_by_hand_after_a_fault_continues_from_there() -> None:
             -np.eye(7)[3],
             PostureGuardConfig(),
             SafetyFault.SELF_COLLISION,
-            "wrist or hand are close to the shoulder",
+            "the wrist or the hand is close to the shoulder",
         ),
     ],
 )
