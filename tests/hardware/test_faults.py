@@ -67,18 +67,18 @@ CLOCK = SafetyFault.CLOCK_OFF.text
 CASES = [
     Case("driver_killed", "the driver's process is killed", STATUS),
     Case("status_stopped", "statuses stop", STATUS),
-    Case("all_late", "every status is 0.3 s late", STATUS, "0.30 s before it came"),
-    Case("all_repeated", "one status is repeated forever", STATUS, "came late or twice"),
+    Case("all_late", "every status is 0.3 s late", STATUS, "0.30 s before it arrived"),
+    Case("all_repeated", "one status is repeated forever", STATUS, "arrived late or twice"),
     Case("all_malformed", "statuses are garbage", STATUS, "could not be read"),
     Case(
         "all_foreign", "another type of message on the status channel", STATUS, "could not be read"
     ),
-    Case("clock_ahead", "the driver's clock jumps 1 s ahead", CLOCK, "1.00 s after it came"),
+    Case("clock_ahead", "the driver's clock jumps 1 s ahead", CLOCK, "1.00 s after it arrived"),
     Case(
         "clock_behind",
         "the driver's clock jumps 1 s back",
         CLOCK,
-        "1.00 s before it came: are the clocks synchronized?",
+        "1.00 s before it arrived: are the clocks synchronized?",
     ),
     Case("reflex", "a reflex stops the robot", SafetyFault.ROBOT_MODE.text, detection=0.1),
     Case("pushed", "the arm is pushed with 60 N m", SafetyFault.EXTERNAL_TORQUE.text),
@@ -198,7 +198,7 @@ def test_bad_messages_among_good_ones_change_nothing(execute_with: ExecuteWith) 
     # The arm was still approaching when a reflex stopped it.
     reflex = SafetyFault.ROBOT_MODE.text
     assert summary.reason.startswith(f"{reflex} (in phase 'approach')")
-    assert "messages on PANDA_STATUS came late or twice" in summary.reason
+    assert "messages on PANDA_STATUS arrived late or twice" in summary.reason
     assert "messages on PANDA_STATUS could not be read" in summary.reason
     assert record.rest_after(record.fault_at) > 1.0
 

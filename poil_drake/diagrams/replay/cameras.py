@@ -9,29 +9,29 @@ from poil_drake.perception.images import CameraModel
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 _SAME_LENGTH = 1e-5
-"""Positions closer than this [m] are equal: far less than a camera's errors."""
+"""Positions closer than this [m] count as equal: far below any calibration error."""
 
 _SAME_ANGLE = 1e-5
-"""Angles closer than this [rad] are equal: a tenth of a millimetre at ten metres."""
+"""Rotations smaller than this [rad] are ignored: a tenth of a millimetre at ten metres."""
 
 _SAME_PIXELS = 1e-3
-"""Focal lengths and principal points closer than this [px] are equal."""
+"""Focal lengths and principal points closer than this [px] count as equal."""
 
 
 def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
-    """Returns how cameras differ from those in the log, a clause for each that does.
+    """Returns a clause for each camera that differs from the one of that name in the log.
 
     Models and calibrations may have changed since the run, or come from another machine. Cameras
     missing from the log are skipped.
 
     Args:
-        run: The run.
+        run: The recorded run.
         models: The cameras of the replay.
     """
     notes = []
     for model in models:
         if differences := (*_intrinsics(run, model), *_pose(run, model)):
-            notes.append(f"camera '{model.name}' {' and '.join(differences)} in the run")
+            notes.append(f"in the run, camera '{model.name}' {' and '.join(differences)}")
     return tuple(notes)
 
 
@@ -52,8 +52,8 @@ def _pose(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
     differences = []
     distance = float(np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3]))
     if distance > _SAME_LENGTH:
-        differences.append(f"was {1e3 * distance:.2g} mm elsewhere")
+        differences.append(f"was {1e3 * distance:.2g} mm from its present position")
     angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
     if angle > _SAME_ANGLE:
-        differences.append(f"was turned by {np.rad2deg(angle):.2g} deg")
+        differences.append(f"was rotated by {np.rad2deg(angle):.2g} deg")
     return tuple(differences)

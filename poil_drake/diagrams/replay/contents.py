@@ -1,4 +1,4 @@
-"""Checks that a run's log is complete enough to be replayed, and remarks on what it lacks."""
+"""Checks that a run's log is complete enough to be replayed, and notes what it lacks."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,24 +27,24 @@ from poil_drake.recording.run_log.layout import (
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 SPARSE = 1.5
-"""Logs with a period longer than this multiple of the control period miss samples."""
+"""A log whose sampling period exceeds this multiple of the control period is sparse."""
 
 _LATEST_START = 4.0
-"""Latest time of the first sample, in periods of the logger: a slow disk may lose the first few."""
+"""Latest time of the first sample, in logger periods: a slow disk may lose some samples."""
 
 _LONGEST_GAP = 60.0
-"""Longest gap between samples [s]; no disk is that slow, and a replay simulates every gap."""
+"""Longest allowed gap between samples [s]: no disk is that slow, and a replay simulates gaps."""
 
 
 class _Topic(NamedTuple):
     """A signal that a replay needs.
 
     Attributes:
-        topic: The topic.
-        what: Name of the signal.
-        is_logged: Whether the log has it.
-        is_needed: Whether this run's replay needs it.
-        images_only: Whether it is needed only where images are tracked again.
+        topic: Its topic.
+        what: Its name in errors.
+        is_logged: Returns whether a run's log holds the signal.
+        is_needed: Returns whether a replay of the run needs the signal.
+        images_only: Whether only replays that track the images again need the signal.
     """
 
     topic: str
@@ -55,7 +55,7 @@ class _Topic(NamedTuple):
 
 
 def _begun(run: RecordedRun) -> bool:
-    """Whether the skill went on because robot and points were known."""
+    """Returns whether the skill got past waiting for the robot and the points."""
     return any(phase.name not in ("wait", "fault") for phase in run.phases)
 
 
@@ -77,22 +77,24 @@ def _knows(topic: str, column: int) -> Callable[[RecordedRun], bool]:
 
 _TOPICS = (
     _Topic(JOINT_STATES_TOPIC, "joint states", lambda run: len(run.joints) > 0),
-    _Topic(JOINT_COMMANDS_TOPIC, "joint velocities", lambda run: len(run.commands) > 0),
+    _Topic(JOINT_COMMANDS_TOPIC, "commanded joint velocities", lambda run: len(run.commands) > 0),
     _Topic(
         JOINT_COMMANDS_TOPIC,
-        "joint positions",
+        "commanded joint positions",
         lambda run: bool(np.isfinite(run.postures.values).any()),
         _moved,
     ),
-    _Topic(ROBOT_STATUS_TOPIC, "modes", _knows(ROBOT_STATUS_TOPIC, 0), _begun),
-    _Topic(HAND_STATUS_TOPIC, "openings ('width_measured')", _knows(HAND_STATUS_TOPIC, 1), _begun),
+    _Topic(ROBOT_STATUS_TOPIC, "robot modes", _knows(ROBOT_STATUS_TOPIC, 0), _begun),
+    _Topic(
+        HAND_STATUS_TOPIC, "hand openings ('width_measured')", _knows(HAND_STATUS_TOPIC, 1), _begun
+    ),
     _Topic(TRACKED_TOPIC, "tracks", lambda run: bool(run.tracks), _begun),
     _Topic(
-        TRACKER_TIMES_TOPIC, "times of frames ('begun')", _knows(TRACKER_TIMES_TOPIC, 0), _tracked
+        TRACKER_TIMES_TOPIC, "capture times ('begun')", _knows(TRACKER_TIMES_TOPIC, 0), _tracked
     ),
     _Topic(
         DETECTOR_TIMES_TOPIC,
-        "times of searches ('begun')",
+        "capture times ('begun')",
         _knows(DETECTOR_TIMES_TOPIC, 0),
         _found,
         images_only=True,
@@ -101,44 +103,44 @@ _TOPICS = (
 
 
 def RequireAttachments(run: RecordedRun) -> None:
-    """Checks that a log holds scenario and plan.
+    """Checks that a log holds the scenario and the plan.
 
     Raises:
-        RunLogError: if it does not.
+        RunLogError: if either is missing.
     """
     for what, lacks in (
         ("scenario", run.scenario_text is None),
-        (f"plan (the attachment '{PLAN_ATTACHMENT}')", run.plan is None),
+        (f"plan (attachment '{PLAN_ATTACHMENT}')", run.plan is None),
     ):
         if lacks:
             raise _lacking(run, what)
 
 
 def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
-    """Checks that a log holds the signals without which a replay would not move.
+    """Checks that a log holds the signals without which the arm would not move in a replay.
 
     Args:
         run: The run.
-        repeat_tracks: Whether its tracks are repeated, so that images are not needed.
+        repeat_tracks: Whether the replay repeats the run's tracks, and so needs no images.
 
     Raises:
-        RunLogError: if one is missing, with its topic.
+        RunLogError: naming a missing signal and its topic.
     """
     for one in _TOPICS:
         if one.is_logged(run) or not one.is_needed(run) or (one.images_only and repeat_tracks):
             continue
-        raise _lacking(run, f"{one.what} in the topic {one.topic}", images_only=one.images_only)
+        raise _lacking(run, f"{one.what} on the topic {one.topic}", images_only=one.images_only)
 
 
 def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
-    """Checks that a log begins at the time 0 and has no long gap.
+    """Checks that a log begins at time 0 and has no long gaps.
 
     Args:
         run: The run.
-        scenario: Its periods.
+        scenario: Gives the logger's period.
 
     Raises:
-        RunLogError: if it begins later, or has a gap.
+        RunLogError: if the log begins later, or has a long gap.
     """
     times = run.joints.times
     edges = np.append(min(0.0, times[0]), times)
@@ -148,23 +150,23 @@ def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
     if gaps.size:
         k = int(gaps[0])
         raise RunLogError(
-            f"The samples of the topic {JOINT_STATES_TOPIC} in '{run.path}' go from {times[0]:.6g} "
-            f"s to {times[-1]:.6g} s, without any between {edges[k]:.6g} s and {times[k]:.6g} s.",
-            remedy="A run begins at the time 0 and has no such gap: replay its whole log, with the "
-            "times that poil run wrote.",
+            f"The samples on the topic {JOINT_STATES_TOPIC} in '{run.path}' range from "
+            f"{times[0]:.6g} s to {times[-1]:.6g} s, with none between {edges[k]:.6g} s and "
+            f"{times[k]:.6g} s. A run begins at time 0 and has no such gap.",
+            remedy="Replay the run's whole log, with its original times.",
         )
 
 
 def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
-    """Checks that a log has the images for detector and tracker.
+    """Checks that a log has the images that the detector and the tracker need.
 
     Args:
         run: The run.
         scenario: Names the cameras and the detector.
-        remedy: The advice if there are none.
+        remedy: The remedy that the error suggests.
 
     Raises:
-        RunLogError: if it has no images of a camera, or no label images that are needed.
+        RunLogError: if a camera has no images, or no label images although the detector needs them.
     """
     for camera in scenario.cameras:
         images = run.images.get(camera, [])
@@ -178,42 +180,39 @@ def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
 
 
 def IsSparse(run: RecordedRun, scenario: Scenario) -> bool:
-    """Returns whether a log misses samples of the robot's signals."""
+    """Returns whether a log lacks samples of the robot's signals in some control periods."""
     return run.joints.period > SPARSE * scenario.poil.rates.control
 
 
 def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tuple[str, ...]:
-    """Returns remarks on a log, a clause each.
+    """Returns remarks on a log, one clause each.
 
     Args:
         run: The run.
         scenario: The run's scenario.
-        repeat_tracks: Whether its tracks are repeated, so that images are not needed.
+        repeat_tracks: Whether the replay repeats the run's tracks, and so needs no images.
     """
     notes = []
     if original := run.metadata.get(REPLAY_OF_KEY):
         notes.append(f"this is the log of a replay of {original}, not of a run")
     if run.cut_off:
-        notes.append(f"the log is cut off, its last sample is of {run.end:.2f} s")
+        notes.append(f"the log is cut off: its last sample is at {run.end:.2f} s")
     if IsSparse(run, scenario):
         notes.append(
-            f"the robot's signals were logged every {run.joints.period:g} s only, and are held in "
+            f"the robot's signals were logged only every {run.joints.period:g} s, and are held in "
             "between"
         )
     if dropped := run.metadata.get("dropped_messages"):
-        notes.append(f"the log lacks {dropped} messages, as its disk was too slow")
+        notes.append(f"the log lacks {dropped} messages because the disk was too slow")
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
     if not simulated and not _knows(ROBOT_STATUS_TOPIC, 3)(run):
         notes.append(
-            f"the log lacks the time by the clock (in {ROBOT_STATUS_TOPIC}), so that a process "
-            "that was held up does not show"
+            f"the log lacks the clock's time ({ROBOT_STATUS_TOPIC}), so stalls of the process do "
+            "not show"
         )
     momentary = simulated and CameraDelay(scenario.cameras) == 0.0
     if not repeat_tracks and not momentary and not run.camera_times:
-        notes.append(
-            f"the log lacks {CAMERAS_STATUS_TOPIC}: the times of images that were not used are not "
-            "known"
-        )
+        notes.append(f"the log lacks {CAMERAS_STATUS_TOPIC}, so times of unused images are unknown")
     versions = version_metadata()
     for key in ("poil_drake_version", "drake_version"):
         written = run.metadata.get(key, "")
@@ -224,8 +223,8 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
 
 
 def _lacking(run: RecordedRun, what: str, *, images_only: bool = False) -> RunLogError:
-    why = run.cut_off or "An older version wrote it, or something else than poil run"
-    remedy = f"{why}. Replay a log that poil run or poil execute writes"
+    cause = run.cut_off or "It may come from an older version or another program"
+    remedy = "Replay a complete log, written by this version of poil run or poil execute"
     if images_only:
-        remedy += ", or repeat the run's own tracks: --tracker recorded"
-    return RunLogError(f"The log '{run.path}' holds no {what}.", remedy=f"{remedy}.")
+        remedy += ", or repeat the run's tracks with --tracker recorded"
+    return RunLogError(f"The log '{run.path}' holds no {what}. {cause}.", remedy=f"{remedy}.")

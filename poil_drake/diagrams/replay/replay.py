@@ -1,4 +1,4 @@
-"""Replays a recorded run: the same diagram, with the sensors' messages of its log."""
+"""Replays a recorded run: the same diagram, fed with the sensor messages of the run's log."""
 
 import hashlib
 import math
@@ -45,24 +45,24 @@ def Replay(
     tolerances: ReplayTolerances | None = None,
     show_progress: bool = True,
 ) -> ReplaySummary:
-    """Replays a run as fast as it can, and compares what it commanded with what is commanded now.
+    """Replays a run as fast as possible, and compares the new commands with those of the run.
 
     The robot's signals are those of the log, whatever is commanded now, so differences do not grow
-    over time. Perception captures and releases at the times of the run.
+    over time. Perception captures images and releases results at the times of the run.
 
     Args:
-        path: The log of the run, which may have been killed.
-        tracker: An image-based tracker, or `RECORDED`, which repeats the run's tracks. None: that
-            of the run; for the ground truth, its recorded tracks.
-        scenario_text: YAML laid over the run's scenario, to try other settings.
+        path: The log of the run, even if the run was killed.
+        tracker: An image-based tracker, or `RECORDED`, which repeats the run's tracks. None: the
+            tracker of the run, or `RECORDED` if that was the ground truth.
+        scenario_text: YAML that changes values of the run's scenario, to try other settings.
         outputs: Paths of the replay's log, picture and figures.
-        tolerances: Differences that count as equal; None: `CONTROL_TOLERANCES` where tracks are
-            repeated, else `PERCEPTION_TOLERANCES` at the run's speed.
+        tolerances: The largest differences that count as equal. None: `CONTROL_TOLERANCES` if the
+            tracks are repeated, else `PERCEPTION_TOLERANCES` at the run's speed.
         show_progress: Whether to draw a progress bar.
 
     Raises:
         RunLogError: if the log is missing, damaged or incomplete.
-        OutputError: if an output cannot be written; older outputs are kept then.
+        OutputError: if an output cannot be written; older outputs are then kept.
         PoilError: if the loop cannot be built with these settings.
     """
     path, outputs = Path(path), outputs or OutputPaths()
@@ -112,7 +112,7 @@ def _run(
     images: bool,
     progress: ProgressBar,
 ) -> float:
-    """Simulates the loop over the time of the log, and returns how long that took [s]."""
+    """Simulates the loop for the duration of the log, and returns the wall-clock time taken [s]."""
     switch = StopSwitch()
     start = time.perf_counter()
     with (
@@ -144,7 +144,7 @@ def _run(
 
 
 def _origin(setup: ReplaySetup) -> dict[str, str]:
-    """Returns the metadata that link the log of a replay to its run."""
+    """Returns the metadata that link the replay's log to the log of the run."""
     with setup.run.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {
@@ -177,7 +177,7 @@ def _advance(
 
 
 def _stops(run: RecordedRun, period: float) -> list[float]:
-    """Returns the control tick [s] that saw each stop request."""
+    """Returns the time of the control tick that saw each stop request [s]."""
     series, asked = run.numbers[STOPS_TOPIC], 0.0
     ticks: list[float] = []
     for logged, requests in zip(series.times, series.values[:, 0], strict=True):

@@ -45,10 +45,10 @@ class ReplaySetup:
         plan: The plan that was executed.
         tracker: An image-based tracker, or `RECORDED`.
         changed: Whether the settings differ from the run's.
-        scenario_text: YAML that was laid over the run's scenario, or empty.
-        tolerances: Differences that count as equal.
-        cameras_moved: Whether the user moved its cameras.
-        notes: Remarks on the log, a clause each.
+        scenario_text: YAML that changes values of the run's scenario, or empty.
+        tolerances: The largest differences that count as equal.
+        cameras_moved: Whether `scenario_text` changes cameras or directives, so cameras may move.
+        notes: Remarks on the log, one clause each.
     """
 
     run: RecordedRun
@@ -74,12 +74,12 @@ def SetUpReplay(
 
     Args:
         path: The log.
-        tracker: Replaces the run's tracker; None: that of the run.
-        scenario_text: YAML laid over the run's scenario.
+        tracker: See `Replay`.
+        scenario_text: See `Replay`.
 
     Raises:
         RunLogError: if the log is missing, damaged or incomplete.
-        PoilError: if there is no such tracker, detector or setting.
+        PoilError: if the tracker, the detector or a setting is unknown, or conflicts with the log.
     """
     run = load_recorded_run(path)
     RequireAttachments(run)
@@ -93,15 +93,15 @@ def SetUpReplay(
     if used == GROUND_TRUTH:
         if recorded.poil.tracker != GROUND_TRUTH:
             raise RunLogError(
-                f"The tracker '{GROUND_TRUTH}' needs the simulator, which a log does not hold.",
-                remedy=f"Choose an image-based tracker, or '{RECORDED}'.",
+                f"The tracker '{GROUND_TRUTH}' needs the simulator, which a replay does not run.",
+                remedy=f"Choose an image-based tracker or '{RECORDED}'.",
             )
         used = RECORDED
     if used != RECORDED:
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
         make_detector(scenario.poil.detector)
-        RequireImages(run, scenario, remedy=f"Repeat the run's own tracks: --tracker {RECORDED}.")
+        RequireImages(run, scenario, remedy=f"Repeat the run's tracks with --tracker {RECORDED}.")
     RequireTopics(run, repeat_tracks=used == RECORDED)
     RequireTimes(run, recorded)
     changed = scenario_text is not None or (
@@ -124,7 +124,7 @@ def SetUpReplay(
 
 
 def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
-    """Returns the scenario of the run; `unknown` gets the places of settings of other versions."""
+    """Returns the scenario of the run; adds the keys that this version lacks to `unknown`."""
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
         file.write_text(run.scenario_text or "", encoding="utf-8")
@@ -134,7 +134,7 @@ def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
             problem = error.problem.replace(str(file), "scenario.yaml")
             raise RunLogError(
                 f"The scenario in the log '{run.path}' cannot be used: {problem}",
-                remedy="Replay it with the version that wrote it.",
+                remedy="Replay the log with the version of poil that wrote it.",
             ) from error
     return replace(scenario, source=ScenarioSource(name=scenario.source.name, file=str(run.path)))
 
@@ -158,10 +158,10 @@ def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTol
 
 
 def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
-    """Checks that the user did not change a setting that the log's times fix.
+    """Checks that the user changed no setting on which the times in the log depend.
 
     Raises:
-        ScenarioError: if something is.
+        ScenarioError: naming a setting that was changed.
     """
     for key, was in _times(recorded).items():
         wanted = _times(scenario).get(key, was)
@@ -174,7 +174,7 @@ def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
 
 
 def _times(scenario: Scenario) -> dict[str, float]:
-    """Returns the settings that the log's times fix [s], by their keys."""
+    """Returns the settings on which the times in the log depend [s], by their keys."""
     poil = scenario.poil
     return {
         "poil.rates.plant": poil.rates.plant,
@@ -186,6 +186,6 @@ def _times(scenario: Scenario) -> dict[str, float]:
 
 
 def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
-    """Returns whether the user moved cameras."""
+    """Returns whether cameras or directives differ, which can move cameras."""
     nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
     return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

@@ -27,9 +27,9 @@ class DriverStation:
         diagram: The whole diagram, ready for a Simulator.
         station: The simulated robot and its surroundings.
         driver: Receives the arm's commands and sends its status.
-        hand: The same for the hand.
+        hand: Receives the hand's commands and sends its status.
         feed: Sends the cameras' images; None without cameras.
-        renderer: Renders their images.
+        renderer: Renders the cameras' images; None without cameras.
     """
 
     diagram: Diagram
@@ -57,17 +57,17 @@ def MakeDriverStation(
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
-    """Builds a simulated robot that is commanded and reports over LCM, as the real one.
+    """Builds a simulated robot that is commanded and reports over LCM, like the real one.
 
     Args:
         scenario: The models and the cameras.
-        lcm: The network; its subscriptions are handled between the steps.
-        channels: Names of the channels; None: those of the Franka driver.
+        lcm: The network; the diagram handles its subscriptions at every plant step.
+        channels: Names of the LCM channels; None for those of the Franka driver.
         config: The driver's behaviour; None for the defaults.
-        cameras: Whether to send images of those cameras that the hardware station reads from LCM.
-            The result must be closed then.
-        meshcat: Shows the simulated scene there.
-        clock: The driver's time [s since the epoch].
+        cameras: Whether to send the images of the cameras that the hardware station reads from
+            LCM. If so, close the result after use.
+        meshcat: Shows the simulated scene.
+        clock: Returns the driver's time [s since the epoch].
 
     Raises:
         PoilError: if the station cannot be built.

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from pydrake.systems.framework import DiagramBuilder, System
 
 COMMANDS = ("velocity", "velocity_time")
-"""The inputs of an arm."""
+"""Input ports of an arm."""
 
 MEASUREMENTS = ("position_measured", "velocity_measured", "torque_external")
-"""The outputs of an arm, besides its status."""
+"""Output ports of an arm, except its status."""
 
 
 def ExportPorts(builder: DiagramBuilder, system: System, names: Sequence[str], model: str) -> None:
-    """Exports some input and output ports of a system as "<model>.<name>"."""
+    """Exports the named input and output ports of a system as "<model>.<name>"."""
     for name in names:
         if system.HasInputPort(name):
             builder.ExportInput(system.GetInputPort(name), f"{model}.{name}")

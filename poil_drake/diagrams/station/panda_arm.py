@@ -36,10 +36,10 @@ def SetControllerGains(
         if not plant.HasJointActuatorNamed(name, robot):
             raise StationError(
                 f"The robot '{plant.GetModelInstanceName(robot)}' has no actuator '{name}'.",
-                remedy="Use package://poil_drake_panda/panda.urdf, or a model with its joints.",
+                remedy="Set poil.robot to a Panda (package://poil_drake_panda/panda.urdf).",
             )
         plant.GetJointActuatorByName(name, robot).set_controller_gains(gain)
-    # As the real robot compensates its weight.
+    # The real robot compensates for its own weight.
     plant.set_gravity_enabled(robot, False)
 
 
@@ -64,7 +64,7 @@ def AddPandaDrivers(
 ) -> None:
     """Adds and connects the arm's and the hand's drivers, and exports their ports.
 
-    Call this after `plant.Finalize()`. With a robot named `panda`, exports the inputs
+    Call this after `plant.Finalize()`. For a robot named `panda`, exports the inputs
     `panda.velocity`, `panda.velocity_time`, `hand.width` and the outputs
     `panda.position_measured`, `panda.velocity_measured`, `panda.torque_external`, `panda.status`,
     `hand.width_measured`.

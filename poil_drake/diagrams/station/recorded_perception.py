@@ -1,4 +1,4 @@
-"""The perception of a recorded run: when it captured and released, and its tracks."""
+"""The perception of a recorded run: its capture and release times, and its tracks."""
 
 from collections.abc import Sequence
 
@@ -17,11 +17,11 @@ from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTrack
 
 _DECIMALS = 9
-"""Significant decimals of a share of the control period, given the rounding of times."""
+"""Decimals kept of a fraction of the control period, as recorded times are rounded."""
 
 
 def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[RecordedTiming, RecordedTiming]:
-    """Returns when the tracker and the detector of a recorded run captured and released.
+    """Returns the capture and release times of a recorded run's tracker and detector.
 
     Args:
         run: The run.
@@ -44,7 +44,7 @@ def _captured(run: RecordedRun, topic: str) -> list[float]:
 
 
 def _offset(captured: Sequence[float], period: float) -> float:
-    """Returns how long after the beginning of a control period most captures happened [s]."""
+    """Returns the most frequent offset of captures within a control period [s]."""
     if not captured:
         return 0.0
     shares = np.round(np.array(captured) / period % 1.0, _DECIMALS) % 1.0
@@ -65,7 +65,7 @@ def _timing(
 
 
 def RecordedTracks(run: RecordedRun) -> tuple[RecordedTrack, ...]:
-    """Returns the tracks of a recorded run in the order of their releases."""
+    """Returns the tracks that a recorded run released, in order of release."""
     times, statuses = run.numbers[TRACKER_TIMES_TOPIC], run.numbers[TRACKER_STATUS_TOPIC]
     found = []
     for logged in run.tracks:
@@ -83,12 +83,12 @@ def RecordedTracks(run: RecordedRun) -> tuple[RecordedTrack, ...]:
 
 
 def _status(logged: LoggedTrack, number: float, statuses: Series) -> TrackerStatus:
-    """Returns the tracker's status of a track.
+    """Returns the tracker's status for a track; without a logged one, infers it from the track.
 
     Args:
         logged: The track.
-        number: The status that was logged with its times; NaN in logs of older versions.
-        statuses: The status that was logged periodically, of which the next sample counts.
+        number: The status logged with the track's times; NaN in logs of older versions.
+        statuses: The periodically logged statuses; the next one after the track is used.
     """
     later = int(np.searchsorted(statuses.times, logged.time))
     next_number = statuses.values[later, 0] if later < len(statuses) else np.nan

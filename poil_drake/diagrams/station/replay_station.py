@@ -1,4 +1,4 @@
-"""A station whose robot and cameras are those of a recorded run."""
+"""A station that plays back the robot and the cameras of a recorded run."""
 
 from collections.abc import Collection
 
@@ -49,7 +49,7 @@ _ROUNDING = 1e-6
 
 
 class ReplayStation(Station):
-    """The robot and the cameras of a recorded run.
+    """Plays back the robot and the cameras of a recorded run.
 
     .. pydrake_system::
 
@@ -70,25 +70,24 @@ class ReplayStation(Station):
         - <camera>.label_image
         - <camera>.image_time
 
-    The ports are those of `HardwareStation`, and `panda.position_commanded` (7,) [rad], the posture
-    that was commanded in the run, as commands move nothing here. The inputs are ignored; the
-    outputs are those of the log at the time of the context (see `RecordedRobot` and
-    `RecordedCameras`), NaN or empty before the first. `<camera>.label_image` exists for cameras of
-    which the log has label images.
-
-    As there, the scenario's models give the poses of the robot's base and the cameras.
+    The ports are those of `HardwareStation` and `panda.position_commanded` (7,) [rad]: the posture
+    commanded in the run, as commands move nothing here. The station ignores its inputs. Its outputs
+    show the log at the time of the context (see `RecordedRobot` and `RecordedCameras`), and are NaN
+    or empty before the first sample. `<camera>.label_image` exists for cameras that have label
+    images in the log. As in `HardwareStation`, the scenario's models give the poses of the robot's
+    base and the cameras.
     """
 
     def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):
         """Constructs the station.
 
         Args:
-            scenario: The run's scenario, or the one to replay it with.
+            scenario: The scenario of the replay, which may differ from the run's.
             run: The recorded run.
             repeat_tracks: Whether to repeat the run's tracks instead of tracking its images.
 
         Raises:
-            PoilError: if the scenario's models are inconsistent.
+            PoilError: if the scenario's models or the recorded times are inconsistent.
         """
         super().__init__()
         self.scenario, self._run = scenario, run
@@ -116,10 +115,10 @@ class ReplayStation(Station):
         joints = run.joints
         leading: Collection[str] = (JOINTS, HAND, STATUS)
         if self._kind == DRY_RUN:
-            # Arm and hand were a `KinematicRobot`, which moves with the other updates.
+            # Arm and hand were a `KinematicRobot`, which moves in discrete updates.
             leading = (STATUS,)
         if self._kind == DRY_RUN or IsSparse(run, self.scenario):
-            # The first measurements of the robot pass right through.
+            # The first measurements take effect in the period in which they arrive.
             joints, width = _known_early(joints), _known_early(width)
         robot = builder.AddNamedSystem(
             "robot",
@@ -164,7 +163,7 @@ class ReplayStation(Station):
         )
 
     def _shown_at(self, image: StoredImages) -> float:
-        """Returns the control tick [s] at which an image appeared, before its first use."""
+        """Returns the time [s] of the control tick at which an image appeared, before its use."""
         uses = [
             self._run.numbers[topic].at(image.time)[0]
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
@@ -175,16 +174,16 @@ class ReplayStation(Station):
 
     @property
     def tracker_timing(self) -> RecordedTiming:
-        """See `Station.tracker_timing`: that of the run."""
+        """See `Station.tracker_timing`: the run's."""
         return self._tracker_timing
 
     @property
     def detector_timing(self) -> RecordedTiming:
-        """See `Station.detector_timing`: that of the run."""
+        """See `Station.detector_timing`: the run's."""
         return self._detector_timing
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
-        """See `Station.MakeImagelessTracker`: the run's own tracks, if they are repeated."""
+        """See `Station.MakeImagelessTracker`: repeats the run's tracks, if asked to."""
         if not self._repeat_tracks:
             return None
         return RecordedTracker(
@@ -195,14 +194,14 @@ class ReplayStation(Station):
 
     @property
     def clock(self) -> RecordedClock | None:
-        """See `Station.clock`: the run's, where it had one."""
+        """See `Station.clock`: the run's, if it had one."""
         return self._clock
 
 
 def _known_early(series: Series) -> Series:
-    """Returns a series whose first finite sample comes one sample earlier.
+    """Returns a series in which the first finite values appear one sample earlier.
 
-    If it is the first sample, it holds from the beginning.
+    If the first sample is finite already, its values hold at all earlier times.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

@@ -63,15 +63,15 @@ class SimulatedStation(Station):
         - contact_results
         - plant_state
 
-    All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), [rad],
-    [rad/s], [N m]; `panda.torque_external` is the effect of contacts on the joints. `hand.width` is
-    [m]. `panda` represents the robot's name in the scenario.
+    All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), in [rad],
+    [rad/s] or [N m]; `panda.torque_external` holds the joint torques due to contacts. `hand.width`
+    is in [m]. `panda` stands for the robot's name in the scenario.
 
     Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
-    With one they are captured at the tracker's rate, rendered by a separate process, and appear
-    that much later; before the first they are empty (see `DelayedCameras`). That process receives
-    the plant's positions only (see `CameraProcess`). It starts with the first capture, or with
-    `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
+    In that case, images are captured at the tracker's rate, rendered by a separate process, and
+    appear `output_delay` later; before the first, they are empty (see `DelayedCameras`). The
+    process receives only the plant's positions (see `CameraProcess`). It starts with the first
+    capture, or with `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
     `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
@@ -115,7 +115,7 @@ class SimulatedStation(Station):
         )
         if cameras:
             self._add_cameras(builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch)
-        # Before the visualization: in newer Drakes it takes the port for dragging with the mouse.
+        # Before the visualization, which in newer versions of Drake uses this port for dragging.
         builder.ExportInput(
             self._plant.get_applied_spatial_force_input_port(), "applied_spatial_force"
         )
@@ -150,7 +150,7 @@ class SimulatedStation(Station):
                 seed=scenario.random_seed,
             )
             return
-        # Images that appear at one instant can be captured from the next control period on.
+        # Perception can use an image from the control period after the one in which it appears.
         self._capture_offset = delay + scenario.poil.rates.control
         self._camera_process = CameraProcess(scenario, package_xmls)
         self._delayed_cameras = AddDelayedCameras(
@@ -169,18 +169,18 @@ class SimulatedStation(Station):
         """See `Station.tracker_timing`."""
         return replace(
             self.detector_timing,
-            # Of the images' capture.
+            # `poil.latency` counts from the capture of the images.
             latency=max(self.scenario.poil.latency - self._capture_offset, 0.0),
         )
 
     @property
     def detector_timing(self) -> SimulatedDelay:
-        """See `Station.detector_timing`: in simulation, results are known at once."""
+        """See `Station.detector_timing`: in simulation, results are available at once."""
         period = self.scenario.poil.rates.tracker
         return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
-        """See `Station.MakeImagelessTracker`: ground truth, if the scenario names it."""
+        """See `Station.MakeImagelessTracker`: ground truth, if that is `poil.tracker`."""
         poil = self.scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None
@@ -192,14 +192,14 @@ class SimulatedStation(Station):
         )
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns what each camera sees now, (H, W) each; `CaptureFrame` makes a frame of it.
+        """Returns each camera's current image; `CaptureFrame` combines them into a frame.
 
         Args:
             context: The station's own context.
             labels: Whether to render the label images, too.
 
         Raises:
-            StationError: if the process that renders has ended.
+            StationError: if the rendering process has ended.
         """
         if self._camera_process is None:
             return tuple(
@@ -215,7 +215,7 @@ class SimulatedStation(Station):
         return images
 
     def Start(self) -> None:
-        """Starts the process of delayed cameras, without waiting for it."""
+        """Starts the process that renders delayed cameras, without waiting for it."""
         if self._camera_process is not None:
             self._camera_process.start()
 
@@ -223,13 +223,13 @@ class SimulatedStation(Station):
         """Waits until delayed cameras render at their usual pace.
 
         Raises:
-            PoilError: if they cannot be used.
+            PoilError: if the cameras cannot be used.
         """
         if self._camera_process is not None:
             self._camera_process.warm_up()
 
     def Close(self) -> None:
-        """Ends the process of delayed cameras. The station cannot be used afterwards."""
+        """Ends the process that renders delayed cameras. The station cannot be used afterwards."""
         if self._camera_process is not None and self._delayed_cameras is not None:
             # First the thread that sends requests, then the process that answers them.
             self._delayed_cameras.close()

@@ -45,15 +45,15 @@ def MakeStation(
 
     Args:
         scenario: The models, the cameras and the task.
-        meshcat: Shows the scene there.
+        meshcat: Shows the scene.
         hardware: Whether to make a `HardwareStation` instead of a `SimulatedStation`. The ports are
             the same, except those that only a simulation has.
-        dry_run: On hardware: whether to send nothing and move a `KinematicRobot` instead.
-        cameras: False leaves out cameras and renderer, for speed.
-        ignore_output_delay: Whether images are rendered when evaluated, whatever the cameras'
-            `output_delay`: for pictures without a simulation.
-        package_xmls: Further `package.xml` files, for directives with `package://...`.
-        stopwatch: Receives the time that delayed cameras render, and are waited for.
+        dry_run: On hardware, whether to send nothing and move a `KinematicRobot` instead.
+        cameras: Whether to add the cameras and the renderer; leave them out for speed.
+        ignore_output_delay: Whether images are rendered when their ports are evaluated, regardless
+            of the cameras' `output_delay`: for pictures without a simulation.
+        package_xmls: Further `package.xml` files, for `package://` URLs in the directives.
+        stopwatch: Receives the times spent on rendering delayed images and on waiting for them.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 
@@ -92,7 +92,7 @@ def MakeStation(
 
 
 def RequireLabels(station: Station) -> None:
-    """Checks that every camera gives label images, if the detector reads them.
+    """Checks that every camera provides label images, if the detector reads them.
 
     Raises:
         ScenarioError: naming a camera that does not.
@@ -104,20 +104,20 @@ def RequireLabels(station: Station) -> None:
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
-    """Takes a picture with every camera now, regardless of their delay.
+    """Captures an image with every camera now, regardless of output delays.
 
     Args:
         station: The station.
         context: The station's own context, not that of a diagram around it.
-        labels: Whether to render label images, which takes as long as the others.
+        labels: Whether to include label images, which take as long to render as the others.
 
     Raises:
-        StationError: when the station has no cameras.
+        StationError: if the station has no cameras, or cannot capture images.
     """
     if not station.camera_names:
         raise StationError(
             "The station has no cameras.",
-            remedy="Name cameras in the scenario and build the station with cameras=True.",
+            remedy="Add cameras to the scenario, and build the station with cameras=True.",
         )
     return MakeFrame(
         station.camera_models, station.TakeImages(context, labels=labels), station.label_ids

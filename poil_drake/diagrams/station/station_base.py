@@ -21,12 +21,12 @@ from poil_drake.systems.capture_timing import CaptureTiming
 class Station(Diagram):
     """A robot, its hand and its cameras behind named ports: see `MakeStation`.
 
-    `Start` starts the threads and processes beside it, `WarmUp` waits until they are ready, and
+    `Start` starts the station's threads and processes, `WarmUp` waits until they are ready, and
     `Close` ends them; a `with` block does all three.
 
     Attributes:
         scenario: The scenario of the station.
-        label_ids: Render labels by name: "mug", "mug/handle", "rack", ...
+        label_ids: Render labels by name, such as "mug", "mug/handle" or "rack".
         camera_models: The cameras' models; cameras do not move.
     """
 
@@ -50,27 +50,27 @@ class Station(Diagram):
 
     @property
     def camera_names(self) -> tuple[str, ...]:
-        """The names of the cameras; empty if the station was built without."""
+        """The names of the cameras; empty if the station was built without cameras."""
         return tuple(camera.name for camera in self.camera_models)
 
     @property
     def tracker_timing(self) -> CaptureTiming:
-        """When a tracker of the station's images captures and releases."""
+        """When a tracker captures images of the station and releases its results."""
         raise NotImplementedError
 
     @property
     def detector_timing(self) -> CaptureTiming:
-        """When a detector in the station's images captures and releases."""
+        """When a detector captures images of the station and releases its results."""
         raise NotImplementedError
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
-        """Returns a tracker that needs no images, None where images are to be tracked.
+        """Returns a tracker that needs no images; None if images are to be tracked.
 
         Args:
-            plan: Its points are followed.
+            plan: The plan whose target points are tracked.
 
         Raises:
-            ScenarioError: if the scenario names the ground truth, but the station has none.
+            ScenarioError: if `poil.tracker` is the ground truth, which the station does not have.
         """
         if self.scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
@@ -78,23 +78,23 @@ class Station(Diagram):
 
     @property
     def clock(self) -> Callable[[], float] | None:
-        """The clock [s] that also runs while the context does not advance; None in simulation."""
+        """A clock [s] that runs even while the context does not advance; None in simulation."""
         return None
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns what each camera sees now, (H, W) each; `CaptureFrame` makes a frame of it.
+        """Returns each camera's current image; `CaptureFrame` combines them into a frame.
 
         Args:
             context: The station's own context.
             labels: Whether to include label images.
 
         Raises:
-            StationError: if there are no images.
+            StationError: if the images cannot be captured.
         """
         raise NotImplementedError
 
     def ArmPosition(self, context: Context) -> np.ndarray:
-        """Returns the arm's measured joint positions (7,) [rad] now.
+        """Returns the arm's current measured joint positions (7,) [rad].
 
         Args:
             context: The station's own context.
@@ -103,30 +103,30 @@ class Station(Diagram):
         return np.array(port.Eval(context))
 
     def Start(self) -> None:
-        """Starts the threads and processes beside the station, without waiting for them."""
+        """Starts the station's threads and processes, without waiting for them."""
 
     def WarmUp(self) -> None:
-        """Waits until they are ready.
+        """Waits until the station's threads and processes are ready.
 
         Raises:
-            PoilError: if one cannot be used.
+            PoilError: if one of them cannot be used.
         """
 
     def Close(self) -> None:
-        """Ends them. The station cannot be used afterwards."""
+        """Ends the station's threads and processes. The station cannot be used afterwards."""
 
     def Rest(self) -> None:
-        """Brings the robot to rest, independently of the loop, and waits for that."""
+        """Brings the robot to rest, independently of the loop, and waits until it rests."""
 
     def HandleMessages(self) -> None:
         """Handles received messages, so that the next update sees them."""
 
     def Problems(self) -> tuple[str, ...]:
-        """Returns the problems of its threads, processes and networks, a sentence each."""
+        """Returns the problems of the station's threads, processes and networks, a clause each."""
         return ()
 
     def plant(self) -> MultibodyPlant:
-        """Returns the simulated plant; on hardware, a plant of the scenario's models."""
+        """Returns the simulated plant; otherwise, an unsimulated plant of the scenario's models."""
         return self._plant
 
     def scene_graph(self) -> SceneGraph:

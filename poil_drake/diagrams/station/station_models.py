@@ -26,7 +26,7 @@ PrefinalizeCallback = Callable[[Parser], None]
 def MakeUnsimulatedPlant(
     scenario: Scenario, **options: Any
 ) -> tuple[MultibodyPlant, SceneGraph, Mapping[str, tuple[int, ...]]]:
-    """Returns a plant of the scenario's models that is not simulated, its scene graph and labels.
+    """Returns an unsimulated plant of the scenario's models, its scene graph and render labels.
 
     Args:
         scenario: Names the models.
@@ -53,12 +53,12 @@ def AddStationModels(
         plant: The plant.
         scene_graph: Its scene graph.
         scenario: Names the models and their initial positions.
-        package_xmls: Further `package.xml` files, for directives with `package://...`.
+        package_xmls: Further `package.xml` files, for `package://` URLs in the directives.
         parser_preload_callback: Called with the parser before the directives are read.
         parser_prefinalize_callback: Called with the parser before the plant is finalized.
 
     Returns:
-        Render labels by name: "mug", "mug/handle", "rack", ...
+        Render labels by name, such as "mug", "mug/handle" or "rack".
 
     Raises:
         ScenarioError: if the scenario is inconsistent.

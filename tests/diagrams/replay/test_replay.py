@@ -34,7 +34,7 @@ PERIOD = 1 / 256
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run with the simulator's truth, which ends in a fault after it grasped nothing."""
+    """A run with the ground-truth tracker that ends in a fault because it grasped nothing."""
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     config = RunLogConfig(chunk_size=1 << 16)
     return record(path, short_scenario(), moving_plan(), 2.0, config=config)
@@ -53,7 +53,7 @@ def test_a_replay_of_recorded_tracks_is_the_run_to_the_last_bit(log: Path) -> No
 
     assert summary.same
     assert summary.tracker == "recorded"
-    # Every input is in the log as it was, and nothing else decides.
+    # The log holds every input exactly, and nothing else affects the commands.
     commands = summary.comparison.statistics(JOINT_VELOCITY)
     assert (commands.count, commands.maximum) == (2.0 / PERIOD + 1, 0.0)
     assert summary.comparison.statistics(TRACKED_POINTS).maximum == 0.0
@@ -61,7 +61,7 @@ def test_a_replay_of_recorded_tracks_is_the_run_to_the_last_bit(log: Path) -> No
         (name, True) for name in ("wait", "approach", "descend", "grasp", "fault")
     ]
     moved = load_recorded_run(log).commands.values
-    assert np.abs(moved).max() > 0.2  # of a way that has a rate of 0.1 pi at its fastest.
+    assert np.abs(moved).max() > 0.2  # The approach peaks at 0.1 pi rad/s.
 
 
 def test_a_plant_that_steps_more_often_than_the_controller_is_replayed_as_well(
@@ -87,7 +87,7 @@ def test_a_dry_run_that_is_logged_within_the_control_periods_is_replayed_from_it
     summary = replay(dry)
 
     assert summary.station == "dry_run"
-    # A simulated arm is seen a period earlier than one that is shown only: the same but for that.
+    # The controller sees a simulated arm one period earlier than a kinematic one.
     assert summary.comparison.phases_agree, summary.closing_line()
     assert [name for name, _, _ in starts(summary)] == ["wait", "approach"]
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 4.0 * 0.1 * np.pi / 256 + 1e-3
@@ -134,9 +134,9 @@ def test_a_changed_measurement_changes_the_commands(log: Path, tmp_path: Path) -
     summary = replay(rewritten(log, tmp_path / "tampered.mcap", message=elsewhere))
 
     first = summary.comparison.first
-    # What the log has at 0.75 s was seen by the update before it, whose command it has as well.
+    # The previous update saw the sample logged at 0.75 s, which also holds its command.
     assert (first.time, first.what) == (0.75, JOINT_VELOCITY)
-    # The gain along the approach is 4 / s; it has settled by then, and is a product of few factors.
+    # The gain along the approach is 4 / s and has settled by then; few operations round.
     settled = summary.comparison.differences[JOINT_VELOCITY].at(1.0)[0]
     assert settled == pytest.approx(4.0 * 0.02, abs=1e-9)
 
@@ -148,7 +148,7 @@ def test_other_settings_show_what_they_would_have_changed(log: Path) -> None:
 
     assert summary.changed
     assert not summary.same
-    # Joint 7 may do 2.61 rad/s; a twentieth of that is less than the approach wants.
+    # Joint 7 may move at 2.61 rad/s; a twentieth of that is less than the approach commands.
     assert summary.comparison.first.phase == "approach"
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum == pytest.approx(
         0.1 * np.pi - 0.05 * 2.61, abs=0.01
@@ -163,7 +163,7 @@ def test_a_log_that_is_cut_off_is_replayed_as_far_as_it_goes(log: Path, tmp_path
 
     assert summary.same
     assert 0.5 < summary.replayed < 2.0
-    assert f"the log is cut off, its last sample is of {summary.replayed:.2f} s" in summary.notes
+    assert f"the log is cut off: its last sample is at {summary.replayed:.2f} s" in summary.notes
 
 
 def test_sparse_signals_are_held_and_noted(log: Path, tmp_path: Path) -> None:
@@ -173,9 +173,9 @@ def test_sparse_signals_are_held_and_noted(log: Path, tmp_path: Path) -> None:
 
     summary = replay(rewritten(log, tmp_path / "sparse.mcap", message=seldom))
 
-    assert "the robot's signals were logged every 0.03125 s only" in summary.notes[0]
+    assert "the robot's signals were logged only every 0.03125 s" in summary.notes[0]
     assert [name for name, _, _ in starts(summary)][:4] == ["wait", "approach", "descend", "grasp"]
-    # Positions are up to 1/32 s old: at 0.1 pi rad/s, with a gain of 4 / s, that makes
+    # Positions are up to 1/32 s old, at a speed of 0.1 pi rad/s and with a gain of 4 / s.
     assert summary.comparison.statistics(JOINT_VELOCITY).maximum < 4.0 * 0.1 * np.pi / 32 + 0.01
 
 
@@ -247,7 +247,7 @@ def test_perception_repeats_itself_closely_with_the_usual_images(
 
     assert summary.same, summary.closing_line()
     assert starts(summary)[-1][0] == "follow"
-    # Rounded depth and compressed colours: not the same, but nearer than the tracker's own error.
+    # Rounded depth and compressed colours: not the same, but closer than the tracker's own error.
     tracks = summary.comparison.statistics(TRACKED_POINTS)
     assert 0.0 < tracks.median < 0.001
     points = summary.comparison.statistics_by_phase(TRACKED_POINTS)
@@ -277,7 +277,7 @@ def test_moved_cameras_are_noted(seen: Path, tmp_path: Path) -> None:
     moved = rewritten(seen, tmp_path / "moved.mcap", message=elsewhere)
 
     assert replay(seen).notes == ()
-    assert replay(moved).notes == ("camera 'left' was 23 mm elsewhere in the run",)
+    assert replay(moved).notes == ("in the run, camera 'left' was 23 mm from its present position",)
     # Recorded tracks need no images.
     assert replay(moved, tracker="recorded").notes == ()
 

@@ -1,4 +1,4 @@
-"""A client and the simulated robot on one network in memory, both by the simulation's time."""
+"""A client and the simulated robot on an in-memory network, both on simulation time."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_arm_follows_the_velocities_it_is_sent(bench: ClientBench) -> None:
 
     bench.drive(0.5, WANTED)
 
-    # The joints' controllers lag by some hundredths of a second.
+    # The joints' controllers lag by a few hundredths of a second.
     np.testing.assert_allclose(bench.joints - before, 0.5 * WANTED, atol=0.025)
     assert bench.arm.newest.mode is RobotMode.MOVE
     assert bench.arm.newest.success_rate == 1.0

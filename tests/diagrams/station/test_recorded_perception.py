@@ -15,7 +15,7 @@ NAN = np.nan
 
 def make_run(*, statuses=((0.25, 1.0), (0.5, 2.0)), said=(NAN, NAN), early=0.0):
     times = [
-        # Logged at, begun, released, of the capture at, status
+        # Time of logging, begun, released, released_of, status
         (0.01, [0.0, NAN, NAN, 0.0]),
         (0.13, [0.125, NAN, NAN, 0.0]),
         (0.2, [0.125, 0.1875, 0.0, said[0]]),

@@ -26,7 +26,7 @@ PERIOD = 1 / 256
 
 
 class Controller(LeafSystem):
-    """Notes what its updates see of the first joint."""
+    """Records the position of the first joint that its updates see."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ def test_the_loop_is_the_same_but_for_its_station(tmp_path: Path) -> None:
 
     assert replayed.station is station
     assert isinstance(replayed.tracker, RecordedTracker)
-    # The truth came from the simulator; no other wires differ.
+    # The ground truth came from the simulator; no other connections differ.
     before, after = wires(simulated.diagram), wires(replayed.diagram)
     assert before - after == {("station.body_poses", "tracker.body_poses")}
     assert after - before == {("station.panda.position_commanded", "supervisor.position_commanded")}
@@ -134,12 +134,12 @@ def test_images_of_real_cameras_are_there_before_a_capture(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("station", "offset", "unknown", "seen"),
     [
-        # What is received is seen before it is logged; what moves by itself when it is logged.
+        # Updates see received signals before they are logged, a kinematic robot's when they are.
         ("hardware", 0.0, 1, [1.0, 2.0, 3.0]),
         ("simulated", 0.0, 1, [1.0, 2.0, 3.0]),
-        # Known from the moment that the real arm was measured, and then its own.
+        # The real arm's first measurement shows at once, then the kinematic robot's own position.
         ("dry_run", 0.0, 1, [1.0, 1.0, 2.0]),
-        # Logged within the periods: what the updates at their beginning left.
+        # Samples within the periods hold the results of the updates at their beginning.
         ("dry_run", PERIOD / 2, 0, [0.0, 0.0, 1.0]),
         ("dry_run", PERIOD / 2, 1, [np.nan, 1.0, 1.0]),
     ],

@@ -122,7 +122,7 @@ def test_a_push_shows_in_the_external_torque(station: Station, bench: SystemBenc
     X_WH = plant.GetFrameByName("panda_hand_tcp").CalcPoseInWorld(
         plant.GetMyContextFromRoot(bench.context)
     )
-    # The mug starts inside the hand, which presses it away and is pressed back.
+    # The mug starts inside the hand; the contact pushes them apart.
     SetObjectPose(station, bench.context, RigidTransform(X_WH.translation()))
     bench.advance(0.01)
 
@@ -145,7 +145,7 @@ def test_a_wrong_robot_is_refused() -> None:
         ("{initial_position: {panda: {elbow: [0]}}}", "elbow"),
         ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
         ("{initial_position: {panda: {panda_joint1: [1, 2]}}}", r"positions in the input \(2\)"),
-        # Degrees, where radians are wanted.
+        # Degrees where radians are expected.
         ("{initial_position: {panda: {panda_joint6: [92]}}}", r"_joint6 is \[92.0\], beyond.*rad"),
         ("{poil: {fixture: rak}}", "poil.fixture is 'rak'.*table, rack, panda, mug"),
         (
@@ -197,7 +197,7 @@ def test_a_joint_may_be_given_as_a_plain_number() -> None:
     ("camera", "says"),
     [
         ("width: 0", "cameras.left cannot be used: .*Width"),
-        ("width: 64000", "cameras.left has 64000 x 480 pixels.*At most 8192"),
+        ("width: 64000", "cameras.left has 64000 x 480 pixels.*at most 8192"),
         ("focal: !FovDegrees { y: 0 }", "cameras.left cannot be used: .*Focal"),
         ("renderer_class: RenderEngineRay", "cameras.left cannot be used: .*'RenderEngineRay'"),
         ("fps: .inf", "cameras.left cannot be used: .*FPS"),
@@ -226,7 +226,7 @@ def test_a_camera_that_cannot_be_used_is_refused(camera: str, says: str) -> None
 def test_a_cameras_name_must_suit_ports_and_topics() -> None:
     scenario = ChooseScenario(data="{cameras: {a/b: {name: a/b, output_delay: 0.09375}}}")
 
-    with pytest.raises(ScenarioError, match=r"named 'a/b'.*letters"):
+    with pytest.raises(ScenarioError, match=r"name 'a/b'.*letters"):
         MakeStation(scenario)
 
 

@@ -46,10 +46,10 @@ def test_the_handle_is_drawn_where_the_geometry_says(station: Station, context: 
         (u, v), z = (a.T for a in project(camera, line))
         labels = image.label[v, u]
         handle = np.isin(labels, frame.label_ids["mug/handle"])
-        # What is not handle there is the mug's body before it.
+        # Pixels that do not show the handle show the mug's body in front of it.
         assert np.all(np.isin(labels, frame.label_ids["mug"]))
-        # The surface is nearer than the middle of the tube, by its radius and a little more,
-        # or by as much as a nearer stretch of the handle that stands before it.
+        # The surface is nearer than the tube's centre line by about its radius, or by more where a
+        # nearer stretch of the handle hides it.
         depth = image.depth[v, u][handle]
         assert np.all(depth < z[handle])
         assert np.mean(depth > z[handle] - 2 * mug.handle_radius) > 0.7
@@ -76,7 +76,7 @@ def test_the_images_are_well_exposed(station: Station, context: Context) -> None
         mug = image.rgb[np.isin(image.label, station.label_ids["mug"])]
         assert 80 < brightness < 200
         assert np.mean(mug.max(axis=1) >= 255) < 0.05
-        # It is a striped one.
+        # The mug is striped.
         assert mug.std(axis=0).max() > 30
 
 

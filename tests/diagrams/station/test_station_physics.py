@@ -67,7 +67,7 @@ def test_a_mug_released_on_the_rod_stays(mug: MugParameters) -> None:
 
     end = GetObjectPose(station, simulator.get_context())
     assert seen == {"rack"}
-    # It swings about the rod, but moves along it by less than is left to the tip, 55 mm.
+    # It swings about the rod, but slides along it by less than the 55 mm left to the tip.
     assert abs(end.translation()[1] - start.translation()[1]) < 0.02
     assert end.translation()[2] > 0.15
 
@@ -94,8 +94,8 @@ def grasp_rim(
 ) -> np.ndarray:
     """Closes the hand from an opening [m]; returns the grasped point in the mug's frame.
 
-    The hand grasps from above, across the wall that is opposite the handle, the rim 12 mm between
-    the pads, which end 9 mm below the gripper frame.
+    The hand grasps the wall opposite the handle from above. The pads end 9 mm below the gripper
+    frame, and reach 12 mm below the rim.
     """
     context = simulator.get_mutable_context()
     p_WO = np.array([0.45, -0.10, 0.0])
@@ -140,7 +140,7 @@ def test_pads_hold_a_mug_by_its_rim(name: str) -> None:
         X_GO = X_WG.InvertAndCompose(GetObjectPose(station, context))
         return X_GO @ p_OG, X_GO.rotation()
 
-    # Lifted off the table, a tapered wall may lay itself flat against the pads.
+    # Once lifted off the table, a tapered wall may settle flat against the pads.
     drive(station, simulator, np.array([0.0, 0, 0, 0, 0, 0.15]), 0.5)
     point, rotation = grip_in_hand()
     drive(station, simulator, np.array([0.0, -0.7, 0, 0, 0.1, 0.05]), 1.0)
@@ -151,7 +151,7 @@ def test_pads_hold_a_mug_by_its_rim(name: str) -> None:
     turned = (rotation.inverse() @ rotation_later).ToAngleAxis().angle()
     assert np.rad2deg(turned) < 2.0
     assert touched(station, simulator) == {"panda"}
-    # What hangs in the hand pulls at the joints: its weight at about half a metre.
+    # The mug's weight loads the joints, with a lever arm of about half a metre.
     weight = mug.mass * 9.81
     torque = station.GetOutputPort("panda.torque_external").Eval(context)
     assert 0.1 * weight < np.linalg.norm(torque) < 1.0 * weight
@@ -171,6 +171,6 @@ def test_the_grip_force_is_limited() -> None:
     ]
     # Both pads together press with twice the 60 N of each.
     assert sum(forces) == pytest.approx(120, rel=0.1)
-    # The pads are on the wall's 3.5 mm, squeezed by less than half a millimetre.
+    # The pads hold the wall of 3.5 mm, squeezed by less than half a millimetre.
     width = station.GetOutputPort("hand.width_measured").Eval(context)[0]
     assert 0.0030 < width < 0.0036

@@ -1,4 +1,4 @@
-"""Renders a station's cameras in a separate process, beside the simulation."""
+"""Renders a station's cameras in a process separate from the simulation."""
 
 import threading
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class CameraProcess:
-    """Renders the images of a station's cameras: a `SceneRenderer`.
+    """A `SceneRenderer` that renders a station's cameras in a separate process.
 
     The process builds a second station from the same scenario, sets the given positions and
-    renders; the images equal those of the station itself to the last bit. It receives positions
-    only: other changes in the station's context or scene graph do not show. A process is needed
-    because VTK, Drake's renderer that needs no display, crashes on a thread; it also leaves the
-    interpreter to the simulation. It starts with the first images, or with `start`.
+    renders; its images equal those of the original station bit for bit. It receives only positions:
+    other changes in the station's context or scene graph do not show. A process is needed because
+    VTK, Drake's renderer that needs no display, crashes on a thread; a process also leaves the
+    interpreter to the simulation. The process starts with the first request, or with `start`.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
         """Stores the setup; starts nothing.
 
         Args:
-            scenario: The station's.
+            scenario: The station's scenario.
             package_xmls: Further `package.xml` files for its directives.
         """
         self._scenario = DumpScenario(scenario, named=False)
@@ -39,7 +39,7 @@ class CameraProcess:
 
     @property
     def pid(self) -> int | None:
-        """Number of the process; None while there is none."""
+        """Process ID; None while there is no process."""
         return None if self._worker is None else self._worker.pid
 
     def start(self) -> None:
@@ -73,7 +73,7 @@ class CameraProcess:
         return self._ask("render labels", positions, time)
 
     def close(self) -> None:
-        """Ends the process after its present work. Nothing can be rendered afterwards."""
+        """Ends the process after its current request. Nothing can be rendered afterwards."""
         with self._turn:
             self._closed = True
             if self._worker is not None:
@@ -84,7 +84,9 @@ class CameraProcess:
         with self._turn:
             self.start()
             if self._worker is None:
-                raise _ended("has been closed")
+                raise StationError(
+                    "The cameras' process has been closed.", remedy="Create a new station."
+                )
             try:
                 return self._worker.ask(request)
             except WorkerEndedError as error:
@@ -94,6 +96,6 @@ class CameraProcess:
 def _ended(reason: str) -> StationError:
     return StationError(
         f"The cameras' process {reason}.",
-        remedy="See what it wrote, or whether memory ran out; with the cameras' output_delay 0 "
-        "no process is needed.",
+        remedy="Check its output, and whether memory ran out. Cameras with output_delay 0 need no "
+        "process.",
     )

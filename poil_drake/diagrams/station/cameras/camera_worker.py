@@ -1,4 +1,4 @@
-"""The other end of `camera_process`: builds a station and renders its cameras."""
+"""The worker process of `camera_process`: builds a station and renders its cameras."""
 
 import dataclasses
 from typing import Any
@@ -14,17 +14,17 @@ from poil_drake.runtime.worker_process import serve
 
 
 class CameraService:
-    """Renders the cameras of a station that it puts at given positions."""
+    """Renders the cameras of a station whose plant it sets to the requested positions."""
 
     def __init__(self, setup: tuple[str, list[str]]):
         """Builds the station.
 
         Args:
-            setup: The scenario's text, and further `package.xml` files.
+            setup: The scenario as YAML, and further `package.xml` files.
         """
         text, package_xmls = setup
         scenario = LoadScenario(data=text)
-        # Only the station itself uses the scenario's networks.
+        # Only the original station uses the scenario's networks.
         silent = {name: DrakeLcmParams(lcm_url=NO_NETWORK) for name in scenario.lcm_buses}
         scenario = dataclasses.replace(scenario, lcm_buses=silent)
         self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)
@@ -34,7 +34,7 @@ class CameraService:
         """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
 
         Returns:
-            The image of each camera, or the label image of each.
+            The image or the label image of each camera; empty after warming up.
         """
         kind, *scene = request
         if kind == "warm up":

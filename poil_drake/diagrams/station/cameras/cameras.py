@@ -25,7 +25,7 @@ from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
-_LARGEST_SIDE = 8192  # [px]: more than any depth camera has; a slip would fill the memory
+_LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
 
 
 def AddCameras(
@@ -37,20 +37,20 @@ def AddCameras(
     noise: StereoDepthNoiseConfig,
     seed: int,
 ) -> tuple[CameraModel, ...]:
-    """Adds cameras without a delay, with noise on their depth, and exports their images.
+    """Adds cameras without a delay but with depth noise, and exports their images.
 
     An image is rendered when its port is evaluated, so consumers sample in their own periodic
     events.
 
     Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
-    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], the present time.
+    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], the current time.
 
     Returns:
         The cameras' models.
 
     Raises:
-        ScenarioError: when a camera is named differently inside and outside, moves, or has a value
-            that Drake does not take.
+        ScenarioError: if a camera's name differs from its key, its base moves, or Drake does not
+            accept one of its values.
     """
     models = MakeCameraModels(plant, cameras)
     for index, (name, config) in enumerate(cameras.items()):
@@ -84,21 +84,21 @@ def AddDelayedCameras(
     period: float,
     stopwatch: Stopwatch | None,
 ) -> DelayedCameras:
-    """Adds cameras whose images appear their `output_delay` after the capture.
+    """Adds cameras whose images appear `output_delay` after the capture.
 
     Exports the same ports as `AddCameras`.
 
     Args:
         builder: Receives the cameras.
-        plant: The plant they see.
+        plant: The plant that the cameras see.
         cameras: Their configuration.
-        lcm_buses: The networks; images are not sent to them.
+        lcm_buses: The LCM networks; images are not sent to them.
         renderer: Renders the images.
-        period: From one capture to the next [s].
+        period: Time from one capture to the next [s].
         stopwatch: See `DelayedCameras`.
 
     Raises:
-        ScenarioError: as `AddCameras`, and where not all cameras have one delay.
+        ScenarioError: as in `AddCameras`, and if the cameras' delays differ.
     """
     models = MakeCameraModels(plant, cameras)
     _require_usable(cameras, lcm_buses)
@@ -123,20 +123,21 @@ def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
     """Returns the delay that all cameras share [s]; 0 without cameras.
 
     Raises:
-        ScenarioError: if they differ, or one is not finite or negative.
+        ScenarioError: if the delays differ, or one is negative or not finite.
     """
     delays = {name: config.output_delay for name, config in cameras.items()}
     for name, delay in delays.items():
         first, expected = next(iter(delays.items()))
         if not 0.0 <= delay < math.inf:
             raise ScenarioError(
-                f"cameras.{name}.output_delay is {delay} s.", remedy="It must be 0 or positive."
+                f"cameras.{name}.output_delay is {delay} s.",
+                remedy="Use a finite delay that is not negative.",
             )
         if delay != expected:
             raise ScenarioError(
                 f"cameras.{name}.output_delay is {delay} s, but cameras.{first}.output_delay is "
                 f"{expected} s.",
-                remedy="Give all cameras one delay: a frame holds the images of one instant.",
+                remedy="Set one output_delay for all cameras: a frame holds images of one instant.",
             )
     return next(iter(delays.values()), 0.0)
 
@@ -147,7 +148,7 @@ def MakeCameraModels(
     """Returns the cameras' pinhole models.
 
     Raises:
-        ScenarioError: as `AddCameras`.
+        ScenarioError: as in `AddCameras`.
     """
     models = []
     for name, config in cameras.items():
@@ -190,7 +191,7 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
 def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
     """Builds the cameras in an empty scene, so that Drake's errors appear now.
 
-    Otherwise they would appear in the process that renders, long after the station was built.
+    Otherwise they would appear in the rendering process, long after the station was built.
     """
     builder = DiagramBuilder()
     AddMultibodyPlantSceneGraph(builder, time_step=0.0)
@@ -203,7 +204,7 @@ def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) ->
 def _unusable(name: str, error: BaseException) -> ScenarioError:
     return ScenarioError(
         f"cameras.{name} cannot be used: {drake_reason(error)}.",
-        remedy=f"Correct cameras.{name}; Drake's CameraConfig lists the valid values.",
+        remedy=f"Correct cameras.{name}; see Drake's CameraConfig for the valid values.",
     )
 
 
@@ -211,29 +212,29 @@ def _check_camera(name: str, config: CameraConfig) -> None:
     if config.name != name:
         raise ScenarioError(
             f"The camera under the key '{name}' is named '{config.name}'.",
-            remedy=f"Write 'name: {name}' in cameras.{name}.",
+            remedy=f"Set cameras.{name}.name to '{name}'.",
         )
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise ScenarioError(
-            f"A camera is named '{name}'.",
-            remedy="Use letters, digits, '_' and '-': the name becomes part of ports and topics.",
+            f"The camera name '{name}' cannot be part of the names of ports and topics.",
+            remedy="Use one or more letters, digits, '_' and '-'.",
         )
     if max(config.width, config.height) > _LARGEST_SIDE:
         raise ScenarioError(
             f"cameras.{name} has {config.width} x {config.height} pixels.",
-            remedy=f"At most {_LARGEST_SIDE} pixels in each direction are supported.",
+            remedy=f"Set its width and height to at most {_LARGEST_SIDE}.",
         )
     if config.capture_offset != 0.0:
         raise ScenarioError(
-            f"cameras.{name}.capture_offset is {config.capture_offset} s.",
-            remedy="Leave it at 0: all cameras capture at multiples of poil.rates.tracker.",
+            f"cameras.{name}.capture_offset is {config.capture_offset} s; only 0 is supported.",
+            remedy="Leave it out: all cameras capture at multiples of poil.rates.tracker.",
         )
 
 
 def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
     """Returns X_WB, the pose of a camera's body, after checking that it cannot move."""
     path = f"cameras.{name}.X_PB"
-    # X_BC and X_BD: of the colour and the depth camera in the camera's body.
+    # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
     poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
     base = config.X_PB.base_frame or "world"
     try:
@@ -245,23 +246,23 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Name an existing base_frame that is not the robot's, or none for the world, "
-            "and give one certain pose.",
+            remedy="Set base_frame to an existing frame that does not move, or leave it out for "
+            "the world, and use a deterministic pose.",
         ) from error
     if not all(finite.values()):
         wrong = ", ".join(key for key in finite if not finite[key])
-        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Correct its numbers.")
+        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Use finite numbers.")
     if not plant.IsAnchored(frame.body()):
         raise ScenarioError(
             f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",
-            remedy="Mount the camera on what is welded to the world.",
+            remedy="Set it to a frame that is welded to the world.",
         )
     X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
     return X_WP @ config.X_PB.GetDeterministicValue()
 
 
 def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
-    """Renders one camera's image now, copied from Drake's cache.
+    """Renders one camera's current image, and returns a copy of it.
 
     Args:
         diagram: The diagram that exports the camera's ports.
@@ -282,7 +283,7 @@ def MakeFrame(
     images: tuple[RgbdImage, ...],
     label_ids: Mapping[str, tuple[int, ...]],
 ) -> MultiViewFrame:
-    """Returns the frame of all cameras; labels are named only where the images have them."""
+    """Returns the frame of all cameras; it has `label_ids` only if every image has labels."""
     labelled = all(image.label is not None for image in images)
     return MultiViewFrame(
         cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}

@@ -23,48 +23,48 @@ _USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)
 
 
 def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
-    """Returns the address of one of the scenario's LCM networks, or the usual one.
+    """Returns the URL of one of the scenario's LCM networks; `usual` if it sets none.
 
     Raises:
-        ScenarioError: if the scenario neither defines it nor uses its default name, or gives it a
-            channel suffix.
+        ScenarioError: if the scenario does not define the network, unless it has a default name,
+            or if the network has a channel suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
         if bus not in _USUAL_BUSES:
             raise ScenarioError(
                 f"poil.hardware names the LCM network '{bus}', which lcm_buses does not define.",
-                remedy=f"Define it, or choose one of: {', '.join(scenario.lcm_buses)}.",
+                remedy=f"Define it there, or choose one of: {', '.join(scenario.lcm_buses)}.",
             )
         return usual
     if params.channel_suffix:
         raise ScenarioError(
-            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', which hardware's "
-            "channels do not use.",
-            remedy="Leave it out, and write whole names in poil.hardware.channels, and in the "
-            "channel of each !LcmImages.",
+            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but a suffix "
+            "is not supported on hardware.",
+            remedy="Leave it out, and set full channel names in poil.hardware.channels and in each "
+            "!LcmImages.",
         )
     return params.lcm_url or usual
 
 
 def ImageChannel(source: LcmImages, camera: str) -> str:
-    """Returns the channel of a camera's images."""
+    """Returns the LCM channel of a camera's images."""
     return source.channel or f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
 
 
 def MakeCaptureDevice(
     source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
 ) -> CaptureDevice:
-    """Returns the device that reads a camera.
+    """Returns the device that captures a camera's images.
 
     Args:
-        source: The source of its images.
-        scenario: Its networks.
-        camera: Its model.
+        source: The source of the images.
+        scenario: Defines the LCM networks.
+        camera: The camera's model.
         clock: Returns the current time [s since the epoch].
 
     Raises:
-        PoilError: if it cannot be used.
+        PoilError: if the device cannot be used.
     """
     if isinstance(source, LcmImages):
         return LcmImageDevice(
@@ -83,7 +83,7 @@ def SendsLabels(source: CameraSource) -> bool:
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that every source belongs to one camera of the scenario, and to no other device.
+    """Checks that every source belongs to a camera of the scenario, and that no two share a device.
 
     Raises:
         ScenarioError: naming a camera that the scenario does not have, or two sources that may be
@@ -108,5 +108,5 @@ def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
                 f"poil.hardware.cameras gives '{first}' the serial number '{one.serial}' and "
                 f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
                 "cannot be told apart.",
-                remedy="Give each the serial number printed on it.",
+                remedy="Set the serial of each to the number printed on the camera.",
             )

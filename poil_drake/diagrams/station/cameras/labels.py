@@ -13,7 +13,7 @@ from poil_drake.errors import ScenarioError
 
 @dataclass(frozen=True)
 class PartGeometry:
-    """A drawn geometry of a model: its link's and its own name, without scopes."""
+    """A geometry that cameras see, with its link's and its own name, both without scopes."""
 
     id: GeometryId
     link: str
@@ -33,21 +33,21 @@ def AssignLabels(
     Args:
         plant: The plant with all models.
         scene_graph: Its scene graph.
-        parts: Model instance -> part -> link name, or regular expression that must match the
-            whole of a geometry's name (without the model's scope).
+        parts: Model instance -> part -> link name, or a regular expression that must match a
+            geometry's whole name (without the model's scope).
 
     Returns:
         Name -> labels: "mug" has all labels of the object, "mug/handle" those of the part.
 
     Raises:
-        ScenarioError: when a model instance or part does not exist, or parts overlap.
+        ScenarioError: if a model or part does not exist, a pattern is invalid, or parts overlap.
     """
     label_ids: dict[str, tuple[int, ...]] = {}
     next_label = 1
     instances = model_instances(plant)
     for unknown in set(parts) - set(instances):
         raise ScenarioError(
-            f"The model '{unknown}', whose parts are named, is not among the directives.",
+            f"The scenario names parts of the model '{unknown}', which no directive adds.",
             remedy=f"Choose one of: {', '.join(instances)}.",
         )
     for model, instance in instances.items():
@@ -63,7 +63,7 @@ def AssignLabels(
                     raise ScenarioError(
                         f"The geometry '{geometry.name}' of '{model}' belongs to two parts, "
                         f"'{taken[geometry.id]}' and '{part}'.",
-                        remedy="Make the patterns in poil.parts exclude each other.",
+                        remedy="Change the patterns in poil.parts so that they do not overlap.",
                     )
                 taken[geometry.id] = part
         assigned[""] = [g for g in geometries if g.id not in taken]
@@ -95,7 +95,7 @@ def drawn_geometries(
 
 
 def model_instances(plant: MultibodyPlant) -> dict[str, ModelInstanceIndex]:
-    """Returns the plant's model instances by name, without the world and empty ones."""
+    """Returns the plant's model instances by name, except the world and empty ones."""
     instances = (ModelInstanceIndex(i) for i in range(plant.num_model_instances()))
     return {
         plant.GetModelInstanceName(i): i
@@ -111,7 +111,7 @@ def _geometries_of_part(
         expression = re.compile(pattern)
     except re.error as error:
         raise ScenarioError(
-            f"The pattern '{pattern}' of part '{part}' is not a regular expression ({error}).",
+            f"The pattern '{pattern}' of part '{part}' is an invalid regular expression ({error}).",
             remedy="Correct it in poil.parts.",
         ) from error
     found = [g for g in geometries if g.link == pattern]
@@ -120,10 +120,10 @@ def _geometries_of_part(
         links = ", ".join(sorted({g.link for g in geometries}))
         names = ", ".join(sorted({g.name for g in geometries}))
         raise ScenarioError(
-            f"The part '{part}' of '{model}' was not found: no link is named '{pattern}' and no "
-            "geometry's name matches it.",
+            f"The part '{part}' of '{model}' was not found: no link is named '{pattern}', and no "
+            "geometry name matches it.",
             remedy=f"Set poil.parts.{part} to one of the links ({links}) or to a regular "
-            f"expression on the geometry names ({names}).",
+            f"expression for the geometry names ({names}).",
         )
     return found
 

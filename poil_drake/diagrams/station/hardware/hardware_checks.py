@@ -12,10 +12,10 @@ from poil_drake.perception.detectors.registry import LABEL_IMAGE
 
 
 def CheckHardwareRun(scenario: Scenario) -> None:
-    """Checks that tracker, detector and cameras can work on hardware.
+    """Checks that the scenario's tracker, detector and cameras can be used on hardware.
 
     Raises:
-        ScenarioError: if one cannot.
+        ScenarioError: if one of them cannot.
     """
     if scenario.poil.tracker == GROUND_TRUTH:
         raise ground_truth_error()
@@ -26,24 +26,24 @@ def CheckHardwareRun(scenario: Scenario) -> None:
         if isinstance(source, McapPlayback) and not Path(source.file).is_file():
             raise ScenarioError(
                 f"poil.hardware.cameras.{name} plays '{source.file}', which does not exist.",
-                remedy="Name a recording (.mcap).",
+                remedy="Set its file to an existing recording (.mcap).",
             )
 
 
 def ground_truth_error() -> ScenarioError:
-    """Returns the error of a ground-truth tracker without a simulator."""
+    """Returns the error for a ground-truth tracker without a simulator."""
     return ScenarioError(
-        f"The tracker '{GROUND_TRUTH}' reads the simulator's own poses; hardware has none.",
-        remedy="Choose a tracker that uses cameras, e.g. rigid_flow.",
+        f"The tracker '{GROUND_TRUTH}' needs the simulator's poses, which hardware does not have.",
+        remedy="Set poil.tracker to one that uses cameras, e.g. rigid_flow.",
     )
 
 
 def label_error(camera: str) -> ScenarioError:
-    """Returns the error of a camera without label images."""
+    """Returns the error for a camera without label images."""
     return ScenarioError(
         f"The detector '{LABEL_IMAGE}' reads label images, "
         f"which camera '{camera}' does not provide.",
-        remedy="Every detector so far needs them. Have a segmentation node send them over LCM with "
-        f"the images (poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a "
-        "recording that holds them (!McapPlayback).",
+        remedy="Have a segmentation node send them over LCM with the images "
+        f"(poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a recording that contains "
+        "them (!McapPlayback).",
     )

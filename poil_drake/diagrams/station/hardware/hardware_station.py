@@ -1,4 +1,4 @@
-"""The real robot's station: a Franka behind its driver, and cameras that are read in-process."""
+"""The real robot's station: a Franka behind its driver, and cameras read by this process."""
 
 import time
 from collections.abc import Sequence
@@ -42,16 +42,16 @@ _REOPEN = 3.0
 library may block Python for a second; by then the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
-"""How long to listen for other commanders [s of the robot's time]: a dozen control periods."""
+"""How long to listen for other senders [s of the robot's time]: a dozen control periods."""
 
 _LOOK = 0.01
-"""Time between two checks whether everything has arrived [s]."""
+"""Time between two checks for messages and images while waiting for them [s]."""
 
 _AHEAD = 0.02
 """Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _REST = 1.5
-"""Rest is commanded for this multiple of the driver's expiry."""
+"""How long to command rest, as a multiple of the driver's command expiry."""
 
 
 class HardwareStation(Station):
@@ -77,15 +77,14 @@ class HardwareStation(Station):
 
     The ports are those of `SimulatedStation`, without those that only a simulation has: poses,
     contacts and forces. `<camera>.label_image` exists for cameras whose source sends labels.
-    See `AddPandaHardware` and `CapturedCameras` for what the outputs are before the first message
-    or image.
+    See `AddPandaHardware` and `CapturedCameras` for the outputs before the first message or image.
 
     In a dry run nothing is sent to the robot. The commands move a `KinematicRobot` instead, which
     starts at the posture of the real one and whose measurements are exported.
 
-    Simulate it at the pace of its clock (see `RealTimeLoop`). The scenario's models give
-    the poses of the robot's base and the cameras, and Meshcat shows them, with the robot as
-    measured and without the object.
+    Simulate the station at the pace of its clock (see `RealTimeLoop`). The scenario's models give
+    the poses of the robot's base and the cameras. Meshcat shows the models, except the object, with
+    the robot as measured.
     """
 
     def __init__(
@@ -175,8 +174,8 @@ class HardwareStation(Station):
     def tracker_timing(self) -> Worker:
         """See `Station.tracker_timing`.
 
-        Captures come after the command of their control period, and in every other one: the log,
-        which takes as long, is written in those between.
+        Captures follow the command of every other control period; the log, which takes as long, is
+        written in the periods between.
         """
         period = self.scenario.poil.rates.control
         return Worker(period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period)
@@ -188,14 +187,14 @@ class HardwareStation(Station):
 
     @property
     def clock(self) -> Clock:
-        """See `Station.clock`: [s since the epoch], immune to changes of the system's clock."""
+        """See `Station.clock`: [s since the epoch], unaffected by changes of the system time."""
         return self._steady_clock
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
 
-        Waits until every camera has an image newer than this call, with labels if its source sends
-        them.
+        Waits until every camera has an image newer than this call, with the requested labels if
+        its source sends labels.
         """
         start = self._clock()
         found: dict[str, RgbdImage] = {}
@@ -211,9 +210,9 @@ class HardwareStation(Station):
         return tuple(found[name] for name in self.camera_names)
 
     def _image_of(self, name: str, *, labels: bool) -> str:
-        """Names what is being waited for."""
+        """Describes the image that is missing."""
         if labels and self._threads[name].newest is not None:
-            return f"an image with labels of the camera '{name}', whose images come"
+            return f"a label image of the camera '{name}', whose other images arrive"
         return f"an image of the camera '{name}'"
 
     def ArmPosition(self, context: Context) -> np.ndarray:
@@ -230,12 +229,12 @@ class HardwareStation(Station):
             thread.start()
 
     def WarmUp(self) -> None:
-        """Waits for statuses of arm and hand, and an image of each camera, newer than this call.
+        """Waits for new statuses of the arm and the hand, and a new image of each camera.
 
-        The robot must be in its moving mode.
+        Also waits until the robot is in its moving mode.
 
         Raises:
-            StationError: naming what did not arrive in time.
+            StationError: naming what did not arrive in time, or if another process sends commands.
         """
         start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
         while missing := self._older_than(start):
@@ -244,7 +243,7 @@ class HardwareStation(Station):
         self._refuse_others([one.channel for one in senders if one is not None])
 
     def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
-        """Listens for other commanders and other robots, and raises an error if there are any."""
+        """Listens for other senders of commands or statuses; raises a StationError if any exist."""
         for channel in channels:
             channel.foreign = 0
         end = time.monotonic() + _LISTEN / self._config.time_scale
@@ -256,9 +255,9 @@ class HardwareStation(Station):
             time.sleep(_LOOK)
 
     def _older_than(self, time: float) -> list[str]:
-        """Returns what has not arrived, or is older than a time of the clock.
+        """Describes what has not arrived since a time of the clock [s], or cannot be used.
 
-        The driver's clock may be behind ours by as much as the driver tolerates.
+        The driver's clock may be behind by up to the driver's command expiry.
         """
         self.HandleMessages()
         drivers = time - self._config.command_expiry
@@ -293,7 +292,7 @@ class HardwareStation(Station):
             self._lcm.Close()
 
     def Rest(self) -> None:
-        """Commands rest for longer than the driver follows a command, if the arm is commanded."""
+        """Commands rest for longer than the driver's command expiry, if the arm was commanded."""
         sender = self._robot.sender
         if sender is not None and sender.commanding:
             sender.SendRest(_REST * self._config.command_expiry / self._config.time_scale)
@@ -335,7 +334,7 @@ class HardwareStation(Station):
         problems = f" ({problems})" if problems else ""
         return StationError(
             f"After {self._config.ready_timeout:g} s this is still missing: "
-            f"{', '.join(missing)}{problems}. The robot is at {self._url}.",
-            remedy="Start the Franka driver (or poil driver) with the same scenario; see "
-            "poil.hardware for networks, channels and cameras.",
+            f"{', '.join(missing)}{problems}. The robot's network is {self._url}.",
+            remedy="Start the Franka driver (or poil driver) with the same scenario, and check the "
+            "networks, channels and cameras in poil.hardware.",
         )

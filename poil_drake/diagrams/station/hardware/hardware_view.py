@@ -20,7 +20,7 @@ from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
 
 REAL_ROBOT_PATH = "/drake/real_robot"
-"""Path of the real robot in Meshcat in a dry run."""
+"""Meshcat path of the real robot in a dry run."""
 
 _SHADE = 0.3
 """Opacity of the real robot in a dry run."""
@@ -37,20 +37,20 @@ def AddHardwareView(
 ) -> MultibodyPlant | None:
     """Shows a scenario's models with the robot as measured, without the object.
 
-    In a dry run the rehearsing robot moves, and the real one is shown as well, translucent; a
-    slider on the page fades it.
+    In a dry run, that robot is the `KinematicRobot`. The real one is then shown as well,
+    translucent; a slider in Meshcat sets its opacity.
 
     Args:
-        builder: Gets the systems; it holds those of `AddPandaHardware`.
-        scenario: The models.
-        plant: Holds them.
+        builder: Receives the systems; must already hold those of `AddPandaHardware`.
+        scenario: Names the models.
+        plant: Holds the models.
         scene_graph: Its scene graph.
-        meshcat: Shows them.
-        dry_run: Whether the robot only rehearses.
+        meshcat: Shows the models.
+        dry_run: Whether nothing is sent to the robot.
 
     Returns:
-        In a dry run the plant of the real robot. Keep it as long as the diagram: Drake does not own
-        it, nor `plant`.
+        In a dry run, the plant of the real robot, else None. Keep it and `plant` as long as the
+        diagram, which owns neither.
     """
     robot = scenario.poil.robot
     arm = builder.GetSubsystemByName("panda_status").GetOutputPort("position_measured")
@@ -98,7 +98,7 @@ def _pose(
     arm: OutputPort,
     hand: OutputPort,
 ) -> None:
-    """Poses the robot in a scene by two ports; other models keep their default poses."""
+    """Sets the robot's pose in a scene from two ports; other models keep their default poses."""
     model = plant.GetModelInstanceByName(robot)
     posture = builder.AddNamedSystem(name, MeasuredPosture(plant=plant, robot=model))
     poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))
@@ -112,7 +112,7 @@ def _pose(
 def _hide(
     plant: MultibodyPlant, scene_graph: SceneGraph, models: Sequence[ModelInstanceIndex]
 ) -> None:
-    """Removes some models from visualizers."""
+    """Hides the given models from visualizers."""
     inspector = scene_graph.model_inspector()
     for model in models:
         for body in plant.GetBodyIndices(model):

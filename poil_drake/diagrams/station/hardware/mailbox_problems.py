@@ -5,31 +5,31 @@ from typing import Any
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 
 _DAYS = 1e6
-"""Clocks that differ by more than this [s] count different things."""
+"""Clocks that differ by more than this [s] have different time scales."""
 
 
 def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
-    """Returns the problems with the messages of a channel, a sentence each.
+    """Returns the problems with the messages of a channel, one clause each.
 
     Args:
-        mailbox: Receives them.
+        mailbox: Receives the messages.
         channel: The channel's name.
-        tolerance: How far the sender's clock may differ from ours [s].
+        tolerance: How far the sender's clock may differ from the mailbox's [s].
     """
     found = []
     if mailbox.malformed:
         found.append(f"{mailbox.malformed} messages on {channel} could not be read")
     if mailbox.late:
-        found.append(f"{mailbox.late} messages on {channel} came late or twice")
+        found.append(f"{mailbox.late} messages on {channel} arrived late or twice")
     if abs(mailbox.offset) > _DAYS:
         found.append(
-            f"the messages on {channel} are stamped by a different clock: is the time scale "
-            "(--time-scale) the same there?"
+            f"the messages on {channel} are stamped by a different clock: does their sender have "
+            "the same --time-scale?"
         )
     elif abs(mailbox.offset) > tolerance:
         side = "before" if mailbox.offset > 0.0 else "after"
         found.append(
             f"the last message on {channel} was stamped {abs(mailbox.offset):.2f} s {side} it "
-            "came: are the clocks synchronized?"
+            "arrived: are the clocks synchronized?"
         )
     return found

@@ -26,7 +26,7 @@ from poil_drake.systems.panda.kinematic_robot import KinematicRobot
 
 @dataclass(frozen=True, kw_only=True)
 class PandaHardware:
-    """The ends of the network that talk to the arm's and the hand's drivers.
+    """The endpoints that communicate with the drivers of the arm and the hand.
 
     Attributes:
         arm: Receives the arm's statuses.
@@ -55,24 +55,24 @@ def AddPandaHardware(
     clock: Clock = time.time,
     time_scale: float = 1.0,
 ) -> PandaHardware:
-    """Adds the systems that talk to the Franka drivers, and exports the ports of the simulation.
+    """Adds the systems that talk to the Franka drivers, and exports the simulated robot's ports.
 
-    With a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
+    For a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
     `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
     `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
     `poil_drake.systems.lcm.panda_receivers` for their values before the first status.
 
     Args:
         builder: Receives the systems.
-        lcm: The network; its subscriptions are handled between the steps.
+        lcm: The network; the diagram handles its subscriptions once per period.
         name: The robot's name.
         period: The control period [s].
-        limiter: Brakes the arm at shutdown.
-        channels: Names of the channels; None: those of the Franka driver.
-        dry_run: Whether nothing is sent: commands move a `KinematicRobot`, which starts at the
+        limiter: Computes how the arm brakes.
+        channels: Names of the LCM channels; None for those of the Franka driver.
+        dry_run: Whether to send nothing. Commands then move a `KinematicRobot`, which starts at the
             posture of the real one and whose measurements are exported.
         expiry: How long the driver follows a command [s].
-        stall_limit: Commands of an update longer ago than this [s] are not sent.
+        stall_limit: Commands from an update longer ago than this [s] are not sent.
         clock: Returns the current time [s since the epoch].
         time_scale: Seconds of that clock per second.
     """
@@ -93,7 +93,7 @@ def AddPandaHardware(
     def outdated() -> bool:
         return time_scale * (time.monotonic() - pump.handled_at) > stall_limit
 
-    # After the update, as nothing must be sent while a simulator is initialized.
+    # After the update: nothing may be sent while a simulator is being initialized.
     offset = COMMAND_SHARE * period
     sender = builder.AddNamedSystem(
         "panda_command",

@@ -1,4 +1,4 @@
-"""Pictures that a separate process takes."""
+"""Images that a separate process renders."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.render
 
 @pytest.fixture(scope="module")
 def drawn() -> Scenario:
-    """A scenario with choices that no file has: a mug and its pose, drawn by a seed."""
+    """A scenario with choices that are in no file: a mug and its pose, drawn with a seed."""
     return ChooseScenario(seed=5)
 
 

@@ -55,7 +55,7 @@ def test_an_unsuitable_network_is_refused(bus: str, says: str) -> None:
 
     with pytest.raises(ScenarioError, match=says):
         BusUrl(scenario, bus, IMAGE_BUS_URL)
-    # LCM would read the environment.
+    # Without a URL, LCM would read the environment.
     assert BusUrl(scenario, "open", IMAGE_BUS_URL) == IMAGE_BUS_URL
 
 

@@ -84,7 +84,7 @@ def test_colours_are_kept(scene) -> None:
     ("parts", "says"),
     [
         ({"a::pan": {"spout": "spout"}}, r"'spout'.*links \(bowl, lid\).*disc, grip_1, grip_2"),
-        ({"a::pan": {"grip": "grip_("}}, "not a regular expression"),
+        ({"a::pan": {"grip": "grip_("}}, "an invalid regular expression"),
         ({"a::pan": {"grip": "grip_.", "first": "grip_1"}}, "'grip_1'.*two parts"),
         ({"pot": {"grip": "grip"}}, "'pot'.*a::pan, b::pan"),
         # A pattern must match the whole name.

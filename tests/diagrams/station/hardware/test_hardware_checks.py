@@ -12,7 +12,7 @@ def test_the_packages_own_scenario_can_run() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("tracker: ground_truth", "hardware has none.*rigid_flow"),
+        ("tracker: ground_truth", "which hardware does not have.*rigid_flow"),
         ("hardware: {cameras: {left: !RealSense {serial: '1'}}}", "camera 'left' does not provide"),
         ("hardware: {cameras: {right: !OpenCvStreams {rgb: '0', depth: '1'}}}", "camera 'right'"),
         ("hardware: {cameras: {left: !McapPlayback {file: no.mcap}}}", "left plays '.*no.mcap'"),

@@ -1,4 +1,4 @@
-"""The hardware's end of the network against the simulated robot's, in one process and one time."""
+"""The hardware's end of the network against the simulated robot's, in one process, on one clock."""
 
 import math
 
