@@ -1,4 +1,4 @@
-"""Scenario schema, station, closed loop."""
+"""Scenarios, stations, demonstrations, the closed loop, runs and replays."""
 
 import lazy_loader
 

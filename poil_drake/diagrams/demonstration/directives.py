@@ -21,7 +21,7 @@ def demonstration_directives(
     """Returns the scenario's directives without its robot and with the demonstration's object.
 
     Everything welded to the robot, directly or through frames and other models, is removed with
-    it. `add_directives` is replaced by the contents of the file. Collision filters are removed:
+    it. Each `add_directives` is replaced by its file's contents. Collision filters are removed:
     a demonstration has no contact.
 
     Args:
@@ -43,7 +43,7 @@ def demonstration_directives(
         if name in removed:
             raise ScenarioError(
                 f"The {role} '{name}' is welded to the robot '{poil.robot}'.",
-                remedy="Do not weld it in the directives: the demonstration has no robot.",
+                remedy="Remove this weld from the directives: the demonstration has no robot.",
             )
     kept = [d for d in directives if not _mentions(d, removed, frames)]
     for model in (d.add_model for d in kept if d.add_model is not None):
@@ -56,7 +56,7 @@ def demonstration_directives(
 
 
 def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[ModelDirective]:
-    """Returns copies, with the contents of files of directives in place of `add_directives`."""
+    """Returns copies of directives, with each `add_directives` replaced by its file's contents."""
     flat: list[ModelDirective] = []
     for directive in copy.deepcopy(list(directives)):
         if directive.add_directives is None:
@@ -82,12 +82,12 @@ def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
                 raise ScenarioError(
                     f"A weld names '{name}' without its model, so it is unknown whether it "
                     "belongs to the robot.",
-                    remedy=f"Write <model>::{name} in the directives.",
+                    remedy=f"Use <model>::{name} in the directives.",
                 )
 
 
 def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str], set[str]]:
-    """Returns a model, all models welded to it as children, and the frames added to these."""
+    """Returns a model, all models welded to it as children, and the frames added to any of them."""
     attached, frames = {model}, set[str]()
     while True:
         before = len(attached) + len(frames)
@@ -114,5 +114,5 @@ def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> 
 
 
 def _belongs(frame: str | None, models: set[str], frames: set[str]) -> bool:
-    """Returns whether a frame is one of the frames, or belongs to one of the models."""
+    """Returns whether a frame is in `frames`, or belongs to one of the models."""
     return frame in frames or any((frame or "").startswith(f"{model}::") for model in models)

@@ -60,8 +60,8 @@ def _find_rod(
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
         raise _unsuitable(
-            f"The fixture '{fixture}' has no link or geometry '{config.rod}' that collides.",
-            "Name the rod's link or geometries in poil.demonstration_motion.hanging.rod",
+            f"The fixture '{fixture}' has no link or collision geometry '{config.rod}'.",
+            "Set poil.demonstration_motion.hanging.rod to the rod's link or geometries",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
@@ -72,8 +72,8 @@ def _find_rod(
     base, tip = sorted(ends, key=lambda end: float(np.linalg.norm((end - foot)[:2])))
     if abs(_direction(base, tip)[2]) > _STEEPEST_ROD:
         raise _unsuitable(
-            f"The rod '{config.rod}' of '{fixture}' is upright, so nothing can hang on it.",
-            "Name another link in poil.demonstration_motion.hanging.rod",
+            f"The rod '{config.rod}' of '{fixture}' is too steep for a handle to stay on it.",
+            "Set poil.demonstration_motion.hanging.rod to another link",
         )
     return base, tip
 
@@ -84,9 +84,8 @@ def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
     boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
         raise _unsuitable(
-            f"The demonstration's object has no link or geometry '{scene.part_link}' that "
-            "collides.",
-            "Name a link or geometries as the part in poil.parts",
+            f"The demonstration's object has no link or collision geometry '{scene.part_link}'.",
+            "Set the part in poil.parts to a link or geometries of the object",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])
@@ -105,7 +104,7 @@ def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _unsuitable(problem: str, remedy: str) -> ScenarioError:
-    return ScenarioError(problem, remedy=f"{remedy}, or give poil.demonstration_motion.keyframes.")
+    return ScenarioError(problem, remedy=f"{remedy}, or set poil.demonstration_motion.keyframes.")
 
 
 def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
@@ -145,8 +144,8 @@ def _descent(
 
     if gap(0.0) < config.clearance:
         raise _unsuitable(
-            f"The rod fits through the handle with a gap of only {1000 * gap(0.0):.1f} mm.",
-            "Use a thinner rod or a larger handle",
+            f"The gap between rod and handle is {1000 * gap(0.0):.1f} mm, less than the clearance.",
+            "Use a thinner rod, a larger handle or a smaller hanging.clearance",
         )
     low, high = 0.0, config.clearance
     while gap(high) > config.clearance:

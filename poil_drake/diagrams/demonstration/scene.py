@@ -42,7 +42,7 @@ class DemonstrationScene:
     Attributes:
         object_name: Model instance of the object.
         fixture_name: Model instance of the fixture.
-        part_link: Link, or pattern on the names of geometries, of the object's functional part.
+        part_link: Link of the object's functional part, or pattern for names of its geometries.
         camera_names: Names of the cameras.
 
     Raises:
@@ -94,7 +94,7 @@ class DemonstrationScene:
         self._plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WO))
 
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
-        """Returns one image of every camera at a time [s], which seeds the noise."""
+        """Returns one image from every camera at a time [s]; the time seeds the noise."""
         self._context.SetTime(time)
         images = tuple(
             ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
@@ -107,7 +107,7 @@ class DemonstrationScene:
 
         Args:
             model: The model instance.
-            part: A link, or a regular expression on the names of geometries.
+            part: A link, or a regular expression for names of geometries.
 
         Returns:
             The (4, 4) pose of each box's centre in the world [m] and its (3,) half sizes [m];
@@ -127,7 +127,7 @@ class DemonstrationScene:
         return self._first_body(model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
-        """Returns the signed distance [m] from a part of the object at X_WO to another part."""
+        """Returns the signed distance [m] from a part of the object at X_WO to a model's part."""
         self.put_object(X_WO)
         query = self._query()
         return min(
@@ -148,7 +148,7 @@ class DemonstrationScene:
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
-    """Returns part -> link or pattern of the demonstration's object.
+    """Returns the demonstration object's parts: part -> link, or pattern for geometries.
 
     `poil.parts` describes the scenario's object. The package's mugs have the link "handle".
     """

@@ -40,16 +40,16 @@ class ClosedLoop:
     """The closed loop and its named parts.
 
     With an image-based tracker, processes run beside the simulation: `Close` the loop after the
-    run, or use it as a `with` block.
+    run, or use it in a `with` statement.
 
     Attributes:
         diagram: The whole diagram, ready for a Simulator.
         station: The robot and its surroundings.
         detector: Finds the part; None if the tracker needs no detector.
-        tracker: `PointTracker`, `GroundTruthTracker`, in a replay `RecordedTracker`, or the user's.
+        tracker: `PointTracker`, `GroundTruthTracker`, `RecordedTracker` (replay), or the user's.
         propagator: Propagates the tracked points to the present.
         controller: Point-set BCSDM.
-        inverse_kinematics: From the gripper's twist to joint velocities.
+        inverse_kinematics: Turns the gripper's twist into joint velocities.
         sequencer: The skill's phases.
         motion: Moves the arm in each phase.
         supervisor: Checks and limits every command to the robot.
@@ -77,7 +77,7 @@ class ClosedLoop:
         self.Close()
 
     def Close(self) -> None:
-        """Ends the tracker's and the cameras' processes. The loop cannot be used afterwards."""
+        """Ends the threads and processes beside the loop, which cannot be used afterwards."""
         _close(self.station, self.tracker, self.detector)
         self.stop_requests.close()
 
@@ -97,21 +97,21 @@ def MakeClosedLoop(
     stop_switch: StopSwitch | None = None,
     stopwatch: Stopwatch | None = None,
 ) -> ClosedLoop:
-    """Builds the diagram that executes a plan, and starts the processes that work beside it.
+    """Builds the diagram that executes a plan, and starts the processes that run beside it.
 
     Args:
         scenario: The station and the task.
         plan: The result of transfer and grasp selection.
-        station: The robot and its surroundings; None: made of the scenario.
-        tracker: Takes the place of detector and tracker; None: those of the scenario. It needs the
-            output ports of `PointTracker` except `frame`. Its input ports `body_poses` (in
-            simulation), `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image`
-            and `.image_time` are connected, if it has them. The motion is of the images' time, if
-            it has images, else of now.
-        meshcat: Shows the scene, the points and the reference there.
+        station: The robot and its surroundings; None builds the scenario's.
+        tracker: Replaces the scenario's detector and tracker; None keeps them. It needs the output
+            ports of `PointTracker` except `frame`. Its input ports `body_poses` (in simulation),
+            `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image` and
+            `.image_time` are connected, if it has them. `object_motion` is the motion at the
+            images' time if the tracker has image ports, else the present motion.
+        meshcat: Where to show the scene, the points and the reference; None shows nothing.
         hardware: Whether the station is the real robot.
-        dry_run: On hardware: whether nothing is sent, and the motion is only shown, from where the
-            robot and the object really are.
+        dry_run: On hardware: whether to send nothing and only show the motion, from where the robot
+            and the object really are.
         log: Receives every signal and the images; the caller closes it after the run.
         album: Receives pictures of the run, if the tracker has the output port `frame`.
         disturbances: Pushes on bodies of the simulated plant.
@@ -119,7 +119,7 @@ def MakeClosedLoop(
         stopwatch: Receives the time that rendering, tracking, control and publishing take.
 
     Returns:
-        The loop, which is to be closed after the run.
+        The loop. Close it after the run.
 
     Raises:
         PoilError: if the station, the detector or the tracker cannot be built.
@@ -197,7 +197,7 @@ def MakeClosedLoop(
 
 def _close(station: Station, tracker: LeafSystem | None, detector: PartDetector | None) -> None:
     try:
-        # The robot first.
+        # The robot comes first.
         station.Close()
     finally:
         if detector is not None:

@@ -33,8 +33,8 @@ _MISSED_TRACKS = 4
 """The propagator bridges this many missed periods of the tracker."""
 
 _HAND_PERIODS = 3
-"""A command to a real hand shows after this many of its periods: until it is sent, until it is
-read, and until a status reports the result."""
+"""The effect of a command to a real hand is known after this many of the hand's periods: one until
+it is sent, one until it is read, and one until a status reports the result."""
 
 
 def AddControl(
@@ -55,9 +55,9 @@ def AddControl(
         builder: Receives the systems.
         station: The robot.
         plan: The plan to execute.
-        speed: Share of the usual speed of all motions, in (0, 1].
-        hardware: Whether the station is, or recorded, a real robot.
-        dry_run: Whether the propagator keeps the points for ever, as the tracker finds them once.
+        speed: Factor on the speed of all motions, in (0, 1].
+        hardware: Whether the station is a real robot, or the replay of one.
+        dry_run: Whether the points never expire, because the tracker finds them only once.
         meshcat: The page that gets a button to stop the arm.
         stop_switch: Another source of stop requests.
         stopwatch: Records the durations of the updates as "control".
@@ -139,7 +139,7 @@ def _skill(plan: ExecutionPlan, speed: float, *, hardware: bool) -> SkillConfig:
 
 
 def _safety(poil: PoilConfig, speed: float) -> SafetyConfig:
-    """Returns the scenario's safety parameters, with its table and the speed."""
+    """Returns the scenario's safety parameters, with its table height and scaled speed limits."""
     safety = poil.safety
     limiter = replace(safety.limiter, velocity_scale=speed * safety.limiter.velocity_scale)
     posture = replace(safety.posture, table_height=poil.table_height)

@@ -1,4 +1,4 @@
-"""The closed loop's logger: which signals are logged, and the texts of their numbers."""
+"""The closed loop's logger: which signals it logs, and the text of each status."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -35,7 +35,7 @@ def MakeLoopLogger(
         scenario: The station and the task.
         plan: The plan that is executed.
         log: Receives the messages.
-        station: Has the bodies that may be pushed, and the cameras whose times are logged.
+        station: Provides the bodies that may be pushed, and the cameras whose times are logged.
     """
     plant = station.plant()
     period, offset = RobotLogSchedule(scenario)
@@ -67,7 +67,7 @@ def RobotLogSchedule(scenario: Scenario) -> tuple[float, float]:
     """Returns the period and the offset [s] at which the robot's signals are logged.
 
     Each sample shows the inputs of the updates at the beginning of its control period: the plant
-    steps before them, and again a time step later.
+    steps right before these updates, and its outputs stay the same until its next step.
     """
     rates = scenario.poil.rates
     return rates.control, 0.0 if rates.plant == rates.control else rates.plant

@@ -38,9 +38,9 @@ def AddLoggingAndVisualization(
         scenario: The station and the task.
         plan: The plan that is executed.
         station: The station.
-        meshcat: None: no visualizer.
-        log: None: no logger.
-        album: None, or a ground-truth tracker: no pictures.
+        meshcat: Where to show the run; None adds no visualizer.
+        log: Receives the signals; None adds no logger.
+        album: Receives pictures; None, or the ground-truth tracker, adds no recorder.
     """
     parts: dict[str, LeafSystem] = {}
     if meshcat is not None:

@@ -15,7 +15,7 @@ from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _SOONEST = 0.9
-"""Images at least this share of the tracker's period apart are tracked: cameras jitter."""
+"""Least time between tracked images, in tracker periods; below 1 because cameras jitter."""
 
 
 def AddPerception(
@@ -34,7 +34,7 @@ def AddPerception(
         scenario: Names the detector and the tracker.
         plan: Its points are followed.
         station: Provides the cameras and the times of captures and releases.
-        dry_run: Whether tracking stops once the points were found, as the object does not move.
+        dry_run: Whether tracking stops once the points are found, as the object does not move.
         stopwatch: Receives the time that captures, searches and tracking take.
 
     Raises:
@@ -46,7 +46,7 @@ def AddPerception(
     if not cameras:
         raise ScenarioError(
             f"The tracker '{poil.tracker}' needs cameras, but the scenario has none.",
-            remedy=f"Name cameras, or set poil.tracker to {GROUND_TRUTH}.",
+            remedy=f"Define cameras, or set poil.tracker to {GROUND_TRUTH}.",
         )
     detector = PartDetector(
         detector=make_detector(poil.detector),

@@ -8,13 +8,13 @@ from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 
 DEFAULT_TRACKER = "rigid_flow"
-"""Follows the demonstration where the loop runs on the simulator's own poses."""
+"""Tracks the demonstration if the loop itself uses the simulator's true poses."""
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
     """Returns the image-based tracker that a scenario selects.
 
-    The ground-truth baseline sees no images; then the default tracker tracks demonstrations.
+    The ground-truth baseline uses no images; for it, this returns the default tracker.
 
     Raises:
         InvalidValueError: if there is no tracker of that name.
@@ -23,7 +23,7 @@ def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
     if name not in TRACKERS:
         raise InvalidValueError(
             f"There is no point tracker '{name}'.",
-            remedy=f"Choose from: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
+            remedy=f"Choose one of: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
         )
     if TRACKERS[name][1] is RigidFlowConfig:
         return make_tracker(name, RigidFlowConfig(support_points=poil.num_support_points))

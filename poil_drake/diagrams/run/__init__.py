@@ -1,1 +1,1 @@
-"""Plans, executes and reports a run of the skill, in simulation or on hardware."""
+"""Plans and executes runs of the skill, in simulation or on hardware, and reports on them."""

@@ -25,16 +25,16 @@ from poil_drake.systems.lcm.simulated_driver import SimulatedDriverConfig
 
 @dataclass(frozen=True, kw_only=True)
 class DriverSummary:
-    """The outcome of a simulated driver.
+    """The outcome of a run of the simulated driver.
 
     Attributes:
         hangs: Whether the object hung on its fixture, touching nothing else, for long enough.
         reason: Why the driver ended.
-        hanging_time: How long the object has hung [s].
+        hanging_time: How long the object had hung at the end [s, simulated].
         seed: The scenario's seed.
         simulated: Simulated time [s].
-        time_scale: Simulated seconds per second.
-        largest_lag: Largest delay of the simulation behind the clock [s, simulated].
+        time_scale: Simulated seconds per second of real time.
+        largest_lag: Largest lag of the simulation behind the clock [s, simulated].
         figures: The loop's timing, name (with its unit) -> value.
     """
 
@@ -61,14 +61,14 @@ def RunDriver(
     Args:
         scenario: The scene, and in `poil.hardware` the networks and the time scale.
         duration: How long to run [s, simulated].
-        json: Where the summary goes, however the driver ends. None for nowhere.
+        json: Path of the summary, which is written however the driver ends; None writes none.
         show: Whether to serve a Meshcat page with the simulated scene.
         say: Prints a line when the driver listens, and another about the object at the end.
 
     Raises:
-        PoilError: if the driver cannot be built, or ends as the real one does: after a wrong
-            command, or a reflex.
-        BaseException: the one that stopped it, after the summary is written.
+        PoilError: if the driver cannot be built, or stops as the real one would: after an invalid
+            command or a reflex.
+        BaseException: whatever else stopped it, after the summary is written.
     """
     poil, hardware = scenario.poil, scenario.poil.hardware
     config = SimulatedDriverConfig(expire_sec=hardware.command_expiry)

@@ -25,10 +25,10 @@ REQUIRED_HANGING_TIME = 2.0
 """How long [s, simulated] an object must hang, after release and retreat, to count as a success."""
 
 _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
-"""What one thread does in turn, so that these and the rest add up to the whole."""
+"""Work that one thread does in turn; with the rest, the parts add up to the wall-clock time."""
 
 _CONCURRENT = ("rendering", "tracking")
-"""What other processes do meanwhile."""
+"""Work that other processes do meanwhile."""
 
 _CARRYING = (Phase.LIFT, Phase.FOLLOW)
 """The phases in which the object is carried."""
@@ -38,7 +38,7 @@ _PICTURED_PHASES = (Phase.WAIT, Phase.GRASP, Phase.FOLLOW, Phase.RELEASE, Phase.
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedRun:
-    """A run that has ended, as far as its report needs it.
+    """What the report needs to know about a run that has ended.
 
     Attributes:
         plan: The plan that was executed.
@@ -52,10 +52,10 @@ class FinishedRun:
         final_state: Positions and velocities of the simulated plant at the end; empty on hardware.
         safety_fault: The supervisor's fault.
         dry_run: Whether a hardware run sent nothing to the robot.
-        problems: Problems of arm and cameras that may explain a failure, a clause each.
+        problems: Problems of the arm and cameras that may explain a failure, one clause each.
         loop_timing: How well the loop kept its pace; None in simulation.
         fault_time: When the fault occurred [s]; NaN without one.
-        epoch: What the station's clock showed at time 0, by its reading at the end of the run [s
+        epoch: The station's clock at time 0, computed from its reading at the end of the run [s
             since the epoch]; NaN in simulation.
     """
 
@@ -98,7 +98,7 @@ def WriteReport(
             if outputs.png is not None:
                 make_summary_picture(outputs.png, _picture_data(run, summary, album))
     finally:
-        # Last, because the figures hold the time of the rest; even if the picture fails.
+        # Last, because the figures include the time that the picture takes, even if it fails.
         timing = replace(summary.timing, stages=stages.totals())
         summary = replace(summary, timing=timing)
         if outputs.json is not None:
@@ -107,7 +107,7 @@ def WriteReport(
 
 
 def summarize(run: FinishedRun, outputs: OutputPaths) -> RunSummary:
-    """Returns the summary of a run, with the outputs that are written."""
+    """Returns the summary of a run, with the paths of its outputs."""
     recorder, scenario = run.recorder, run.scenario
     success, reason = _judge(run)
     error, potential = recorder.signal("goal_error"), recorder.signal("potential")

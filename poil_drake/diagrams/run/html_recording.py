@@ -16,7 +16,7 @@ CAMERA_POSITION = (1.60, -0.10, 0.82)
 that it sees the object, the fixture and the arm."""
 
 _CAMERA_TARGET = (0.30, 0.06, 0.34)
-"""The point that it looks at [m, world]."""
+"""The point that the camera looks at [m, world]."""
 
 
 def MakeMeshcat(*, host: str = "localhost", port: int | None = None) -> Meshcat:
@@ -25,17 +25,17 @@ def MakeMeshcat(*, host: str = "localhost", port: int | None = None) -> Meshcat:
     Args:
         host: Where to listen. The default is this machine only; "*" is every network interface,
             for a viewer on another machine.
-        port: The TCP port. None takes the first free one from 7000 to 7999.
+        port: The TCP port. None uses the first free one from 7000 to 7999.
 
     Raises:
-        StationError: if the port is taken.
+        StationError: if it cannot listen there, e.g. because the port is taken.
     """
     try:
         meshcat = Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
     except RuntimeError as error:
         raise StationError(
             f"Meshcat cannot listen on {host}:{port or '7000-7999'} ({error}).",
-            remedy="Choose another port, or None for the first free one.",
+            remedy="Use another host or port, or end the program that uses this one.",
         ) from error
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
@@ -62,8 +62,8 @@ def HtmlRecording(
         meshcat: What to record. An older recording is dropped.
         path: The HTML file; its folder is created if needed.
         title: The page's title.
-        frames_per_second: The recording's frame rate [1/s]; best that of the systems that publish
-            to Meshcat. A lower one loses frames, a higher one makes playback stutter.
+        frames_per_second: The recording's frame rate [1/s], ideally the rate at which systems
+            publish to Meshcat. A lower one loses frames, a higher one makes playback stutter.
 
     Yields:
         The file's path.

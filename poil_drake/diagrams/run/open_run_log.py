@@ -1,4 +1,4 @@
-"""Opens the log of a run, with all that a replay needs to start."""
+"""Opens the log of a run, with everything that a replay needs to start."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,7 +27,7 @@ def OpenRunLog(
         scenario: The scenario of the run; the log contains it.
         station: The kind of station: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
         metadata: Further metadata of the run.
-        config: How to log; by default as suits the station.
+        config: How to log; None chooses what suits the station.
     """
     if config is None:
         config = RunLogConfig() if station == SIMULATED else RunLogConfig.for_hardware()

@@ -1,4 +1,4 @@
-"""Where the outputs of a run go, and the figures of a run that fails before it has any."""
+"""Where the outputs of a run go, and the figures of a run that fails early."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -34,15 +34,15 @@ class OutputPaths:
 
     @classmethod
     def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns the usual files in a directory, except for those given."""
+        """Returns the default paths in a directory; paths that are given replace them."""
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
     def check(self, *, inputs: Sequence[str | Path | None] = ()) -> None:
-        """Checks that all files can be written, and leaves them alone.
+        """Checks that all files can be written, without touching them.
 
         Args:
-            inputs: Files that must not be overwritten; None means no file.
+            inputs: Files that must not be overwritten; None entries are ignored.
 
         Raises:
             OutputError: if a file cannot be written or is an input, or if two are the same.
@@ -59,14 +59,14 @@ class OutputPaths:
             require_writable(path, inputs=inputs)
         if self.png is not None and self.png.suffix not in PICTURE_SUFFIXES:
             raise OutputError(
-                f"The picture '{self.png}' ends in '{self.png.suffix}'.",
+                f"The picture '{self.png}' has the unsupported suffix '{self.png.suffix}'.",
                 remedy=f"Use one of these suffixes: {', '.join(PICTURE_SUFFIXES)}.",
             )
 
     def unlink(self) -> None:
         """Removes older files, so that they cannot be mistaken for new ones.
 
-        Paths that are not regular files stay, such as /dev/stdout, whatever it leads to.
+        Keeps what is not a regular file, and all of /dev and /proc, such as /dev/stdout.
         """
         for path in self.as_dict().values():
             devices = {Path("/dev"), Path("/proc")} & set(path.absolute().parents)
@@ -88,8 +88,8 @@ def FreshOutputs(
 ) -> Iterator[None]:
     """Removes older outputs, and writes figures even if the block raises.
 
-    If the block raises before it has written its own figures, those written here state that the job
-    failed, and why. The exception propagates.
+    If the block raises before it has written its own figures, this writes figures that say why the
+    job failed. The exception propagates.
 
     Args:
         outputs: Where the outputs go.
@@ -98,7 +98,7 @@ def FreshOutputs(
         inputs: Files that must not be overwritten, besides the scenario and its demonstration.
 
     Raises:
-        OutputError: if an output cannot be written; all older ones stay then.
+        OutputError: if an output cannot be written; older outputs are then kept.
     """
     outputs.check(inputs=(scenario.source.file, scenario.poil.demonstration, *inputs))
     outputs.unlink()
@@ -120,10 +120,10 @@ def FreshOutputs(
 
 
 def failure_reason(error: BaseException) -> str:
-    """Returns one clause on why a job ended with an exception."""
+    """Returns one clause that says why a job ended with an exception."""
     if isinstance(error, PoilError):
         return error.problem.rstrip(".")
     text = " ".join(str(error).split())
-    if not isinstance(error, Exception):  # Of a Unix signal, such as KeyboardInterrupt.
+    if not isinstance(error, Exception):  # From a Unix signal, e.g. KeyboardInterrupt.
         return text or "stopped by the user"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -13,14 +13,14 @@ from poil_drake.transfer.part_points import view_part
 
 _JOINT_TOLERANCE = 0.01
 """Largest distance of a joint from the start of the approach [rad]. With the arm stretched out,
-0.01 rad move the hand by 1 cm, about the clearance that motions keep from obstacles."""
+0.01 rad moves the hand by 1 cm, about the clearance that motions keep from obstacles."""
 
 _SURFACE_TOLERANCE = 0.003
 """Largest mean distance between the object, or its part, in the plan and in the scene [m]. Two
-captures of one scene differ by 1 mm; a shift by 5 mm, or a turn of a mug by 5 degrees, makes 3."""
+captures of one scene differ by 1 mm; moving a mug by 5 mm, or turning it by 5 degrees, by 3 mm."""
 
 _KEPT_SHARE = 0.9
-"""Share of the points that counts, the nearest ones; the others may be noise at edges."""
+"""Share of the points, the nearest ones, that are compared; the others may be noise at edges."""
 
 
 def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = False) -> None:
@@ -36,7 +36,7 @@ def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = F
         hardware: Whether the station is the real robot.
 
     Raises:
-        PlanningError: naming the first difference.
+        PlanningError: if the plan does not fit, naming the first difference.
         DetectionError: if the object or its part is not detected.
     """
     pairs = (
@@ -62,7 +62,7 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
     """Checks that the measured arm position is where the plan begins.
 
     Raises:
-        PlanningError: naming the joint that is farthest away.
+        PlanningError: if it is not, naming the joint that is farthest away.
     """
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])
@@ -92,10 +92,10 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
         distance = surface_distance(planned, seen, _KEPT_SHARE)
         if distance > _SURFACE_TOLERANCE:
             raise PlanningError(
-                f"The {name} differs from what the plan saw: the surfaces are "
-                f"{1e3 * distance:.0f} mm apart.",
-                remedy="Put object and cameras back (option --seed draws another pose), "
-                "or plan again: poil transfer.",
+                f"The {name} differs from the one in the plan: their surfaces are "
+                f"{1e3 * distance:.1f} mm apart, more than {1e3 * _SURFACE_TOLERANCE:g} mm.",
+                remedy="Put the object and the cameras back (in simulation: use the plan's "
+                "--seed), or plan again: poil transfer.",
             )
 
 
@@ -103,12 +103,12 @@ def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -
     """Returns the distance between two clouds of the same surface [m].
 
     This is the mean distance from the points of one cloud to their nearest neighbours in the other,
-    without the farthest points; the larger value of both directions.
+    without the farthest points; of both directions, the larger value.
 
     Args:
         first: (N, 3) points [m].
         second: (M, 3) points [m].
-        kept_share: Share of the points that counts, in (0, 1].
+        kept_share: Share of the points, the nearest ones, that are compared, in (0, 1].
     """
     distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
     return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)

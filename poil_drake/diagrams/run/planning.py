@@ -21,7 +21,7 @@ from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
 
 _OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
-"""How all that the cameras see becomes obstacle points: coarser than for the object, but fine
+"""How everything that the cameras see becomes obstacle points, coarser than the object's, but fine
 enough to detect contact between object and fixture. A few outliers do no harm."""
 
 
@@ -41,8 +41,8 @@ def PlanScenario(
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
         hardware: Whether the station is the real robot, which does not move.
-        output: Path of the plan, which an HTML page beside it shows; None: neither is written.
-        progress: Called with the name of each step and the finished share of it, in [0, 1].
+        output: Path of the plan; a page that shows it is written beside it. None writes neither.
+        progress: Called with the name of each step and its completed fraction, in [0, 1].
 
     Raises:
         PoilError: if the demonstration is damaged, a part is not detected, the motion cannot be
@@ -98,7 +98,7 @@ def PlanScenario(
 
 
 def _planner_config(poil: PoilConfig) -> PlannerConfig:
-    """Returns the default planner with the scenario's table, safety limits and field."""
+    """Returns the planner's configuration, with the scenario's table, limits and field."""
     config = PlannerConfig()
     path = replace(
         config.path,

@@ -1,4 +1,4 @@
-"""Advances a simulator in real time, and records how well that works."""
+"""Advances a simulator in real time, and records its timing."""
 
 import gc
 import math
@@ -23,10 +23,10 @@ class LoopTiming:
     """When the ticks of a loop began and how long they took.
 
     Attributes:
-        starts: When each began [s], from an arbitrary zero.
-        lateness: How long after it was due each began [s].
-        durations: How long each took, without waiting [s].
-        missed: Ticks that were due while an earlier one had yet to begin.
+        starts: When each tick began [s], from an arbitrary zero.
+        lateness: How late each tick began [s].
+        durations: How long each tick took, without waiting [s].
+        missed: Number of ticks that were due before an earlier one began.
     """
 
     starts: list[float] = field(default_factory=list)
@@ -35,7 +35,7 @@ class LoopTiming:
     missed: int = 0
 
     def latest(self, ticks: int = 8) -> dict[str, float]:
-        """Returns the worst of the last ticks, and the number of all missed ones, for a log."""
+        """Returns the last ticks' largest lateness and duration, and all missed ticks so far."""
         return {
             "lateness": max(self.lateness[-ticks:], default=math.nan),
             "duration": max(self.durations[-ticks:], default=math.nan),
@@ -43,7 +43,7 @@ class LoopTiming:
         }
 
     def figures(self) -> dict[str, float]:
-        """Returns name (with its unit) -> value, for a run's summary."""
+        """Returns the figures for a run's summary: name (with its unit) -> value."""
         figures = {"ticks": float(len(self.starts)), "missed_ticks": float(self.missed)}
         for name, values in (
             ("lateness", self.lateness),
@@ -62,7 +62,7 @@ class LoopTiming:
 
 
 class RealTimeLoop:
-    """Calls a simulator's AdvanceTo once in each period, when the period begins.
+    """Advances a simulator by one period at a time, when the period begins in real time.
 
     Drake's own `target_realtime_rate` waits in C++ after each of its steps. This loop waits before
     each period, so that the update at its start sees every message that arrived meanwhile, and,
@@ -81,12 +81,12 @@ class RealTimeLoop:
         time_scale: float = 1.0,
         pause: float = 0.0,
     ):
-        """Prepares; the pace begins with the first `AdvanceTo`.
+        """Constructs the loop. Real time counts from the first `AdvanceTo`.
 
         Args:
-            simulator: What to advance. It must not wait itself.
-            period: Of the ticks [s, simulated].
-            time_scale: Simulated seconds per second.
+            simulator: What to advance. Its target_realtime_rate must be 0.
+            period: Period of the ticks [s, simulated].
+            time_scale: Simulated seconds per second of real time.
             pause: Share of the period after which to wait again, so that nothing due later in the
                 period happens early. 0 for no second wait.
         """
@@ -120,7 +120,7 @@ class RealTimeLoop:
         self._behind = behind
         waited = 0.0
         if self._pause:
-            # Into the middle of the pause: only the events that are due after it wait.
+            # Halfway to the pause, so that only the events that are due after it wait.
             self._simulator.AdvanceTo((tick - 1.0 + 0.5 * self._pause) * self._period)
             computed = time.perf_counter()
             waited = _wait_until(due + self._pause * step, computed) - computed
@@ -136,7 +136,7 @@ class RealTimeLoop:
 
 
 def _wait_until(due: float, now: float) -> float:
-    """Waits if `due` is after `now`; returns the time after that."""
+    """Waits until `due`, unless that has passed; returns the present time."""
     if now >= due:
         return now
     TURNS.give()

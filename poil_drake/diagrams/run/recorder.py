@@ -30,7 +30,7 @@ _VECTORS = {
 
 
 class Sample(NamedTuple):
-    """The value of each signal, by its name, at one time [s]."""
+    """The values of all signals, by name, at one time [s]."""
 
     time: float
     values: dict[str, np.ndarray]
@@ -52,10 +52,10 @@ class RunRecorder:
 
     Attributes:
         loop: The closed loop.
-        query_points: (N, 3) the part's points at the start [m, world], fixed to the object there.
+        query_points: (N, 3) the part's points at the start [m, world]; they move with the object.
         truth: The true state of the object; None on hardware.
         samples: The samples, in order.
-        tracks: Every track that was released.
+        tracks: The released tracks that the truth can check; empty on hardware.
     """
 
     loop: ClosedLoop
@@ -107,14 +107,14 @@ class RunRecorder:
         return SafetyFault(int(self._evaluate(root, "supervisor", "fault")[0]))
 
     def signal(self, name: str) -> np.ndarray:
-        """Returns one signal: a row for each sample, or an entry if it is a scalar."""
+        """Returns one signal: one row per sample, or one entry per sample if it is a scalar."""
         rows = np.array([sample.values[name] for sample in self.samples])
         return rows[:, 0] if rows.shape[1] == 1 else rows
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the stamps (S,) [s] of all tracks, and the (S, N) distances to the truth [m].
+        """Returns the stamps (S,) [s] of `tracks`, and their points' (S, N) errors [m].
 
-        The distance of a point that was not observed is NaN.
+        The error of a point that was not observed is NaN.
         """
         errors = np.full((len(self.tracks), len(self.query_points)), np.nan)
         for row, (track, truth) in zip(errors, self.tracks, strict=True):

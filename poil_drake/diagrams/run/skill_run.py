@@ -62,22 +62,22 @@ def RunSkill(
 ) -> RunSummary:
     """Records a demonstration, transfers it, and executes the plan in closed loop.
 
-    A demonstration that the scenario does not name is simulated, and recorded beside the outputs.
+    If the scenario names no demonstration, one is simulated and recorded beside the outputs.
 
     Args:
         scenario: The station and the task.
         outputs: Where the outputs go.
         hardware: Whether to drive the real robot.
-        dry_run: On hardware: whether to send nothing to the robot, and only show the motion.
+        dry_run: On hardware: whether to only show the motion, and send nothing to the robot.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. By default as
-            in the scenario's `simulator_config`.
+        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. None keeps the
+            rate of the scenario's `simulator_config`.
 
     Raises:
-        PoilError: if there is no plan to execute; the figures record that, too. A failed execution
-            does not raise: it is in the summary.
-        BaseException: the one that stopped the run and is not an error, e.g. KeyboardInterrupt,
-            after the outputs are written.
+        PoilError: if no plan can be made or executed; the figures record that, too. A failed
+            execution does not raise an error: the summary reports it.
+        BaseException: what stopped the run, if it is not an `Exception`, e.g. KeyboardInterrupt;
+            the outputs are written first.
     """
     stages = Stopwatch()
     recorded = scenario.poil.demonstration
@@ -115,7 +115,7 @@ def RunSkill(
 
 
 def RecordScenarioDemonstration(scenario: Scenario, path: Path) -> int:
-    """Records the scenario's built-in demonstration with a progress bar; returns its frames."""
+    """Records the built-in demonstration with a progress bar, and returns the number of frames."""
     with ProgressBar() as progress:
         return RecordDemonstration(scenario, path, progress=progress)
 
@@ -141,19 +141,19 @@ def ExecutePlan(
         scenario: The station and the task.
         outputs: Where the outputs go. They are written even if the run fails or is stopped.
         hardware: Whether to drive the real robot.
-        dry_run: On hardware: whether to send nothing to the robot, and only show the motion.
+        dry_run: On hardware: whether to only show the motion, and send nothing to the robot.
         show: Whether to serve the live page and record it.
-        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. By default as
-            in the scenario's `simulator_config`.
+        realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. None keeps the
+            rate of the scenario's `simulator_config`.
         show_progress: Whether to draw a progress bar.
         stages: How long the earlier stages of the job took.
-        check: Whether to check first that the plan fits the scene, which a new plan does.
+        check: Whether to check first that the plan fits the scene; a new plan always does.
         inputs: Files that the outputs must not overwrite, such as the plan's.
 
     Raises:
         PoilError: if the plan does not fit the scene, or the loop cannot be built.
-        BaseException: the one that stopped the run and is not an error, e.g. KeyboardInterrupt,
-            after the outputs are written.
+        BaseException: what stopped the run, if it is not an `Exception`, e.g. KeyboardInterrupt;
+            the outputs are written first.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
     if hardware:
@@ -299,7 +299,7 @@ def _simulate(
 
 
 def Brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
-    """Advances the loop until the supervisor has brought the arm to rest."""
+    """Advances the loop until the supervisor has brought the arm to rest, for at most 1 s."""
     context = loop.supervisor.GetMyContextFromRoot(root)
     period, end = loop.station.scenario.poil.rates.control, root.get_time() + _LONGEST_BRAKING
     while loop.supervisor.commanded_motion(context).velocity.any() and root.get_time() < end:
@@ -307,7 +307,7 @@ def Brake(loop: ClosedLoop, root: Context, pace: RealTimeLoop) -> None:
 
 
 def _expected_duration(plan: ExecutionPlan, speed: float) -> float:
-    """Returns about how long a run takes [s], for the progress bar."""
+    """Returns the approximate duration of a run [s], for the progress bar."""
     expected = plan.metadata.get("expected_duration")
     following = float(expected) if isinstance(expected, (int, float)) else 8.0
     return (plan.approach.duration + plan.descent.duration + following) / speed + 8.0

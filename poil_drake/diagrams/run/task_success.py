@@ -28,7 +28,7 @@ def TouchedGeometries(
         plant: The simulated plant.
         inspector: The inspector of its scene graph.
         contact_results: The value of the plant's `contact_results` port.
-        model: The model instance. Contacts within it are left out.
+        model: The model instance. Contacts within it are ignored.
     """
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
@@ -55,7 +55,7 @@ def HolderGeometries(
         plant: The plant.
         inspector: The inspector of its scene graph.
         fixture: The fixture's model instance.
-        part: Its link, or a pattern for the names of geometries; see `CollisionGeometries`.
+        part: The fixture's link, or a pattern for geometries' names; see `CollisionGeometries`.
     """
     return frozenset(
         ScopedGeometryName(plant, inspector, geometry_id)
@@ -120,7 +120,7 @@ class SimulatedTruth:
 
     @classmethod
     def of(cls, station: SimulatedStation) -> Self:
-        """Returns the truth about a station."""
+        """Creates the truth of a station; its judge has observed nothing yet."""
         poil = station.scenario.poil
         holder = HolderGeometries(
             station.plant(),

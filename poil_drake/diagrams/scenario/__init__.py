@@ -1,1 +1,1 @@
-"""Scenarios: their schema, and how they are read, checked, drawn and written."""
+"""Scenarios: their schema, and how to read, check, randomize and write them."""

@@ -1,4 +1,4 @@
-"""Checks of a scenario's values that concern several keys, or that Drake makes too late."""
+"""Checks of a scenario that involve several keys, or that Drake makes too late or not at all."""
 
 import ipaddress
 from collections.abc import Mapping, Sequence
@@ -17,26 +17,26 @@ from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 GROUND_TRUTH = "ground_truth"
-"""The name of the tracker that gives the simulator's own poses: a baseline for comparison."""
+"""The name of the tracker that outputs the simulator's true poses: a baseline for comparison."""
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
 
 DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
-"""What Drake raises on wrong values. Its own assertions arrive in Python as SystemExit."""
+"""What Drake raises for invalid values. Its C++ assertions arrive in Python as SystemExit."""
 
-_ROUNDING = 1e-9  # Relative error of numbers written in decimals.
+_ROUNDING = 1e-9  # Relative rounding error of decimal numbers.
 
 
 def check_directives(directives: Sequence[ModelDirective]) -> None:
-    """Checks that each directive has exactly one key, and a name, file, parent and child."""
+    """Checks that each directive has one key, and no empty name, file, parent or child."""
     for index, directive in enumerate(directives):
         path = f"directives[{index}]"
         fields = {f.name: getattr(directive, f.name) for f in directive.__fields__}
         given = [name for name, value in fields.items() if value is not None]
         if len(given) != 1:
             raise ScenarioError(
-                f"'{path}' holds {' and '.join(given) or 'nothing'}.",
+                f"'{path}' holds {' and '.join(given) or 'nothing'} instead of one directive.",
                 remedy=f"Begin each directive with its own dash and one of: {', '.join(fields)}.",
             )
         for key in ("name", "file", "parent", "child"):
@@ -47,7 +47,7 @@ def check_directives(directives: Sequence[ModelDirective]) -> None:
 
 
 def check_simulator(config: SimulatorConfig) -> None:
-    """Checks values that Drake does not check, or only when the simulation starts."""
+    """Checks values that Drake checks only when the simulation starts, or not at all."""
     path = "simulator_config"
     require_positive(f"{path}.max_step_size", config.max_step_size)
     require_positive(f"{path}.accuracy", config.accuracy)
@@ -56,7 +56,7 @@ def check_simulator(config: SimulatorConfig) -> None:
     schemes = [scheme for scheme in GetIntegrationSchemes() if scheme != "cenic"]
     if config.integration_scheme not in schemes:
         raise ScenarioError(
-            f"{path}.integration_scheme is '{config.integration_scheme}'.",
+            f"{path}.integration_scheme '{config.integration_scheme}' is not supported.",
             remedy=f"Choose one of: {', '.join(schemes)}.",
         )
     if config.start_time != 0.0:
@@ -73,7 +73,7 @@ def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
         raise ScenarioError(
             f"plant_config.time_step is {config.time_step} s, but poil.rates.plant is "
             f"{poil.rates.plant} s.",
-            remedy="Remove the first; only the second is used.",
+            remedy="Remove plant_config.time_step; only poil.rates.plant is used.",
         )
 
 
@@ -84,15 +84,15 @@ def check_safety(poil: PoilConfig) -> None:
         raise ScenarioError(
             f"poil.safety.posture.table_height is {height}, but poil.table_height is "
             f"{poil.table_height}.",
-            remedy="Remove the first; only the second is used. The arm's distance from the table "
-            "is poil.safety.posture.table_margin.",
+            remedy="Remove the first; only poil.table_height is used. The arm's distance from the "
+            "table is set by poil.safety.posture.table_margin.",
         )
     stall, expiry = poil.safety.stall_limit, poil.hardware.command_expiry
     if not stall < expiry:
         raise ScenarioError(
             f"poil.safety.stall_limit is {stall} s and poil.hardware.command_expiry is {expiry} "
             "s, so the driver would stop the arm before the supervisor detects the stall.",
-            remedy="Make the first smaller than the second, which is the driver's --expire_sec.",
+            remedy="Lower stall_limit, or raise command_expiry and the driver's --expire_sec.",
         )
 
 
@@ -109,19 +109,17 @@ def check_delays(
         silent = bus is None or bus.lcm_url == NO_NETWORK
         if not silent and (camera.rgb or camera.depth or camera.label):
             raise ScenarioError(
-                f"cameras.{name} has an output_delay and is published on "
+                f"cameras.{name} has an output_delay, so its images cannot be published on "
                 f"lcm_buses.{camera.lcm_bus}.",
-                remedy="Delayed images are not published: set its rgb, depth and label to false, "
-                "or its output_delay to 0.",
+                remedy="Either set its rgb, depth and label to false, or its output_delay to 0.",
             )
         # The tracker reads the images one control period after they appear.
         least = camera.output_delay + poil.rates.control
         if poil.tracker != GROUND_TRUTH and poil.latency < least * (1.0 - _ROUNDING):
             raise ScenarioError(
-                f"poil.latency is {poil.latency} s, but cameras.{name}.output_delay is "
-                f"{camera.output_delay} s.",
-                remedy=f"poil.latency includes the cameras' delay: make it at least {least:.6g} s, "
-                "or make the delay shorter.",
+                f"poil.latency is {poil.latency} s, but cameras.{name}.output_delay and "
+                f"poil.rates.control add up to {least:.6g} s.",
+                remedy=f"Set poil.latency to at least {least:.6g} s, or reduce the output_delay.",
             )
 
 
@@ -134,8 +132,8 @@ def check_buses(
     for name, params in lcm_buses.items():
         if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
-                f"lcm_buses.{name}.lcm_url is '{params.lcm_url}'.",
-                remedy="Write e.g. memq://null (no network) or udpm://239.255.76.67:7667?ttl=0.",
+                f"lcm_buses.{name}.lcm_url is '{params.lcm_url}', which LCM cannot use.",
+                remedy="Use e.g. memq://null (no network) or udpm://239.255.76.67:7667?ttl=0.",
             )
     users = {f"cameras.{name}": camera.lcm_bus for name, camera in cameras.items()}
     users["visualization"] = visualization.lcm_bus
@@ -161,7 +159,7 @@ def _is_lcm_url(url: str) -> bool:
 
 
 def drake_reason(error: BaseException) -> str:
-    """Returns the text of an error in one line, without a full stop at its end."""
+    """Returns the text of an error on one line, without a final full stop."""
     reason = " ".join(str(error).split())
     # An assertion: "Failure at <file>:<line> in <function>: condition '<C++>' failed."
     if reason.startswith("Failure at ") and ": condition " in reason:

@@ -37,21 +37,21 @@ class HangingMotionConfig:
     """The motion that hangs a mug on a rod.
 
     Attributes:
-        rod: Link of the fixture, or regular expression on the names of its geometries; the longest
+        rod: Link of the fixture, or regular expression for names of its geometries; the longest
             of these geometries is the rod. The object hangs when it touches one of them; touching
             the rest of the fixture does not count.
         start: Initial position of the object [m].
-        start_yaw: Initial angle of its handle from the world's x axis [deg]. At 0 both cameras see
+        start_yaw: Initial angle of the handle from the world's x axis [deg]. At 0 both cameras see
             the handle from the side.
-        tilt: Final elevation of the handle [deg]. At 45, an arm behind the mug that holds the rim
-            from above reaches forward and down, which is comfortable.
-        seat: Final place of the handle on the rod: 0 is the rod's base, 1 its tip. Deep enough to
-            stay on the rod, but clear of the post.
+        tilt: Final elevation of the handle [deg]. At 45, an arm that grips the rim from above and
+            hangs the mug reaches forward and down, in a comfortable posture.
+        seat: Final place of the handle on the rod: 0 is the rod's base, 1 its tip. The default is
+            deep enough to stay on the rod, but clear of the post.
         clearance: Final distance between rod and handle [m]; they nearly touch, as when a hand is
             about to let go.
-        lift: Height to which the object is lifted first [m].
-        approach: Distance from the rod's tip at which the handle is aligned with the rod [m]; more
-            than half of the object's width, so that the object clears the tip.
+        lift: Height by which the object is lifted first [m].
+        approach: Distance from the rod's tip at which the handle is aligned with the rod [m];
+            greater than half of the object's width, so that the object clears the tip.
     """
 
     rod: str = "rod"
@@ -81,8 +81,8 @@ class DemonstrationMotionConfig:
     Attributes:
         keyframes: Poses of the object, at least two, the first at 0 s. Without keyframes, the
             object is hung on the fixture's rod.
-        blend: Overlap of consecutive movements [s]; people hardly stop between movements.
-        hanging: The motion that hangs the object, used without keyframes.
+        blend: Time by which movements start before and end after their keyframes [s].
+        hanging: The motion that hangs the object, used if there are no keyframes.
     """
 
     keyframes: tuple[Keyframe, ...] = ()
@@ -95,6 +95,6 @@ class DemonstrationMotionConfig:
         if times and not rising:
             raise ScenarioError(
                 f"poil.demonstration_motion.keyframes are at {times} s.",
-                remedy="Give at least two at increasing times, the first at 0.",
+                remedy="Define at least two at increasing times, the first at 0.",
             )
         require_not_negative("poil.demonstration_motion.blend", self.blend)

@@ -14,12 +14,12 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
     """Returns a scenario as a YAML document under its name.
 
-    The text holds every value, including defaults and choices such as a drawn pose, so that loading
-    it gives the same scenario even if defaults change. It names the models' files.
+    The text holds every value, including defaults and randomized values, so that loading it gives
+    the same scenario even if defaults change. It refers to the models' files by their paths.
 
     Args:
         scenario: The scenario.
-        named: False omits the name, for the `data` of `LoadScenario`.
+        named: False omits the name, so that `LoadScenario` accepts the text as `data`.
     """
     node = _node(scenario)
     return yaml_dump({scenario.source.name or "Scenario": node} if named else node)

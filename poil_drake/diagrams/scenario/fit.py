@@ -20,7 +20,7 @@ _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 def CheckScenarioFits(
     plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: Scenario
 ) -> None:
-    """Checks names and positions that a run would use minutes later, or never.
+    """Checks names and positions that a run would otherwise use only minutes later, or never.
 
     Args:
         plant: The finalized plant with the scenario's models.
@@ -40,23 +40,23 @@ def CheckScenarioFits(
         if name != poil.robot:
             raise ScenarioError(
                 f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
-                remedy=f"Name it '{poil.robot}', or remove it.",
+                remedy=f"Rename it to '{poil.robot}', or remove it.",
             )
     for name in scenario.initial_position:
         _require_start_within_limits(plant, name)
 
 
 def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
-    """Checks that a model of a finalized plant is not welded.
+    """Checks that a model of a finalized plant is free to move.
 
     Raises:
-        ScenarioError: It is welded.
+        ScenarioError: It is welded or joined to something.
     """
     bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
     if not plant.get_body(bodies[0]).is_floating_base_body():
         raise ScenarioError(
-            f"The object '{name}' is welded to something.",
-            remedy="Do not weld the object in the directives: it must be able to move.",
+            f"The object '{name}' is welded or joined to something, so it cannot move freely.",
+            remedy="Remove the weld from the directives, or the joint from its model file.",
         )
 
 
@@ -84,7 +84,7 @@ def _require_holder(
         f"The fixture '{poil.fixture}' has no link or geometry named '{rod}' on which the object "
         "can hang.",
         remedy="Set poil.demonstration_motion.hanging.rod to one of the links "
-        f"({', '.join(links)}) or to a regular expression on the names of the collision geometries "
+        f"({', '.join(links)}) or to a regular expression for names of collision geometries "
         f"({', '.join(geometries)}).",
     )
 
@@ -98,5 +98,5 @@ def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
             raise ScenarioError(
                 f"initial_position.{model}.{joint.name()} is {q.tolist()}, beyond the joint's "
                 f"limits {lower.tolist()} and {upper.tolist()}.",
-                remedy="Write values between them, in radians or metres.",
+                remedy="Use values within the limits, in radians or metres.",
             )

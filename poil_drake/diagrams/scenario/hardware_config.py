@@ -45,21 +45,21 @@ class HardwareConfig:
     """The `poil.hardware` section: the real robot and cameras, or a simulated driver.
 
     Attributes:
-        robot_bus: The one of `lcm_buses` with the Franka driver. If the scenario does not define
-            it, LCM's default address on this machine.
-        image_bus: The one of `lcm_buses` with cameras of type `LcmImages`. If the scenario does
-            not define it, a separate port on this machine.
+        robot_bus: The entry of `lcm_buses` for the Franka driver. If the scenario does not define
+            it, LCM's default address on this machine is used.
+        image_bus: The entry of `lcm_buses` for cameras of type `LcmImages`. If the scenario does
+            not define it, a separate port on this machine is used.
         channels: LCM channels of the Franka driver.
-        cameras: Name of one of the scenario's `cameras` -> source of its images; `LcmImages` for
-            cameras that are not listed.
+        cameras: Name of one of the scenario's `cameras` -> source of its images; cameras that are
+            not listed use `LcmImages`.
         speed: Factor on all speeds, and on the joints' speed limits, relative to simulation; a
             fifth leaves time to press the stop button.
         command_expiry: The driver's --expire_sec: how long it follows one command [s].
         ready_timeout: Longest wait for the first status and the first images [s].
         realtime_priority: Priority of the loop's thread, from 1 to 99, if the kernel permits it;
             it must be lower than the Franka driver's. 0 keeps ordinary scheduling.
-        time_scale: Seconds of the robot's time per second. 1 for real robots; less for a simulated
-            driver on a slow machine, which needs the same value.
+        time_scale: Seconds of robot time per second of real time. 1 for real robots; less for a
+            simulated driver on a slow machine, which needs the same value.
     """
 
     robot_bus: str = "robot"

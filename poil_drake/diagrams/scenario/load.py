@@ -17,12 +17,12 @@ from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
 
 _LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
-"""More characters, and more values with all aliases written out, than any scenario needs."""
+"""Limits on characters, and on values with all aliases expanded; no scenario needs as many."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
 """The scenario that runs when a file holds several and none is named."""
 
-# Places of paths in a scenario, relative to its file; "*" matches every key and every item.
+# Where a scenario holds paths relative to its file; "*" matches every key and every item.
 _URLS = (
     "directives.*.add_model.file",
     "directives.*.add_directives.file",
@@ -45,18 +45,18 @@ def LoadScenario(
     defaults: Scenario | None = None,
     unknown: list[str] | None = None,
 ) -> Scenario:
-    """Reads a scenario from a file and then, over it, from text.
+    """Reads a scenario from a file, and merges YAML text over it.
 
     Args:
         filename: A YAML file whose top-level keys are names of scenarios. None uses only
             `defaults` and `data`.
         data: YAML text that changes single values of the scenario, e.g.
             "{poil: {eta: 2.0}, random_seed: 3}". Directives are replaced, not appended.
-        scenario_name: The scenario of the file to read. It may be omitted if the file has only
-            one scenario, or one named "HangMug".
+        scenario_name: The scenario's name in the file. It may be omitted if the file has only one
+            scenario, or one named "HangMug".
         defaults: The scenario that the file and the text change.
-        unknown: Receives the places of the file's unknown keys, which are skipped, as for files of
-            other versions; None: they are errors.
+        unknown: Receives the paths of the file's unknown keys, which are then skipped, e.g. for
+            files of other versions. If None, unknown keys are errors.
 
     Raises:
         ScenarioError: The file cannot be read, or a key or value is wrong. The message states in
@@ -71,7 +71,7 @@ def LoadScenario(
         source = ScenarioSource(name=name, file=str(path))
         scenario = dataclasses.replace(scenario, source=source)
     if data is not None:
-        node = _with_absolute_paths(_parse(data, "the scenario text"), Path.cwd())
+        node = _with_absolute_paths(_parse(data, "The scenario text"), Path.cwd())
         scenario = merge_yaml(node=node, schema=Scenario, default=scenario)
     return scenario
 
@@ -87,12 +87,12 @@ def ChooseScenario(
     speed: float | None = None,
     time_scale: float | None = None,
 ) -> Scenario:
-    """Returns a scenario with the values that a user chose; None keeps the scenario's.
+    """Returns a scenario with the values that a user chose; None keeps the scenario's value.
 
     Args:
         filename: The scenario file; None stands for the package's.
-        scenario_name: The scenario of the file.
-        data: YAML text merged over it.
+        scenario_name: The scenario's name in the file.
+        data: YAML text merged over the file.
         seed: Draws object, pose and noise from the scenario's `randomization`; None draws nothing.
         tracker: Name of the tracker.
         detector: Name of the detector.
@@ -113,7 +113,7 @@ def ChooseScenario(
 
 
 def _changed(config: Any, **values: Any) -> Any:
-    """Returns a config with the values that are not None."""
+    """Returns a copy of a config with those of the given values that are not None."""
     return dataclasses.replace(config, **{k: v for k, v in values.items() if v is not None})
 
 
@@ -125,13 +125,13 @@ def _read(path: Path) -> Any:
         reason = error.strerror if isinstance(error, OSError) else "not text in UTF-8"
         raise ScenarioError(
             f"The scenario file '{path}' cannot be read ({reason}).",
-            remedy=f"Give a YAML file in UTF-8, e.g. the package's: {default_scenario_file()}",
+            remedy=f"Use a YAML file in UTF-8, e.g. the package's: {default_scenario_file()}",
         ) from error
     return _parse(text, f"'{path}'")
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Requires that each key is text and occurs once; YAML itself silently keeps the last one."""
+    """Requires that keys are text and unique; YAML silently keeps the last of duplicate keys."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -139,7 +139,7 @@ class _StrictLoader(yaml.SafeLoader):
         for key, _ in node.value:
             problem = None
             if not key.tag.endswith((":str", ":merge")):
-                problem = "a key is not text; write it in quotation marks"
+                problem = "a key is not text; put it in quotation marks"
             elif key.value in keys:
                 problem = f"the key '{key.value}' occurs twice"
             if problem is not None:
@@ -152,13 +152,12 @@ def _parse(text: str, source: str) -> Any:
     if not text.strip():
         return {}
     try:
-        too_large = len(text) > _LARGEST_TEXT
-        if too_large or _size(yaml.compose(text, Loader=_StrictLoader), {}) > _MOST_VALUES:
-            raise ScenarioError(
-                f"{source} has more than {_LARGEST_TEXT} characters, or its aliases stand for more "
-                f"than {_MOST_VALUES} values.",
-                remedy="Give the file of a scenario.",
-            )
+        if len(text) > _LARGEST_TEXT:
+            problem = f"{source} has more than {_LARGEST_TEXT} characters."
+            raise ScenarioError(problem, remedy="Check that it is a scenario, or shorten it.")
+        if _size(yaml.compose(text, Loader=_StrictLoader), {}) > _MOST_VALUES:
+            problem = f"{source} has more than {_MOST_VALUES} values once its aliases are expanded."
+            raise ScenarioError(problem, remedy="Use fewer values; no alias may contain itself.")
         node = yaml_load(data=text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split()).replace('in "<unicode string>",', "at")
@@ -169,7 +168,7 @@ def _parse(text: str, source: str) -> Any:
 
 
 def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
-    """Returns the number of values of a node with all aliases written out; inf if endless."""
+    """Returns a node's number of values with all aliases expanded; inf if it contains itself."""
     if not isinstance(node, yaml.CollectionNode):
         return 1.0
     if id(node) not in known:
@@ -181,7 +180,7 @@ def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
 
 
 def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, Any]:
-    """Returns a scenario of a file with its name."""
+    """Returns the name and the node of a scenario in a file."""
     if not isinstance(document, dict) or not document:
         raise ScenarioError(
             f"'{path}' holds no scenarios.",
@@ -190,7 +189,7 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
     if "directives" in document:
         raise ScenarioError(
             f"'{path}' begins with the keys of a scenario, not with its name.",
-            remedy="Put a line with a name, e.g. 'HangMug:', above, and indent the rest.",
+            remedy="Put a line with a name above them, e.g. 'HangMug:', and indent the rest.",
         )
     if name is None:
         name = next(iter(document)) if len(document) == 1 else DEFAULT_SCENARIO_NAME
@@ -203,7 +202,7 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
 
 
 def _with_absolute_paths(node: Any, directory: Path) -> Any:
-    """Returns a scenario's node in which the relative paths of files start at a directory."""
+    """Returns a scenario's node with its relative file paths resolved against a directory."""
 
     def url(path: str) -> str:
         return (
@@ -220,7 +219,7 @@ def _with_absolute_paths(node: Any, directory: Path) -> Any:
 
 
 def _replaced(node: Any, place: Sequence[str], change: Callable[[str], str]) -> Any:
-    """Returns a node with the texts at a place changed; nodes of another form stay the same."""
+    """Returns a node with `change` applied to each text at a place; all else stays the same."""
     if not place:
         return change(node) if node and isinstance(node, str) else node
     head, *rest = place

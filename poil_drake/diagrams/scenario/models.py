@@ -40,12 +40,12 @@ def AddScenarioPlant(
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"plant_config cannot be used: {drake_reason(error)}.",
-            remedy="Correct the value; Drake's MultibodyPlantConfig documents the valid ones.",
+            remedy="Correct the value; Drake's MultibodyPlantConfig documents valid values.",
         ) from error
 
 
 def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
-    """Adds the packages of our models, of the Panda and of `package.xml` files to a parser.
+    """Adds the packages of poil_drake's models, the Panda and `package.xml` files to a parser.
 
     Raises:
         MissingDependencyError: The Panda's description is not installed.
@@ -58,7 +58,7 @@ def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None
 
 
 def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
-    """Processes directives.
+    """Adds the models of directives to the parser's plant.
 
     Raises:
         ScenarioError: A file, model, link or frame does not exist.
@@ -100,7 +100,7 @@ def SetInitialPositions(
 
 
 def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
-    """Checks that the model with a role in `poil` ("object", "robot", "fixture") exists.
+    """Checks that the model that `poil` names for a role, e.g. "object" or "robot", exists.
 
     Raises:
         ScenarioError: It does not exist. The text names the existing models.

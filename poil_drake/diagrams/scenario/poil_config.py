@@ -18,7 +18,7 @@ class Randomization:
     """The `poil.randomization` section: what each trial draws. An empty range draws nothing.
 
     Attributes:
-        models: Model files of which one becomes the object; paths as in directives.
+        models: Model files, one of which becomes the object; paths as in directives.
         x: Lowest and highest position of the object along the world's x axis [m].
         y: Lowest and highest position of the object along the world's y axis [m].
         yaw: Lowest and highest rotation of the object about the world's z axis [deg].
@@ -35,7 +35,7 @@ class Randomization:
             if value and not (len(value) == 2 and -math.inf < value[0] <= value[1] < math.inf):
                 raise ScenarioError(
                     f"poil.randomization.{name} is {list(value)}.",
-                    remedy="Write [lowest, highest], or [] for no randomization.",
+                    remedy="Use [lowest, highest], or [] for no randomization.",
                 )
 
 
@@ -46,8 +46,8 @@ class PoilConfig:
     Attributes:
         object: Model instance of the manipulated object.
         part: Name of the functional part.
-        parts: Part name -> link name, or regular expression on geometry names, of the object. A
-            part that is not listed is the link of the same name.
+        parts: Part name -> the object's link, or a regular expression for names of its geometries.
+            A part that is not listed is the link of the same name.
         fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
@@ -59,16 +59,16 @@ class PoilConfig:
         tracker: Name of the point tracker.
         num_points: Number of points on the functional part, N_k in the paper.
         num_support_points: Number of points spread over the object, at least 4. They show the
-            tracker how much of the object is visible (POIL: 40).
+            tracker how much of the object is visible (40 in the paper).
         eta: Attraction to the reference trajectory, η in the paper [1/s].
-        max_angular_speed: Limit of the gripper's angular speed [rad/s]; the wrist follows well.
-        max_linear_speed: Limit of the gripper's linear speed [m/s]; a human pace.
+        max_angular_speed: Limit on the gripper's angular speed [rad/s]; the wrist can follow it.
+        max_linear_speed: Limit on the gripper's linear speed [m/s]; the default is a human pace.
         latency: Time from the capture of images to the tracked points [s], including the cameras'
             output_delay.
         depth_noise: Errors of the simulated depth cameras.
         rates: All periods.
         randomization: What benchmark trials draw.
-        safety: When the supervisor stops the arm, and its limits of motion.
+        safety: When the supervisor stops the arm, and how it limits motion.
         hardware: Connections to the real robot and cameras, and the speed on hardware.
     """
 
@@ -109,9 +109,8 @@ class PoilConfig:
             require_positive(f"poil.{name}", getattr(self, name))
         require_not_negative("poil.latency", self.latency)
         if not all((self.part, *self.parts)):
-            raise ScenarioError(
-                "poil.part, or a key of poil.parts, is empty.", remedy="Give each part a name."
-            )
+            place = "A key of poil.parts" if self.part else "poil.part"
+            raise ScenarioError(f"{place} is empty.", remedy="Name the part.")
         for role, other in (("object", "fixture"), ("object", "robot"), ("fixture", "robot")):
             if getattr(self, role) == getattr(self, other):
                 raise ScenarioError(

@@ -14,19 +14,19 @@ from poil_drake.errors import ScenarioError
 
 
 def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
-    """Returns a scenario with a random object, pose of the object, and noise of the cameras.
+    """Returns a scenario with a random object, object pose and camera noise.
 
     `scenario.poil.randomization` gives the models and ranges. The object keeps the height of its
-    default pose, and its x, y or yaw if that has no range. Without ranges, only the noise is drawn
-    and the object needs no default pose.
+    default pose, and its x, y or yaw if that has no range. If all ranges are empty, it needs no
+    default pose; if there are no models either, only the noise is drawn.
 
     Args:
         scenario: The scenario; it is not changed.
         seed: The seed, not negative; the same seed draws the same trial.
 
     Raises:
-        ScenarioError: There are ranges, but no directive adds the object, or the object has no
-            single deterministic default pose.
+        ScenarioError: A model or pose is to be drawn, but no directive adds the object; or a pose
+            is to be drawn, but the object has no single, deterministic default pose.
     """
     rng = np.random.default_rng(seed)
     ranges = scenario.poil.randomization
@@ -44,7 +44,7 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
 
 
 def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, float]) -> None:
-    """Moves a model's default pose within ranges by draws of (x, y, yaw) in [0, 1)."""
+    """Sets a model's default pose from draws of (x, y, yaw) in [0, 1), scaled to the ranges."""
     body, transform = _default_pose(model)
     translation = np.array(transform.translation, dtype=float)
     for axis, interval in enumerate((ranges.x, ranges.y)):
@@ -76,13 +76,13 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
 
 
 def _default_pose(model: AddModel) -> tuple[str, Transform]:
-    """Returns the only entry of the model's default poses."""
+    """Returns the body and the pose of a model's only default pose."""
     poses = list(model.default_free_body_pose.items())
     if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
         kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"
         raise ScenarioError(
-            f"The directive that adds '{model.name}' has {kind}.",
-            remedy="Give it one default_free_body_pose, that of the object's base link, with a "
+            f"The directive that adds '{model.name}' has {kind}, but ranges need one fixed pose.",
+            remedy="Define one default_free_body_pose there, that of the base link, with a "
             "deterministic translation, or remove the ranges of poil.randomization.",
         )
     return poses[0]

@@ -15,11 +15,11 @@ class Rates:
     A scenario file may give them as fractions, e.g. `tracker: 1/8`.
 
     Attributes:
-        plant: Time step of the simulated plant, short enough for a cup in a grip.
-        control: Propagator, vector field, differential inverse kinematics and sequencer; well
-            above the 100 Hz that the robot's driver needs.
-        tracker: Capture of images; about the rate that a tracker reaches.
-        logger: Run log and Meshcat; enough for a smooth animation.
+        plant: Time step of the simulated plant, short enough to simulate a grasped cup.
+        control: Propagator, vector field, differential inverse kinematics and sequencer; much
+            faster than the 100 Hz that the robot's driver needs.
+        tracker: Capture of images; about as often as a tracker can process them.
+        logger: Run log and Meshcat; often enough for a smooth animation.
     """
 
     plant: float = 1 / 512
@@ -43,7 +43,7 @@ class Rates:
         """Returns the time of the next log or capture after `time` [s].
 
         The result is a whole multiple of a period, as for Drake's periodic events; summing periods
-        that are not exact in binary would drift from these.
+        that are not exact in binary would drift from the events.
         """
         return min(_next_multiple(period, time) for period in (self.logger, self.tracker))
 

@@ -44,7 +44,7 @@ def _visualization_config() -> VisualizationConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioSource:
-    """Where a scenario was read.
+    """Where a scenario was read from.
 
     Attributes:
         name: The scenario's name in the file; empty without a file.
@@ -66,11 +66,11 @@ class Scenario:
             option --realtime-rate overrides it. `start_time` must be 0. Every system here is
             discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
             `use_error_control` have no effect.
-        plant_config: Drake's plant settings, except `time_step`, which is `poil.rates.plant`.
+        plant_config: Drake's plant settings, but `poil.rates.plant` replaces `time_step`.
         directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
         lcm_buses: LCM networks; the default opens none.
-        model_drivers: Model instance -> how it follows its commands.
+        model_drivers: Model instance -> driver, which sets how it follows commands.
         cameras: Name -> camera. `rgb`, `depth`, `label` and `fps` only choose the images published
             on the camera's LCM bus; the station's ports give all images at any time. With an
             `output_delay` [s], the same for all cameras, images are captured at the tracker's rate
@@ -79,7 +79,7 @@ class Scenario:
         visualization: What Meshcat shows.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task and POIL's settings.
-        source: Where the scenario was read; not a key of the file.
+        source: Where the scenario was read from; not a key of the file.
     """
 
     random_seed: int = 0

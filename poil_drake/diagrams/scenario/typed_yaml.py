@@ -1,8 +1,8 @@
 """Merges parsed YAML into frozen dataclasses and Drake's own schema types.
 
-No library does this: `yaml_load_typed` takes neither frozen dataclasses nor tuples and does not
-locate mistakes, and pydantic ignores unknown keys and tags, takes no bound C++ types and merges
-nothing into defaults.
+No library does this: `yaml_load_typed` supports neither frozen dataclasses nor tuples and does
+not locate mistakes; pydantic supports neither tags nor bound C++ types and does not merge values
+into defaults.
 """
 
 import copy
@@ -46,7 +46,7 @@ def merge_yaml(
             np.ndarray, or Optional, Union, list, tuple or Mapping[str, ...] of those.
         default: The value that the node changes, or None if there is none.
         path: The node's place in the document, for errors, e.g. "poil.rates".
-        unknown: Receives the places of unknown keys, which are skipped; None: they are errors.
+        unknown: Receives the paths of unknown keys, which are skipped; if None, they are errors.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text names the place, the value and
@@ -116,7 +116,7 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
 def _merge_structure(
     node: Mapping, fields: Mapping[str, Any], default: Any, path: str, unknown: list[str] | None
 ) -> Any:
-    """Returns a copy of a dataclass or one of Drake's structures with the node's values."""
+    """Returns a copy of a structure (a dataclass or Drake's) with the node's values."""
     values = {}
     for key, value in node.items():
         place = f"{path}.{key}" if path else key
@@ -150,7 +150,7 @@ def _merge_structure(
             if isinstance(value, np.ndarray) and value.shape != (size,):
                 raise _wrong(f"{path}.{key}", node[key], f"a list of {size} numbers") from error
             reason = " ".join(str(error).split())
-            # The bindings only list the C++ signatures that did not fit.
+            # This text only lists the C++ signatures that did not match.
             reason = "" if "incompatible function arguments" in reason else f" ({reason})"
             wanted = f"a value that {_tag(type(default))} accepts{reason}"
             raise _wrong(f"{path}.{key}", node[key], wanted) from error

@@ -14,7 +14,7 @@ def require_positive(name: str, value: float, *, largest: float = math.inf) -> N
         largest: The largest valid number; math.inf means the largest finite one.
 
     Raises:
-        ScenarioError: The number is out of range, or not a number.
+        ScenarioError: The number is out of range or NaN.
     """
     if not 0.0 < value <= largest or math.isinf(value):
         limit = "finite" if math.isinf(largest) else f"at most {largest:g}"
@@ -29,7 +29,7 @@ def require_not_negative(name: str, value: float) -> None:
         value: The number.
 
     Raises:
-        ScenarioError: The number is out of range, or not a number.
+        ScenarioError: The number is out of range or NaN.
     """
     if not 0.0 <= value < math.inf:
         raise ScenarioError(f"{name} is {value}.", remedy="It must be finite and not negative.")

@@ -116,7 +116,7 @@ def _is_the_robots(directive) -> bool:
         ),
         (
             "{add_weld: {parent: world, child: stand}}",
-            r"'stand' without its model.*Write <model>::stand",
+            r"'stand' without its model.*Use <model>::stand",
         ),
     ],
 )

@@ -108,7 +108,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {latency: -0.5}}", "poil.latency is -0.5.*not negative"),
         (
             "{poil: {latency: 0.1}, cameras: {left: {name: left, output_delay: 0.1}}}",
-            "poil.latency is 0.1 s, but cameras.left.output_delay is 0.1 s.*at least 0.1039",
+            "poil.latency is 0.1 s, but cameras.left.output_delay and .* up to 0.1039.*at least",
         ),
         ("{poil: {parts: handle}}", "'poil.parts' is 'handle'.*mapping"),
         ("{poil: {depth_noise: {hole_probability: 3}}}", "poil.depth_noise: .*hole_probability"),
@@ -176,10 +176,10 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
-        ("{poil: {parts: {'': body}}}", "a key of poil.parts, is empty"),
+        ("{poil: {parts: {'': body}}}", "A key of poil.parts is empty"),
         ("{directives: [{add_model: mug}]}", r"add_model' is 'mug', but a mapping \(AddModel\)"),
         ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),
-        ("{simulator_config: {integration_scheme: euler}}", "'euler'.*runge_kutta3"),
+        ("{simulator_config: {integration_scheme: euler}}", "'euler' is not.*runge_kutta3"),
         ("{simulator_config: {max_step_size: -1}}", "max_step_size is -1"),
         ("{simulator_config: {accuracy: 0}}", "accuracy is 0"),
         ("{simulator_config: {target_realtime_rate: -1}}", "target_realtime_rate is -1"),
@@ -288,10 +288,10 @@ def test_aliases_that_stand_for_too_many_values_are_refused() -> None:
     lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
 
-    with pytest.raises(ScenarioError, match="aliases stand for more than 100000 values"):
+    with pytest.raises(ScenarioError, match="more than 100000 values once its aliases"):
         LoadScenario(data="\n".join(lines))
 
 
 def test_an_alias_within_its_own_value_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="aliases stand for more than"):
+    with pytest.raises(ScenarioError, match=r"more than 100000 values.*alias may contain itself"):
         LoadScenario(data="directives: &a [*a]")

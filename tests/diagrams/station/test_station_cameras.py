@@ -125,7 +125,7 @@ ON_A_NETWORK = 'lcm_buses: {default: {lcm_url: "memq://"}}'
 
 
 def test_delayed_images_are_not_published() -> None:
-    with pytest.raises(ScenarioError, match=r"left has an output_delay .* lcm_buses.default") as e:
+    with pytest.raises(ScenarioError, match=r"left has an output_delay, .* lcm_buses.default") as e:
         ChooseScenario(data=f"{{{ON_A_NETWORK}}}")
 
     assert "set its rgb, depth and label to false" in e.value.remedy
