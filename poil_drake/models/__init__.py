@@ -1,1 +1,1 @@
-"""Models of robot, objects and fixtures, their generators, and the package's scenarios."""
+"""Models of the robot, objects and fixtures, their generators, and the package's scenarios."""

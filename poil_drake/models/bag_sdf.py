@@ -11,19 +11,19 @@ from poil_drake.models.sdf_text import inertial, numbers
 
 @dataclass(frozen=True, kw_only=True)
 class BagParameters:
-    """A bag: a stiff body, and a handle that is an arch of compliant links.
+    """A bag: a rigid body and a soft handle, which is an arch of links joined by springs.
 
     Attributes:
         body: Size of the body along x, y and z [m]; the model's frame is at its centre.
         mass: Mass of the body [kg].
         handle_width: Distance between the feet of the handle, along x [m].
         handle_height: Height of the arch above the body [m].
-        handle_radius: Radius of the strap's circular section [m].
+        handle_radius: Radius of the strap's circular cross-section [m].
         handle_mass: Mass of the whole strap [kg].
         links: Number of links of the strap.
         stiffness: Stiffness of each joint [N m / rad]. The strap is like a soft leather belt: 1 N
             on its top presses it down by about a centimetre.
-        damping: Damping of each joint [N m s / rad]. The strap is at rest after two oscillations.
+        damping: Damping of each joint [N m s / rad]. The strap stops after two oscillations.
     """
 
     body: tuple[float, float, float] = (0.13, 0.05, 0.10)
@@ -38,7 +38,7 @@ class BagParameters:
 
 
 def handle_vertices(bag: BagParameters) -> np.ndarray:
-    """Returns the ends of the handle's links (links + 1, 3) [m, body frame], from -x to +x."""
+    """Returns the (links + 1, 3) ends of the handle's links [m] in the body frame, -x to +x."""
     angle = np.linspace(math.pi, 0.0, bag.links + 1)
     x = 0.5 * bag.handle_width * np.cos(angle)
     z = 0.5 * bag.body[2] + bag.handle_height * np.sin(angle)
@@ -80,7 +80,7 @@ def _sdf(bag: BagParameters) -> str:
 
 
 def _link(bag: BagParameters, k: int, vertices: np.ndarray) -> str:
-    """A capsule from one vertex to the next; its frame is at the first, z towards the second."""
+    """Returns link k, a capsule along its frame's +z from the origin, vertex k, to vertex k + 1."""
     step = vertices[k + 1] - vertices[k]
     length = float(np.linalg.norm(step))
     pitch = math.atan2(step[0], step[2])

@@ -8,7 +8,7 @@ from poil_drake.models.mug_sdf import write_mug
 
 
 def main() -> None:
-    """Writes every named mug to `mugs/<name>/`, and the bag."""
+    """Writes every named mug into `mugs/<name>/`, and the bag into `bags/soft_bag/`."""
     directory = Path(__file__).parent
     for mug in NAMED_MUGS:
         write_mug(mug, directory / "mugs" / mug.name)

@@ -1,4 +1,4 @@
-"""The mug family: a few parameters describe a mug; some named members are shipped."""
+"""The mug family: the parameters that describe a mug, and the mugs that the package ships."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -17,12 +17,12 @@ ROD_CLEARANCE = (0.026, 0.040)
 
 @dataclass(frozen=True, kw_only=True)
 class MugParameters:
-    """One mug. Its frame has the origin at the centre of the underside, +z up, handle along +x.
+    """One mug. Its frame is at the centre of the underside; +z is up, and the handle is along +x.
 
     Attributes:
         name: File and model name.
         radius: Outer radius of the body at the rim [m].
-        taper: Radius at the bottom over the radius at the rim.
+        taper: Ratio of the outer radius at the bottom to that at the rim.
         height: Height of the body [m].
         wall: Thickness of the wall [m]; it must fit between the gripper's fingers.
         handle_shape: Outline of the handle.
@@ -67,15 +67,15 @@ class MugParameters:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InvalidValueError(
-                    f"Mug '{self.name}' has {name} {value:g}.",
-                    remedy=f"It must lie between {low:g} and {high:g}.",
+                    f"Mug '{self.name}' has {name} = {value:g}.",
+                    remedy=f"Use a value between {low:g} and {high:g}.",
                 )
         half = self.handle_opening / 2 + 2 * self.handle_radius
         if not half <= self.handle_height <= self.height - half:
             raise InvalidValueError(
                 f"The handle of mug '{self.name}', {2 * half:.3f} m tall and centred at "
                 f"{self.handle_height:.3f} m, does not fit on a body of {self.height:.3f} m.",
-                remedy="Make handle_opening smaller, or move handle_height.",
+                remedy="Reduce handle_opening, or change handle_height.",
             )
 
 
@@ -119,4 +119,4 @@ NAMED_MUGS: tuple[MugParameters, ...] = (
         texture="checks", color=(0.30, 0.50, 0.70), accent=(0.90, 0.90, 0.85), mass=0.28,
     ),
 )  # fmt: skip
-"""The shipped members. `mug_demo` is for the built-in demonstration; the others are novel."""
+"""The shipped mugs. The built-in demonstration shows `mug_demo`; the others are for transfer."""

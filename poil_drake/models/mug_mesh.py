@@ -17,8 +17,8 @@ HANDLE_SEGMENTS = 10
 """Number of facets around the handle's tube."""
 
 DECORATED_FRACTION = 0.75
-"""Upper fraction of the texture image, which covers the outside of the body. The rest holds the
-base colour of the inside and the underside."""
+"""Upper fraction of the texture image, for the outside of the body and the handle. The rest has the
+base colour, for the inside and the underside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class TexturedMesh:
 
 
 def body_mesh(mug: MugParameters) -> TexturedMesh:
-    """Returns the revolved body: outside (decorated), rim, inside and bottom."""
+    """Returns the body, a surface of revolution: outside (decorated), rim, inside and bottom."""
     outside, inside = wall_profile(mug)
     plain_v = (1 - DECORATED_FRACTION) / 2
     decorated = 1 - DECORATED_FRACTION * (1 - outside[:, 1] / mug.height)
@@ -76,7 +76,7 @@ def handle_mesh(mug: MugParameters) -> TexturedMesh:
 
 
 def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
-    """Revolves a polyline of (radius, height); the outside is on its right."""
+    """Revolves a polyline of (radius, height), which has the outside on its right."""
     edges = np.diff(profile, axis=0)
     edge_normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     edge_normals /= np.linalg.norm(edge_normals, axis=1, keepdims=True)
@@ -99,7 +99,7 @@ def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
 
 
 def _grid(vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> TexturedMesh:
-    """Joins a (rows, columns) grid of vertices by triangles, without those of zero area."""
+    """Connects a (rows, columns) grid of vertices by triangles; omits those of zero area."""
     rows, columns = vertices.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()

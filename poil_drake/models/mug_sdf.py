@@ -12,7 +12,7 @@ from poil_drake.models.mug_shape import BOTTOM_FACTOR, handle_center_line, outer
 from poil_drake.models.mug_texture import texture_image
 from poil_drake.models.sdf_text import inertial, numbers
 
-_WALL_BOXES = 14  # The error of the wall is radius * (1 - cos(pi / _WALL_BOXES)).
+_WALL_BOXES = 14  # The wall deviates by up to radius * (1 - cos(pi / _WALL_BOXES)).
 _FEET = 6  # Spheres under the edge of the underside, on which a mug stands.
 _FOOT_RADIUS = 0.002  # [m]
 _HANDLE_CAPSULES = 7
@@ -126,7 +126,7 @@ def _collision(name: str, pose: tuple[float, ...], geometry: str, *, rigid: bool
 
 
 def _wall_collisions(mug: MugParameters) -> str:
-    """A ring of upright boxes, tilted with the taper; rigid for the compliant finger pads.
+    """A ring of upright boxes, tilted with the taper; rigid, as the finger pads are compliant.
 
     They end just above the underside, so that a standing mug touches the table with its feet only.
     """

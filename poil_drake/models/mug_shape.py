@@ -5,9 +5,9 @@ import numpy as np
 from poil_drake.models.mug_family import MugParameters
 
 _EXPONENTS = {"c": 2.0, "d": 3.0, "square": 5.0, "ear": 2.3}  # Of the handle's superellipse.
-_EAR_SKEW = 0.16  # Relative excess of an ear's reach at its top over that at its middle.
+_EAR_SKEW = 0.16  # How much farther an ear reaches at its top than at its middle, relative.
 _RIM_STEPS = 4
-BOTTOM_FACTOR = 1.6  # Thickness of the bottom over that of the wall: cups are bottom-heavy.
+BOTTOM_FACTOR = 1.6  # Ratio of the bottom's thickness to the wall's; cups are bottom-heavy.
 
 
 def outer_radius(mug: MugParameters, z: float | np.ndarray) -> float | np.ndarray:
@@ -54,11 +54,11 @@ def wall_profile(mug: MugParameters) -> tuple[np.ndarray, np.ndarray]:
 def handle_center_line(mug: MugParameters, count: int) -> np.ndarray:
     """Returns points along the centre of the handle's tube, from its upper to its lower end.
 
-    The curve is a superellipse |x/a|^n + |z/b|^n = 1 for x >= 0 on the body's wall; a and b include
-    the opening and the tube's radius. The ends reach into the wall.
+    The curve is the half x >= 0 of a superellipse |x/a|^n + |z/b|^n = 1, centred on the wall of the
+    body; an ear is skewed outwards at its top. The ends reach into the wall.
 
     Returns:
-        (count, 3) positions in the mug's frame [m], equidistant along the curve.
+        (count, 3) positions in the mug's frame [m], at equal distances along the curve.
     """
     exponent = 2 / _EXPONENTS[mug.handle_shape]
     reach = mug.handle_clearance + mug.handle_radius

@@ -1,4 +1,4 @@
-"""Texture images of the mug family."""
+"""Generates the texture images of the mug family."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from poil_drake.models.mug_mesh import DECORATED_FRACTION
 TEXTURE_SIZE = (256, 512)
 """Height and width of a texture image [px]."""
 
-_SHADES = 6  # Number of colours of a noise texture; few keep the image file small.
+_SHADES = 6  # Number of colours in a noise texture; a small one keeps the image file small.
 
 
 def texture_image(mug: MugParameters) -> np.ndarray:
-    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug, below it a strip of base colour.
+    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug, above a strip of base colour.
 
     The same parameters give the same image.
     """
@@ -20,7 +20,7 @@ def texture_image(mug: MugParameters) -> np.ndarray:
     rows = round(height * DECORATED_FRACTION)
     pattern = np.zeros((height, width))
     pattern[:rows] = _PATTERNS[mug.texture](mug, rows, width)
-    # The lowest decorated rows stay plain: no decoration bleeds into the inside.
+    # The lowest decorated rows stay plain, so that no decoration bleeds into the inside.
     pattern[rows - 4 :] = 0.0
     color, accent = np.array(mug.color), np.array(mug.accent)
     image = color + pattern[..., None] * (accent - color)
@@ -35,7 +35,7 @@ def _stripes(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 def _checks(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """A chessboard whose dark fields have four shades, so that they can be distinguished."""
+    """A checkerboard whose dark squares have four shades, so that they can be distinguished."""
     rng = np.random.default_rng(mug.seed)
     shades = rng.choice([0.4, 0.6, 0.8, 1.0], size=(8, 16))
     y, x = np.mgrid[:rows, :columns]
@@ -70,7 +70,7 @@ def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 def _logo(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Two framed signs on opposite sides, each with a random pattern of mirrored blocks."""
+    """Two framed logos on opposite sides, each a random, mirror-symmetric pattern of blocks."""
     rng = np.random.default_rng(mug.seed)
     pattern = np.zeros((rows, columns))
     cells, size = 9, rows * 3 // 4 // 9

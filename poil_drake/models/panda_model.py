@@ -1,7 +1,7 @@
-"""The simulated Panda: a URDF for Drake, generated once into the user's cache.
+"""The simulated Panda: a URDF for Drake, generated once and kept in the user's cache.
 
 It combines the Panda of `example-robot-data` (kinematics, inertias, primitive collision shapes of
-the arm) with what Drake needs: actuators, acceleration limits, collision filters, light visual
+the arm) with what Drake needs: actuators, acceleration limits, collision filters, small visual
 meshes, and finger pads that can hold objects.
 """
 
@@ -19,12 +19,12 @@ PANDA_PACKAGE = "poil_drake_panda"
 """Drake package name of the generated model: `package://poil_drake_panda/panda.urdf`."""
 
 GRIP_FORCE = 60.0
-"""Largest force of each finger [N]. The real hand holds with up to 70 N; a mug held by its rim
-needs most of it, as its weight tilts it."""
+"""Largest force of each finger [N]. The real hand exerts up to 70 N; a mug held by its rim needs
+most of that, because its weight tilts it."""
 
 _PAD_SIZE = (0.018, 0.008, 0.0185)
-"""Finger pad along the finger frame's x, y, z [m]; the real tip is 18 mm wide and about 18.5 mm
-long."""
+"""Size of a finger pad along x, y and z of the finger's frame [m]; the real fingertip is 18 mm wide
+and about 18.5 mm long."""
 
 _PAD_PROPERTIES = {
     "mesh_resolution_hint": 0.01,
@@ -33,7 +33,7 @@ _PAD_PROPERTIES = {
     "mu_static": 1.2,  # Rubber on ceramics.
     "mu_dynamic": 1.2,
 }
-"""Contact properties of a finger pad, as Drake names them."""
+"""Contact properties of a finger pad, by their names in Drake."""
 
 _DRAKE_NAMESPACE = "http://drake.mit.edu"
 
@@ -41,13 +41,13 @@ _DRAKE_NAMESPACE = "http://drake.mit.edu"
 def panda_package_directory() -> Path:
     """Returns the directory of `panda.urdf` and its meshes, after generating them if missing.
 
-    The first call takes a few seconds; later calls, in any process, find the result.
+    The first call takes a few seconds; later calls, in any process, reuse the result.
 
     Raises:
-        MissingDependencyError: when `example-robot-data` is not installed.
+        MissingDependencyError: if `example-robot-data` is not installed.
     """
     source = panda_description_directory()
-    # The version covers all that the result depends on, this code included.
+    # The version covers everything that the result depends on, including this code.
     digest = hashlib.sha256()
     for path in (panda_urdf(), __file__, panda_visuals.__file__, panda.__file__):
         digest.update(Path(path).read_bytes())
@@ -69,7 +69,7 @@ def panda_package_directory() -> Path:
 
 
 def _adapt(robot: ET.Element) -> None:
-    """Converts the robot element of `panda_collision.urdf` to the one for Drake."""
+    """Adapts the robot element of `panda_collision.urdf` to Drake, in place."""
     for mesh in robot.iter("mesh"):
         mesh.set("filename", f"{Path(mesh.get('filename', '')).stem}.obj")
     _replace_massless_links_by_frames(robot)
@@ -95,7 +95,7 @@ def _add_drake_element(parent: ET.Element, tag: str, **attributes: str) -> ET.El
 
 
 def _replace_massless_links_by_frames(robot: ET.Element) -> None:
-    """Replaces link8 (the flange) and the gripper link by frames, as bodies need mass."""
+    """Replaces link8 (the flange) and the gripper link with frames, because links need mass."""
     massless = {"panda_link8", GRIPPER_FRAME, "panda_joint8", "panda_hand_tcp_joint"}
     for element in [*robot.findall("link"), *robot.findall("joint")]:
         if element.get("name") in massless:
@@ -113,7 +113,7 @@ def _replace_massless_links_by_frames(robot: ET.Element) -> None:
 
 
 def _replace_hand_collisions(links: dict[str, ET.Element]) -> None:
-    """Gives the hand a box, and each finger a box and a compliant pad."""
+    """Replaces the collision shapes: the hand gets a box, each finger a box and a compliant pad."""
     for name in ("panda_hand", "panda_leftfinger", "panda_rightfinger"):
         for collision in links[name].findall("collision"):
             links[name].remove(collision)

@@ -1,4 +1,4 @@
-"""Turns the Panda's .dae visual meshes into light .obj files with plain colours."""
+"""Converts the Panda's .dae visual meshes to small .obj files with plain colours."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,20 +12,20 @@ _MESHES = (*(f"link{i}" for i in range(8)), "hand", "finger")
 """The visual meshes, named as in `meshes/visual/<name>.dae`."""
 
 _FACE_FRACTION = 0.1
-"""Fraction of the triangles to keep. With full meshes a render takes two to three times as long."""
+"""Fraction of the triangles to keep. With all of them, rendering takes 2 to 3 times as long."""
 
 _FEWEST_FACES = 60
-"""Pieces with no more triangles than this keep them all."""
+"""Pieces with at most this many triangles keep all of them."""
 
 _SHARPEST_SMOOTH_ANGLE = 0.6
-"""Edges sharper than this [rad] stay visible."""
+"""Edges between faces that differ by more than this angle [rad] are not smoothed."""
 
 
 def convert_visuals(*, source: Path, target: Path) -> None:
     """Writes `<name>.obj` and `<name>.mtl` into `target` for every visual mesh of the Panda.
 
-    The format is plain .obj with vertex normals, because one glTF file switches Drake's whole
-    render engine to physically based shading, which takes a quarter longer.
+    The format is .obj with vertex normals, because a single glTF file switches Drake's whole render
+    engine to physically based rendering, which takes a quarter longer.
 
     Args:
         source: The directory that holds the .dae files.
@@ -36,7 +36,7 @@ def convert_visuals(*, source: Path, target: Path) -> None:
 
 
 def _load_by_color(path: Path) -> "dict[tuple[int, ...], list[trimesh.Trimesh]]":
-    """Returns the decimated pieces of a .dae file in the link's frame, by colour."""
+    """Returns the decimated pieces of a .dae file in the link's frame, keyed by RGB colour."""
     import trimesh
 
     pieces: dict[tuple[int, ...], list[trimesh.Trimesh]] = {}

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def numbers(*values: float) -> str:
-    """Returns numbers with six digits; rounding errors, which depend on the processor, become 0."""
+    """Formats numbers with six digits; values up to 1e-14, mere rounding errors, become 0."""
     return " ".join(f"{value if abs(value) > 1e-14 else 0.0:.6g}" for value in values)
 
 

@@ -1,4 +1,4 @@
-"""Demonstrations and run logs, recorded as MCAP; nothing here imports pydrake."""
+"""Demonstrations and run logs, recorded as MCAP. This package does not import pydrake."""
 
 import lazy_loader
 

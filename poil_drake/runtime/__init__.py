@@ -1,1 +1,1 @@
-"""Worker processes, threads, signals, real-time scheduling, stopwatch, and whole files."""
+"""Worker processes, threads, signals, real-time scheduling, timing, caches and output files."""

@@ -1,4 +1,4 @@
-"""One thread for the work of a system beside the simulation."""
+"""A thread on which a system works in parallel with the simulation."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,25 +11,25 @@ _T = TypeVar("_T")
 
 
 class Background:
-    """Runs work on one thread, which is started by the constructor, one piece after the other."""
+    """Runs pieces of work one after the other on one thread, which the constructor starts."""
 
     def __init__(self, name: str):
         """Starts the thread.
 
         Args:
-            name: Name of the thread, also in the error of a use after `close`.
+            name: Name of the thread; the error of `submit` after `close` quotes it.
         """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        # Without work, an executor starts no thread.
+        # An executor starts its thread with the first piece of work.
         self._executor.submit(int).result()
         self._futures: list[Future[Any]] = []
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Returns the future result of the work.
+        """Queues a piece of work and returns the future for its result.
 
         Raises:
-            StationError: after `close`.
+            StationError: if this object has been closed.
         """
         try:
             future = self._executor.submit(work, *args, **kwargs)
@@ -42,7 +42,7 @@ class Background:
         return future
 
     def close(self) -> None:
-        """Finishes the current or next piece of work, and cancels the others."""
+        """Waits for the current or next piece of work, cancels the others, and ends the thread."""
         for future in self._unfinished()[1:]:
             future.cancel()
         self._executor.shutdown(wait=True)

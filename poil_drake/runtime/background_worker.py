@@ -10,10 +10,10 @@ Job = Callable[[], None]
 
 
 class BackgroundWorker:
-    """Runs jobs in a separate thread, one after the other, in the order of their submission.
+    """Runs jobs in a separate thread, one after the other, in the order of submission.
 
-    An exception in a job stops the work: the next `submit` or `close` raises it, and the jobs after
-    it are dropped.
+    After an exception in a job, no further job runs; the next `submit` or `close` raises the
+    exception.
 
     Args:
         name: The thread's name.
@@ -26,7 +26,7 @@ class BackgroundWorker:
         self._error: Exception | None = None
         self._closed = False
         self._dropped = 0
-        # A daemon, so that a program without `close` can still end.
+        # A daemon, so that a program that does not call `close` can still end.
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
@@ -39,11 +39,11 @@ class BackgroundWorker:
         """Queues a job.
 
         Raises:
-            ValueError: after `close`.
-            Exception: the one that an earlier job raised.
+            ValueError: if the worker has been closed.
+            Exception: the exception that an earlier job raised.
         """
         if self._closed:
-            raise ValueError("The worker is closed.")
+            raise ValueError(f"The worker '{self._thread.name}' is closed and takes no more jobs.")
         self._raise_error()
         try:
             self._jobs.put(job, block=not may_drop)
@@ -54,7 +54,7 @@ class BackgroundWorker:
         """Waits until all jobs are done and ends the thread. A second call does nothing.
 
         Raises:
-            Exception: the one that a job raised, if no `submit` has raised it.
+            Exception: the exception that a job raised, unless a `submit` has raised it already.
         """
         if self._closed:
             return
@@ -76,7 +76,7 @@ class BackgroundWorker:
             TURNS.wait()
             try:
                 job()
-            # Any exception: the caller's thread raises it.
+            # Any exception, because the caller's thread raises it.
             except Exception as error:
                 failed = True
                 self._error = error

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends a process by default: Ctrl-C, `kill`, a terminal that closes."""
+"""The signals of Ctrl-C, `kill` and a closing terminal, which end a process by default."""
 
 
 @contextmanager
 def HeldSignals() -> Iterator[None]:
-    """Delays `ENDING` signals until the end of a block; each is then raised once.
+    """Delays `ENDING` signals until the end of the `with` block; each is then raised once.
 
     Python handles signals on its main thread, so on any other thread this does nothing. (A signal
     mask would not help: another thread would receive the signal, and the main thread would still
@@ -29,7 +29,7 @@ def HeldSignals() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in ENDING}
     left, raised = list(ENDING), None
     while left:
-        # A signal that arrives here still calls its old handler. What that raises is delayed, too.
+        # A signal that arrives here still calls its old handler, whose exception is delayed, too.
         try:
             while left:
                 signal.signal(left[0], hold)

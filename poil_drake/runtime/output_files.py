@@ -1,4 +1,4 @@
-"""Output files: checked before the work that makes them, and written whole or not at all."""
+"""Checks output files before the work that produces them, and writes them whole or not at all."""
 
 import os
 import secrets
@@ -20,20 +20,20 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
 
     Args:
         path: The output.
-        inputs: Files that the output must not overwrite; None means no file.
+        inputs: Files that the output must not overwrite; None entries are ignored.
 
     Raises:
-        OutputError: if it cannot be written, or is one of the inputs.
+        OutputError: if the file cannot be written, or is one of the inputs.
     """
     for given in inputs:
         if given and path.resolve() == Path(given).resolve():
             raise OutputError(
                 f"The output '{path}' would overwrite the input '{given}'.",
-                remedy="Name another file.",
+                remedy="Choose another output file.",
             )
     if path.is_dir():
         raise OutputError(
-            f"The output '{path}' is a folder.", remedy="Name a file, e.g. one in that folder."
+            f"The output '{path}' is a folder.", remedy="Choose a file, e.g. one in that folder."
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,25 +42,25 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
     except OSError as error:
         raise OutputError(
             f"The output '{path}' cannot be written ({error.strerror}).",
-            remedy="Choose a folder that can be written to.",
+            remedy="Choose a folder in which you may create files.",
         ) from error
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Yields a binary file to write to, which replaces `path` once it is closed.
+    """Yields a binary file to write to, which replaces `path` at the end of the `with` block.
 
-    If writing fails, the old file stays. Readers therefore never see half a file, and several
-    processes may write the same one. Folders are created if needed. An existing path that is not a
-    regular file, such as /dev/stdout, is written to directly.
+    If the block raises an exception, the old file stays. Readers therefore never see half a file,
+    and several processes may write to the same path. Folders are created if needed. An existing
+    path that is not a regular file, such as /dev/stdout, is written to directly.
 
     Args:
-        path: The file; a link is followed.
+        path: The file; symbolic links are followed.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
-    # Before the link is followed, because a link to a pipe leads to no path.
+    # Checked before links are resolved, because a link to a pipe resolves to no existing path.
     if path.exists() and not path.is_file():
         with path.open("wb") as file:
             yield file
@@ -69,7 +69,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
-        # Not a `tempfile`, which other users could not read.
+        # Not a `tempfile`, because other users could not read it.
         with scratch.open("xb") as file:
             yield file
         os.replace(scratch, path)

@@ -1,4 +1,4 @@
-"""What makes this process keep real time: memory, scheduling, and an interpreter without pauses."""
+"""Helps this process keep real time: memory, scheduling, and an interpreter without pauses."""
 
 import ctypes
 import gc
@@ -18,24 +18,24 @@ _SET_THP_DISABLE = 41
 """From linux/prctl.h."""
 
 _SWITCH_INTERVAL = 1e-4
-"""How long another thread may keep the interpreter from the loop [s]."""
+"""How long another thread may hold the interpreter lock when the loop needs it [s]."""
 
 
 def KeepMemory() -> bool:
     """Makes this process reuse freed memory instead of returning it to the kernel.
 
-    The GNU C library gets memory as large as an image from the kernel, which maps it page by page
-    at its first use, and returns it when it is freed. That costs more than copying the image, and
-    holds up the other threads of the process. Real-time programs prevent it at their start
+    For blocks as large as an image, the GNU C library requests memory from the kernel, which maps
+    it page by page on first use, and returns it when it is freed. That costs more than copying the
+    image, and blocks the other threads of the process. Real-time programs prevent this at startup
     (https://wiki.linuxfoundation.org/realtime/documentation/howto/applications/memory/mlockall_dynamic_allocation_sample).
-    Threads started later share one arena, which keeps the memory. This holds for the rest of the
-    process.
+    Threads started later share one arena, which keeps the memory. The settings last until the
+    process ends.
 
-    The kernel also stops merging the pages of this process into huge ones, which halts whatever
-    runs on the core for milliseconds. Processes started later inherit that.
+    The kernel also stops merging the pages of this process into huge pages. A merge halts whatever
+    runs on the core for milliseconds. Child processes started later inherit this setting.
 
     Returns:
-        Whether the C library supports it.
+        Whether the C library supports these settings.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
@@ -48,14 +48,14 @@ def KeepMemory() -> bool:
 
 @contextmanager
 def QuietInterpreter(*, collecting: bool = False) -> Iterator[None]:
-    """Keeps garbage collection and long turns of other threads out of a loop.
+    """Keeps garbage collection and long turns of other threads out of the loop in a `with` block.
 
-    Imported libraries and the diagram are never scanned for garbage. OpenCV computes on the calling
-    thread, because its own threads would not have the loop's priority.
+    Objects that exist at the start, e.g. imported libraries and the diagram, are not scanned for
+    garbage. OpenCV computes on the calling thread, as its own threads lack the loop's priority.
 
     Args:
-        collecting: Whether new objects are still collected, and threads and OpenCV work as usual;
-            for a loop that does not run in real time.
+        collecting: Whether to collect new objects, and to leave OpenCV and the switching of threads
+            unchanged; for a loop that does not run in real time.
     """
     interval, enabled = sys.getswitchinterval(), gc.isenabled()
     threads = cv2.getNumThreads()
@@ -81,21 +81,21 @@ def RealTimeScheduling(
 ) -> Iterator[bool]:
     """Gives the calling thread a real-time priority (SCHED_FIFO), if the kernel permits it.
 
-    Linux permits it to root, and to users with an `rtprio` in /etc/security/limits.conf, which the
-    Franka driver needs as well.
+    Linux permits it to root and to users with an `rtprio` entry in /etc/security/limits.conf, which
+    the Franka driver requires as well.
 
-    Python's interpreter belongs to one thread at a time and knows no priorities. If the kernel
-    preempts the thread that holds it, even the thread with the highest priority waits. `followers`
-    avoids that with the next lower priority for the other threads.
+    Only one thread at a time holds Python's interpreter lock, whatever its priority. If the kernel
+    preempts that thread, even the thread with the highest priority waits. `followers` avoids this
+    by giving the other threads the next lower priority.
 
     Args:
-        priority: From 1 to 99, below that of the robot's driver; 0 asks for nothing.
-        inherited: Whether threads and processes started meanwhile inherit the priority.
-        followers: Whether other Python threads of this process get one priority less, unless they
-            have a real-time priority already.
+        priority: From 1 to 99, below that of the robot's driver; 0 changes nothing.
+        inherited: Whether threads and processes started in the `with` block inherit the priority.
+        followers: Whether the other Python threads of this process get the next lower priority,
+            unless they already have a real-time priority.
 
     Yields:
-        Whether the kernel permitted it.
+        Whether the calling thread got the priority.
     """
     policy = os.SCHED_FIFO | (0 if inherited else os.SCHED_RESET_ON_FORK)
     before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
@@ -111,7 +111,7 @@ def RealTimeScheduling(
 
 
 def _raise_others(priority: int) -> list[int]:
-    """Raises the priority of the other threads, and returns the kernel's IDs of those it raised."""
+    """Raises the other threads to `priority`; returns the native IDs of those that it raised."""
     others = [thread.native_id for thread in threading.enumerate()]
     policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
     return [

@@ -1,4 +1,4 @@
-"""Wall-clock durations of the work of systems, for reports; nothing in a simulation reads them."""
+"""Measures how long systems take, in wall-clock time, for reports; no simulation reads it."""
 
 import time
 from collections import defaultdict
@@ -9,14 +9,14 @@ import numpy as np
 
 
 class Stopwatch:
-    """Collects how long named pieces of work took; threads may share it."""
+    """Collects the durations of named pieces of work; threads may share an instance."""
 
     def __init__(self) -> None:
         self._durations: defaultdict[str, list[float]] = defaultdict(list)
 
     @contextmanager
     def measure(self, name: str) -> Iterator[None]:
-        """Adds the duration of the `with` block to those of `name`, even if the block raises."""
+        """Appends the duration of the `with` block to those of `name`, even if the block raises."""
         start = time.perf_counter()
         try:
             yield
@@ -28,5 +28,5 @@ class Stopwatch:
         return np.array(self._durations.get(name, ()))
 
     def totals(self) -> dict[str, float]:
-        """Returns the sum of the durations [s] of every name."""
+        """Returns the total duration [s] for each name."""
         return {name: float(np.sum(durations)) for name, durations in self._durations.items()}

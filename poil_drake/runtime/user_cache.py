@@ -14,10 +14,10 @@ def user_cache_directory() -> Path:
 
 
 def cached_directory(*, name: str, version: str, make: Callable[[Path], None]) -> Path:
-    """Returns a directory of generated files, and generates it if it does not exist yet.
+    """Returns a directory of generated files, after generating it if it does not exist yet.
 
-    The directory appears whole or not at all. So several processes may ask for it at the same time,
-    and an interrupted one leaves nothing behind.
+    The directory appears whole or not at all. So several processes may request it at the same time,
+    and an interrupted process never leaves an incomplete directory under its name.
 
     Args:
         name: Name of the contents, e.g. "panda".

@@ -24,28 +24,28 @@ import numpy as np
 from poil_drake.errors import PoilError
 from poil_drake.runtime.interpreter_turns import TURNS
 
-_GRACE = 2.0  # [s] that a worker gets to end by itself
-_LOOK = 1.0  # [s] between two checks whether a busy worker still runs
+_GRACE = 2.0  # Time that a worker gets to end by itself [s].
+_LOOK = 1.0  # Time between two checks whether a busy worker still runs [s].
 
 
 class WorkerEndedError(Exception):
-    """The process has ended. The message is a clause with its exit status, if known."""
+    """The process has ended. The message lacks the subject, e.g. "has ended with status 1"."""
 
 
 class WorkerProcess:
-    """Runs a module as a separate program and asks it.
+    """Runs a module as a separate program, which answers requests.
 
     Arrays go through shared memory in both directions. The worker is neither a fork nor a
-    `multiprocessing.Process`, which would run the user's script again. It ends with this object and
-    with this process, however they end. While the worker computes, other threads of this process
-    run. Only one thread may ask at a time.
+    `multiprocessing.Process`, which would run the user's script again. It ends when this object or
+    this process ends, for whatever reason. While the worker computes, other threads of this process
+    can run. Only one thread at a time may call `ask`.
     """
 
     def __init__(self, module: str, setup: object):
-        """Starts the process; does not wait for it.
+        """Starts the process, without waiting until it is ready.
 
         Args:
-            module: Name of the module. As a program, it calls `serve`.
+            module: Name of the module, which calls `serve` when run as a program.
             setup: Passed to the `make_handler` of `serve`.
         """
         connection, theirs = Pipe()
@@ -57,11 +57,11 @@ class WorkerProcess:
                 pass_fds=inherited,
                 env=_environment(),
                 stdin=subprocess.DEVNULL,
-                # Ctrl-C goes to this process only, which then ends the worker.
+                # Ctrl-C reaches only this process, which then ends the worker.
                 process_group=0,
             )
         self._channel = _Channel(connection, *files)
-        # The worker ends once its connection is closed, which the end of this process does, too.
+        # The worker ends once its connection is closed, as it also is when this process ends.
         self._close = weakref.finalize(self, self._channel.close)
         # As bytes, because the first request may overwrite the arrays before the worker reads them.
         self._channel.send(pickle.dumps(setup))
@@ -77,11 +77,11 @@ class WorkerProcess:
         return self._process.poll() is None
 
     def ask(self, request: object) -> Any:
-        """Sends a request and returns the answer. Contiguous arrays in it are read-only.
+        """Sends a request and returns the answer, in which contiguous arrays are read-only.
 
         Raises:
-            PoilError: the one that the worker raised.
-            RuntimeError: with the traceback of any other error of the worker.
+            PoilError: if the worker raised it.
+            RuntimeError: if the worker raised any other error; the message holds its traceback.
             WorkerEndedError: if the process has ended, or ends before it answers.
         """
         if not self._close.alive:
@@ -105,9 +105,9 @@ class WorkerProcess:
         return answer
 
     def _wait_for_answer(self) -> None:
-        """Waits for the answer or the end of the process; raises an EOFError at the latter.
+        """Waits for the answer; raises an EOFError if the process ends without one.
 
-        A child of the process may have inherited its end of the connection, and keep it open.
+        Checks the process, because its child may have inherited the connection and keep it open.
         """
         while not self._channel.readable(_LOOK):
             if not self.alive and not self._channel.readable(0.0):
@@ -121,11 +121,11 @@ class WorkerProcess:
         )
 
     def kill(self) -> None:
-        """Ends the process at once; a pending `ask` raises a WorkerEndedError."""
+        """Kills the process; a pending `ask` raises a WorkerEndedError."""
         self._process.kill()
 
     def end(self) -> None:
-        """Closes the connection, and waits for the process to end."""
+        """Closes the connection and waits for the process to end; kills it after 2 s."""
         self._close()
         try:
             self._process.wait(_GRACE)
@@ -135,13 +135,13 @@ class WorkerProcess:
 
 
 def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
-    """Serves a `WorkerProcess`; the main program of its module calls this.
+    """Answers the requests of a `WorkerProcess`; the main program of its module calls this.
 
     Args:
-        make_handler: Makes the function that answers requests from the worker's setup. If it
-            raises an error, that error is the answer to every request.
+        make_handler: Takes the `setup` of the `WorkerProcess`, and returns the function that
+            answers a request. If it raises an error, that error is the answer to every request.
     """
-    # Interrupts are for the process that started this one, which then closes the connection.
+    # The process that started this one handles interrupts, and then closes the connection.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     connection, requests, answers = map(int, sys.argv[1:4])
@@ -174,12 +174,12 @@ class _Channel:
     """
 
     def __init__(self, connection: Connection, sent: int, received: int):
-        """Takes over the open files of the memory for sent and for received arrays."""
+        """Takes ownership of the open files that hold the sent and the received arrays."""
         self._connection = connection
         self._sent, self._received = _SharedMemory(sent), _SharedMemory(received)
 
     def send(self, value: object) -> None:
-        """Sends anything that can be pickled; its contiguous arrays go through shared memory."""
+        """Sends any value that can be pickled; its contiguous arrays go through shared memory."""
         buffers: list[pickle.PickleBuffer] = []
         message = pickle.dumps(value, protocol=5, buffer_callback=buffers.append)
         arrays = [np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers]
@@ -190,11 +190,11 @@ class _Channel:
         self._connection.send_bytes(message)
 
     def readable(self, timeout: float) -> bool:
-        """Returns whether a value, or the end, arrives within some time [s]."""
+        """Returns whether a value arrives or the other end closes within `timeout` [s]."""
         return self._connection.poll(timeout)
 
     def receive(self) -> Any:
-        """Waits for a value and returns it; arrays from shared memory are read-only copies.
+        """Waits for a value and returns it; its contiguous arrays are read-only copies.
 
         Raises:
             EOFError: if the other end is closed.
@@ -217,7 +217,7 @@ class _SharedMemory:
         self._memory: mmap.mmap | None = None
 
     def places(self, sizes: list[int]) -> list[np.ndarray]:
-        """Returns arrays of bytes that lie in the memory one after the other."""
+        """Returns consecutive byte arrays of these sizes in the memory, growing it if needed."""
         end = np.cumsum([0, *sizes])
         if self._memory is None or len(self._memory) < end[-1]:
             size = max(int(end[-1]), mmap.PAGESIZE)
@@ -229,7 +229,7 @@ class _SharedMemory:
 
 
 def _environment() -> dict[str, str]:
-    """Returns the worker's environment: the same modules as here, and one thread for maths.
+    """Returns the worker's environment: this process's module path, and one thread for maths.
 
     More threads would only compete for the cores.
     """

@@ -21,7 +21,7 @@ def test_require_writable_makes_folders_and_leaves_files_alone(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("name", "error"),
     [
-        ("", "is a folder.*Name a file"),
+        ("", "is a folder.*Choose a file"),
         ("file/plan.npz", "cannot be written.*Choose a folder"),
         pytest.param(
             "/proc/self/run.html",

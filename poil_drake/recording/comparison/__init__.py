@@ -1,1 +1,1 @@
-"""Comparison of a run and its replay, which had the same inputs."""
+"""Compares a run with its replay, which had the same inputs."""

@@ -1,4 +1,4 @@
-"""Compares a run and its replay, which had the same inputs."""
+"""Compares a run with its replay, which had the same inputs."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,18 +21,18 @@ from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun
 from poil_drake.recording.run_log.series import Series
 
 PHASE, TRACKS = "phase", "tracks"
-"""What two runs may differ in besides signals."""
+"""Values of `FirstDifference.what` besides the names of signals."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceStatistics:
-    """Size of a difference, NaN where nothing was compared.
+    """Statistics of the sizes of differences; NaN if nothing was compared.
 
     Attributes:
         count: Number of samples.
         median: Median.
         percentile_95: 95th percentile.
-        maximum: Largest.
+        maximum: Maximum.
     """
 
     count: int
@@ -42,11 +42,11 @@ class DifferenceStatistics:
 
     @classmethod
     def of(cls, values: np.ndarray) -> "DifferenceStatistics":
-        """Returns the statistics of some differences, NaN left out."""
+        """Returns the statistics of the values that are not NaN."""
         known = values[~np.isnan(values)]
         if not known.size:
             return cls(count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan)
-        # One of the samples each, because infinite ones cannot be interpolated.
+        # Each percentile is one of the samples, because infinite samples cannot be interpolated.
         median, percentile_95 = np.percentile(known, [50.0, 95.0], method="higher")
         return cls(
             count=known.size,
@@ -58,7 +58,7 @@ class DifferenceStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseComparison:
-    """A phase and its start in the run and in its replay [s]; NaN where it does not occur."""
+    """A phase and its start times in the run and in the replay [s]; NaN if it does not occur."""
 
     name: str
     recorded: float
@@ -66,7 +66,7 @@ class PhaseComparison:
 
     @property
     def alone(self) -> bool:
-        """Whether only one of the two has it."""
+        """Whether the phase occurs in only one of the two runs."""
         return math.isnan(self.recorded) or math.isnan(self.replayed)
 
 
@@ -77,11 +77,11 @@ class FirstDifference:
     Attributes:
         time: When [s].
         what: A signal, `PHASE` or `TRACKS`.
-        phase: The phase of the recorded run.
-        size: How large the difference is, in the signal's unit, or [s]; infinite if only one of
-            the two has it. Of `TRACKS`, the share that cannot be compared.
-        tolerance: The tolerance that it exceeds.
-        began: The phase that differs, if `what` is `PHASE`.
+        phase: The phase of the recorded run at that time.
+        size: Size of the difference: for a signal in its unit, for `PHASE` [s], for `TRACKS` the
+            share that cannot be compared. Infinite if only one run has the value or the phase.
+        tolerance: The tolerance that `size` exceeds.
+        began: The phase that differs, if `what` is `PHASE`; otherwise None.
     """
 
     time: float
@@ -98,18 +98,18 @@ _Difference = tuple[float, str, float, float, PhaseComparison | None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunComparison:
-    """How a replay differs from the run.
+    """How a replay differs from its run.
 
     Attributes:
-        differences: Signal -> its differences, infinite where only one of the two is finite.
-        judged: The differences that are held against the tolerances. Those of velocities allow
-            either run to be `ReplayTolerances.shift` earlier or later while points move the arm,
-            and for `ReplayTolerances.phase_start` after.
-        phases: The phases of both, in order.
-        spans: Each phase of the recorded run: name, start and end [s].
+        differences: Signal -> its differences; infinite where only one of the two runs is finite.
+        judged: Signal -> the differences to which the tolerances apply. For velocities, either run
+            may be `ReplayTolerances.shift` earlier or later while points move the arm, and for
+            `ReplayTolerances.phase_start` afterwards.
+        phases: The phases of both runs.
+        spans: Name, start and end [s] of each phase of the recorded run.
         tolerances: The tolerances.
         tracks: How the tracks differ.
-        commands: How many samples of commands the recorded run has.
+        commands: Number of command samples in the recorded run.
     """
 
     differences: Mapping[str, Series]
@@ -122,7 +122,7 @@ class RunComparison:
 
     @cached_property
     def first(self) -> FirstDifference | None:
-        """The first difference above its tolerance; None if there is none."""
+        """The earliest difference that exceeds its tolerance; None if there is none."""
         found = [*self._signals_above(), *self._phases_apart(), *self._tracks_missing()]
         if not found:
             return None
@@ -138,20 +138,20 @@ class RunComparison:
 
     @property
     def same(self) -> bool:
-        """Whether anything was compared and no difference is above its tolerance."""
+        """Whether joint velocities were compared and no difference exceeds its tolerance."""
         return self.first is None and self.statistics(JOINT_VELOCITY).count > 0
 
     @property
     def phases_agree(self) -> bool:
-        """Whether the same phases began at the same times."""
+        """Whether the same phases began at the same times, within the tolerance."""
         return not any(self._differs(phase) for phase in self.phases)
 
     def statistics(self, signal: str) -> DifferenceStatistics:
-        """Returns the statistics of a signal's differences over the run."""
+        """Returns the statistics of a signal's differences over the whole run."""
         return DifferenceStatistics.of(self.differences[signal].values[:, 0])
 
     def statistics_by_phase(self, signal: str) -> dict[str, DifferenceStatistics]:
-        """Returns the same for each phase of the recorded run."""
+        """Returns the statistics of a signal's differences in each phase of the recorded run."""
         series = self.differences[signal]
         found = {}
         for name, start, end in self.spans:
@@ -160,12 +160,12 @@ class RunComparison:
         return found
 
     def limits(self, signal: str) -> np.ndarray:
-        """Returns the tolerance (T,) of each judged difference; infinite where none applies.
+        """Returns the (T,) tolerances of the judged differences; infinite where none applies.
 
-        Points count in the phases in which they move the arm. While both runs are in the same other
-        phase, which began at the same time in both, the tolerance of velocities is
-        `ReplayTolerances.elsewhere`; but not directly after points moved the arm, while their
-        effect fades.
+        Tracked points have a tolerance only in the phases in which they move the arm. The velocity
+        tolerances are those in `ReplayTolerances.elsewhere` while both runs are in the same other
+        phase, if it began at the same time in both; but not for `ReplayTolerances.phase_start`
+        after points moved the arm, while their effect fades.
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
@@ -179,12 +179,12 @@ class RunComparison:
         return limits
 
     def judged_maximum(self, signal: str) -> float:
-        """Returns the largest judged difference where the signal's tolerance holds; NaN if none."""
+        """Returns the largest judged difference where the usual tolerance applies; NaN if none."""
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
     def _common_spans(self, tolerance: float) -> Iterator[tuple[float, float]]:
-        """Yields start and end [s] of the phases that began at the same time in both runs."""
+        """Yields the spans [s] in which both runs are in a phase that began at the same time."""
         begun = [phase for phase in self.phases if not math.isnan(phase.recorded)]
         for k, (phase, (_, start, end)) in enumerate(zip(begun, self.spans, strict=True)):
             if abs(phase.recorded - phase.replayed) <= tolerance:
@@ -196,7 +196,7 @@ class RunComparison:
         starts, late = (phase.recorded, phase.replayed), self.tolerances.phase_start
         alone = {math.isnan(other.recorded) for other in self.phases if other.alone}
         if phase.alone and len(alone) == 1 and np.nanmin(starts) > end - late:
-            return False  # The other run may have ended just before it.
+            return False  # The other run may have ended just before this phase.
         return not abs(starts[0] - starts[1]) <= late
 
     def _signals_above(self) -> Iterator[_Difference]:
@@ -227,12 +227,12 @@ class RunComparison:
 def compare_runs(
     recorded: RecordedRun, replayed: RecordedRun, tolerances: ReplayTolerances
 ) -> RunComparison:
-    """Compares two runs at the sample times that both have.
+    """Compares two runs at the sample times that they have in common.
 
     Args:
         recorded: The run.
-        replayed: Its replay.
-        tolerances: The tolerances.
+        replayed: The replay of that run.
+        tolerances: The differences up to which the two count as the same.
     """
     commands = SignalPair.of(recorded.commands, replayed.commands)
     twists = SignalPair.of(recorded.twist, replayed.twist)
@@ -263,7 +263,7 @@ def _moved(
     *,
     fading: float = 0.0,
 ) -> np.ndarray:
-    """Returns whether points move the arm at some times (T,) [s], or did `fading` [s] before."""
+    """Returns whether points move the arm at (T,) times [s], or did up to `fading` [s] before."""
     moved = np.zeros(len(times), dtype=bool)
     for name, start, end in spans:
         if name in tolerances.point_phases:
@@ -274,7 +274,7 @@ def _moved(
 def _velocity_differences(
     commands: SignalPair, twists: SignalPair, *, shift: float
 ) -> dict[str, Series]:
-    """Returns each velocity's differences (T, 1) up to a `shift` in time [s]."""
+    """Returns the (T, 1) differences of each velocity, allowing a time `shift` [s]."""
     joints, twist = commands.differences(shift), twists.differences(shift)
     largest = np.max(joints, axis=1, initial=0.0)
     angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
@@ -288,7 +288,7 @@ def _velocity_differences(
 def _compare_phases(
     recorded: Sequence[PhaseStart], replayed: Sequence[PhaseStart]
 ) -> tuple[PhaseComparison, ...]:
-    """Returns the phases of both, paired while they are the same, and then all others."""
+    """Pairs the phases of both runs up to the first that differs; the rest occur in only one."""
     pairs = zip(recorded, replayed, strict=False)
     same = sum(1 for _ in takewhile(lambda pair: pair[0].name == pair[1].name, pairs))
     rows = [
@@ -300,7 +300,7 @@ def _compare_phases(
 
 
 def _spans(run: RecordedRun) -> tuple[tuple[str, float, float], ...]:
-    """Returns the phases; the last one ends after the last sample."""
+    """Returns name, start and end [s] of each phase; the last ends just after the last sample."""
     starts = [phase.time for phase in run.phases]
     last = math.nextafter(max([run.end, *starts]), math.inf)
     ends = [*starts[1:], last]

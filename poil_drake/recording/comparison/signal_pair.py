@@ -1,4 +1,4 @@
-"""Differences of two runs' samples of one signal."""
+"""Differences between two runs' samples of the same signal."""
 
 from typing import NamedTuple, Self
 
@@ -7,16 +7,16 @@ import numpy as np
 from poil_drake.recording.run_log.series import Series
 
 _ROUNDING = 1e-9
-"""Rounding of times that were written as nanoseconds [s]."""
+"""Tolerance for the rounding of times to nanoseconds [s]."""
 
 
 class SignalPair(NamedTuple):
     """A signal in two runs, at the times that both have.
 
     Attributes:
-        times: (T,) [s], in order.
-        a: (T, n) its values in one run.
-        b: (T, n) its values in the other.
+        times: (T,) sample times [s], sorted.
+        a: (T, n) values of the signal in the first run.
+        b: (T, n) values of the signal in the second run.
     """
 
     times: np.ndarray
@@ -31,14 +31,14 @@ class SignalPair(NamedTuple):
         return cls(a.times[in_a], a.values[in_a], b.values[in_b])
 
     def differences(self, shift: float = 0.0) -> np.ndarray:
-        """Returns the absolute differences (T, n).
+        """Returns the (T, n) absolute differences.
 
         They are zero where neither value is finite, and infinite where only one is.
 
         Args:
-            shift: How much earlier or later either may be [s]. Each value is then compared with the
-                range of the other run's values within that time: what counts is how far the value
-                is outside, element by element, and in the run in which that is more.
+            shift: How much earlier or later either run may be [s]. The difference is then the
+                distance of each value from the range of the other run's values within that time,
+                element by element; the larger of the two runs' distances counts.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]
@@ -52,12 +52,12 @@ class SignalPair(NamedTuple):
     def _bounds(
         self, values: np.ndarray, finite: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the extremes (T, n) of the finite values within `shift` [s] of each sample."""
+        """Returns the (T, n) minima and maxima of finite values within `shift` [s] of each time."""
         reach = shift + _ROUNDING
         first = np.searchsorted(self.times, self.times - reach)
         last = np.searchsorted(self.times, self.times + reach, side="right")
-        # `reduceat` reduces from each index to the next; every other result is a window's. A row
-        # that changes nothing makes the end of the last window a valid index.
+        # `reduceat` reduces from each index to the next; every other result is that of a window. A
+        # neutral last row makes the end of the last window a valid index.
         windows = np.column_stack([first, last]).ravel()
         padded = [
             np.vstack([np.where(finite, values, unknown), np.full((1, values.shape[1]), unknown)])

@@ -17,21 +17,20 @@ class ReplayTolerances:
     """The differences up to which two runs count as the same.
 
     Attributes:
-        joint_velocity: Of each joint's commanded velocity [rad/s].
-        angular_velocity: Of the gripper's desired angular velocity [rad/s].
-        linear_velocity: Of its desired linear velocity [m/s].
-        tracked_points: Of each tracked point [m], in the phases in which points move the arm.
-        phase_start: Of the time at which a phase begins [s].
-        shift: How much earlier or later the velocities may be [s] while points move the arm, and
-            for `phase_start` after: where a point is slightly off, the field's reference jumps when
-            the arm is at a slightly different place. Oscillations faster than that are not
-            distinguished.
-        unmatched_tracks: Share of the tracks, in the phases in which points move the arm, that only
-            one of the two has, or that show no point that both saw.
-        point_phases: The phases in which the points move the arm. In others nothing depends on
-            them, and a hand that lets go hides them.
+        joint_velocity: Difference of each joint's commanded velocity [rad/s].
+        angular_velocity: Difference of the gripper's commanded angular velocity [rad/s].
+        linear_velocity: Difference of the gripper's commanded linear velocity [m/s].
+        tracked_points: Distance of each tracked point [m], in the phases `point_phases`.
+        phase_start: Difference of the times at which a phase begins [s].
+        shift: How much earlier or later the velocities may be [s] in the phases `point_phases`, and
+            for `phase_start` afterwards: a small error of a point changes where the field's
+            reference jumps. Oscillations faster than this are not detected.
+        unmatched_tracks: Share of the tracks in the phases `point_phases` that only one run has, or
+            in which no point was seen by both runs.
+        point_phases: The phases in which the points move the arm. In other phases, nothing depends
+            on the points, and the opening hand may hide them.
         elsewhere: The tolerances of the velocities in all other phases, if they began at the same
-            time in both; None: the same.
+            time in both runs; None applies the same tolerances there.
     """
 
     joint_velocity: float
@@ -61,10 +60,10 @@ class ReplayTolerances:
         }[signal]
 
     def at_speed(self, speed: float) -> Self:
-        """Returns the tolerances of a run at a share of the usual speed, in (0, 1].
+        """Returns the tolerances for a run at `speed` times the usual speed, in (0, 1].
 
-        Velocities are smaller by that factor, and the arm takes longer by it to reach a place;
-        `shift` is `phase_start` at most.
+        The velocities scale with `speed`, and the time that the arm takes to reach a place scales
+        with its inverse, as does `shift`, up to `phase_start`.
         """
         return replace(
             self,
@@ -83,7 +82,7 @@ CONTROL_TOLERANCES = ReplayTolerances(
     phase_start=1e-3,
     unmatched_tracks=0.0,
 )
-"""For repeated tracks: all inputs are the same to the last bit. Another processor may round
+"""For a replay of recorded tracks, in which all inputs are identical. Another processor may round
 differently, but no decision may differ."""
 
 PERCEPTION_TOLERANCES = ReplayTolerances(
@@ -95,6 +94,6 @@ PERCEPTION_TOLERANCES = ReplayTolerances(
     shift=0.01,
     elsewhere=CONTROL_TOLERANCES,
 )
-"""For images that are tracked again: they differ slightly from those of the run, as colours are
-compressed and depth is rounded to millimetres. The values are several times the effect of that in
-the usual run at the usual speed. While points move nothing, all inputs are the same."""
+"""For a replay that tracks the images again. They differ slightly from those of the run, because
+colours are compressed and depth is rounded to millimetres. The values are several times the effect
+of that in a typical run at the usual speed. While points move nothing, all inputs are identical."""

@@ -1,4 +1,4 @@
-"""Compares the tracks of a run and its replay."""
+"""Compares the tracks of a run with those of its replay."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from poil_drake.recording.run_log.series import Series
 
 
 class TrackPair(NamedTuple):
-    """The tracks of one set of images: of both runs, or of only one.
+    """The tracks of both runs that come from the same images; one of them may be missing.
 
     Attributes:
-        time: When it was logged [s], in the recorded run if it has it.
-        both: Whether both runs have it.
-        comparable: Whether both have it and saw a point in common, or both saw none.
+        time: When the track was logged [s]; in the recorded run, if that has it.
+        both: Whether both runs have the track.
+        comparable: False if a run lacks it, or if points were seen, but none by both runs.
     """
 
     time: float
@@ -31,11 +31,11 @@ class TrackComparison:
     """How the tracks differ.
 
     Attributes:
-        pairs: The tracks of both, in order of the images that they were taken from.
-        distances: (T, 1) for each pair of tracks, the largest distance of the points that both saw
-            [m]; NaN if there is none, infinite if their numbers of points differ.
-        points: How many points both have, over all pairs of tracks.
-        visibility: How many of them only one of the two saw.
+        pairs: The tracks of both runs, in the order of their images.
+        distances: (T, 1) largest distance [m] between corresponding points that both runs saw, per
+            track that both have; NaN if no point, infinite if the numbers of points differ.
+        points: Number of points that both runs have, over all tracks.
+        visibility: Number of these points that only one of the two runs saw.
     """
 
     pairs: Sequence[TrackPair]
@@ -52,11 +52,11 @@ class TrackComparison:
 def compare_tracks(
     recorded: Sequence[LoggedTrack], replayed: Sequence[LoggedTrack]
 ) -> TrackComparison:
-    """Compares tracks of the same images: those of the same stamp.
+    """Compares the tracks of the same images, which have the same stamp.
 
     Args:
         recorded: The tracks of the run.
-        replayed: Those of its replay.
+        replayed: The tracks of its replay.
     """
     run, replay = (
         {round(1e9 * logged.track.stamp): logged for logged in tracks}
@@ -84,7 +84,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the largest distance of common points [m], and whether the tracks can be compared."""
+    """Returns the largest distance of common points [m], and `TrackPair.comparable`."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

@@ -1,4 +1,4 @@
-"""A recorded camera, played back in real time."""
+"""Plays back a recorded camera in real time."""
 
 import time
 
@@ -16,9 +16,9 @@ from poil_drake.runtime.interpreter_turns import TURNS
 
 
 class CameraPlayback:
-    """One camera of a demonstration or of a run's log; a `CaptureDevice`.
+    """A `CaptureDevice` that plays back one camera of a demonstration or run log.
 
-    Images are decoded when they are due; images that are overdue by then are skipped. See
+    An image is decoded when it is due; if several are due, all but the latest are skipped. See
     `McapPlayback` for the meaning of the stamps.
     """
 
@@ -27,7 +27,7 @@ class CameraPlayback:
 
         Args:
             config: The file, and how to play it.
-            camera: The camera's model in the scenario, with the intrinsics of the recording.
+            camera: The camera's model in the scenario; its intrinsics must match the recording.
             clock: Returns the current time [s since the epoch].
 
         Raises:
@@ -36,7 +36,7 @@ class CameraPlayback:
         if not config.file:
             raise InvalidValueError(
                 f"McapPlayback.file of camera '{camera.name}' is empty.",
-                remedy="Give a demonstration or the log of a run.",
+                remedy="Set it to a demonstration or to the log of a run.",
             )
         self._config, self._camera, self._clock = config, camera, clock
         self._source = f"Camera '{camera.name}'"
@@ -75,7 +75,7 @@ class CameraPlayback:
             if self._time_of(number + 1) == np.inf:
                 raise NoImageError(
                     f"{self._source}: {self._config.file} has ended.",
-                    remedy="Play it in a loop (loop: true), or take a longer recording.",
+                    remedy="Play it in a loop (loop: true), or use a longer recording.",
                 )
             return None
         self._played = number
@@ -97,28 +97,27 @@ class CameraPlayback:
         file, wanted, model = self._config.file, self._camera, recording.cameras[0]
         if (model.height, model.width) != (wanted.height, wanted.width):
             raise CaptureError(
-                f"{self._source}: {file} holds {model.width} x {model.height} pixels, but "
-                f"{wanted.width} x {wanted.height} are needed.",
-                remedy="Give the camera in the scenario the size and the calibration of the "
-                "recording.",
+                f"{self._source}: the images in {file} have {model.width} x {model.height} pixels, "
+                f"but the camera in the scenario has {wanted.width} x {wanted.height}.",
+                remedy="Set its size and calibration in the scenario to those of the recording.",
             )
         check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
         frames = recording.frames
         if self._config.labels and isinstance(frames, RecordedFrames) and not frames.labelled:
             raise CaptureError(
-                f"{self._source}: {file} holds no label images of it.",
-                remedy="Write labels: false, or take a recording that has them.",
+                f"{self._source}: {file} has no label images of this camera.",
+                remedy="Set labels: false, or use a recording with label images.",
             )
 
     def _due(self, elapsed: float) -> int:
-        """Returns the number of the latest image at this time [s], counted through all loops."""
+        """Returns the number of the image due at `elapsed` [s], counted through all loops."""
         count = len(self._offsets)
         loops = max(int(elapsed // self._cycle), 0) if self._config.loop else 0
         within = elapsed - loops * self._cycle
         return loops * count + int(np.searchsorted(self._offsets, within, side="right")) - 1
 
     def _time_of(self, number: int) -> float:
-        """Returns when an image is due [s from the start]; infinity after the end."""
+        """Returns when image `number` is due [s from the start]; infinity after the last one."""
         loops, index = divmod(number, len(self._offsets))
         if loops > 0 and not self._config.loop:
             return np.inf

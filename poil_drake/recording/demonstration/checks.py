@@ -18,12 +18,12 @@ from poil_drake.recording.demonstration.layout import (
 from poil_drake.recording.mcap.timestamps import to_seconds
 
 MIN_FRAMES = 2
-# The goal is the end of the demonstration, so no camera may stop much before the others.
+# The end of the demonstration shows the goal, so no camera may stop much before the others.
 MAX_MISSING_END = 0.5  # [s]
 
 
 def camera_names(path: Path, contents: Contents) -> list[str]:
-    """Returns the cameras of the metadata, and then others by their names."""
+    """Returns the camera names: those in the metadata, in that order, then any others, sorted."""
     text = contents.metadata.get(CAMERAS_KEY, "[]")
     try:
         listed = json.loads(text)
@@ -32,48 +32,48 @@ def camera_names(path: Path, contents: Contents) -> list[str]:
     if not isinstance(listed, list):
         raise DemonstrationError(
             f"{path}: the metadata '{CAMERAS_KEY}' is not a JSON list: {text[:80]}",
-            remedy="See docs/demonstration_format.md for what it may hold.",
+            remedy='Use a list of camera names, e.g. ["left", "right"].',
         )
     names = list(dict.fromkeys([*map(str, listed), *sorted(contents.cameras)]))
     if not names:
         raise DemonstrationError(
-            f"{path} holds no camera: it has no topic {camera_topic('<name>', 'image')}.",
-            remedy="Record colour, depth and calibration of each camera, see "
+            f"{path} has no camera: no topic is named {camera_topic('<name>', 'image')}.",
+            remedy="Record colour, depth and calibration of each camera, as described in "
             "docs/demonstration_format.md.",
         )
     return names
 
 
 def check_camera(path: Path, contents: Contents, name: str) -> None:
-    """Raises an error unless a camera has colour, depth and calibration."""
+    """Raises a DemonstrationError unless a camera has colour, depth and calibration."""
     camera, kinds = contents.cameras.get(name, CameraContents()), ("image", "depth", "calibration")
-    present = " and ".join(kind for kind in kinds if getattr(camera, kind)) or "none of the three"
+    present = " and ".join(kind for kind in kinds if getattr(camera, kind)) or "no other topic"
     for kind in kinds:
         messages, topic = getattr(camera, kind), camera_topic(name, kind)
         if not messages:
             raise DemonstrationError(
-                f"{path}: camera '{name}' has no topic {topic}, but {present}; the cameras in the "
-                f"file are: {', '.join(repr(c) for c in sorted(contents.cameras)) or 'none'}.",
-                remedy="Record colour, depth and calibration of each camera, or name the cameras "
-                "to use.",
+                f"{path}: camera '{name}' has no topic {topic}; it has {present}. Cameras in the "
+                f"file: {', '.join(repr(c) for c in sorted(contents.cameras)) or 'none'}.",
+                remedy="Record colour, depth and calibration of each camera, or select a camera "
+                "that has all three.",
             )
         if kind != "calibration" and len(messages) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{path}: topic {topic} has {len(messages)} message, fewer than {MIN_FRAMES} "
-                "frames.",
+                f"{path}: topic {topic} has only {len(messages)} message, but at least "
+                f"{MIN_FRAMES} are needed.",
                 remedy="Record the whole motion.",
             )
     color_frame, depth_frame = camera.image[0].frame_id, camera.depth[0].frame_id
     if color_frame and depth_frame and color_frame != depth_frame:
         raise DemonstrationError(
-            f"{path}: the depth of camera '{name}' is in frame '{depth_frame}' and its colour in "
-            f"'{color_frame}'.",
+            f"{path}: the depth images of camera '{name}' are in frame '{depth_frame}', but its "
+            f"colour images are in frame '{color_frame}'.",
             remedy="Record depth registered to colour (e.g. aligned_depth_to_color).",
         )
 
 
 def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
-    """Raises an error if a topic stops before the others do."""
+    """Raises a DemonstrationError if a topic stops more than `MAX_MISSING_END` too early."""
     ends = {
         camera_topic(name, kind): to_seconds(stream[-1].stamp)
         for name, camera in streams.items()
@@ -84,15 +84,16 @@ def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
         if end - last > MAX_MISSING_END:
             raise DemonstrationError(
                 f"{path}: topic {topic} stops {end - last:.2f} s before the recording ends.",
-                remedy="Record all cameras up to the end: it shows the goal. If their clocks "
-                "differ, correct the stamps.",
+                remedy="Record all cameras until the end, which shows the goal. If the cameras' "
+                "clocks differ, correct the timestamps.",
             )
 
 
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
-    """Returns the frame that is the world, after checking that it is joined to all cameras.
+    """Returns the world frame's name; raises a DemonstrationError if a camera has no pose in it.
 
-    It is the frame that the metadata names, or "world", or else the root above the first camera.
+    The world frame is the one named in the metadata, or else "world" if the file has that frame, or
+    else the root of the tree that holds the first camera.
     """
     frames = contents.frames
     optical = {name: contents.cameras[name].frame_id for name in names}
@@ -103,16 +104,16 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
     for name, frame in optical.items():
         if frames.pose(base=base, frame=frame, stamp=0) is None:
             raise DemonstrationError(
-                f"{path}: no transform on {TRANSFORM_TOPIC} leads from '{base}' to the frame "
-                f"'{frame}' of camera '{name}'.",
-                remedy="Record the pose of each camera's optical frame as "
-                "foxglove.FrameTransform, and give the calibration the same frame_id.",
+                f"{path}: no transform connects frame '{base}' with frame '{frame}' of camera "
+                f"'{name}'.",
+                remedy=f"Record a foxglove.FrameTransform on {TRANSFORM_TOPIC} whose child frame "
+                "is the calibration's frame_id.",
             )
     return base
 
 
 def label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
-    """Returns the render labels of each object and part."""
+    """Returns the render labels of each object and part, from the metadata."""
     try:
         return parse_label_ids(contents.metadata.get(LABEL_IDS_KEY, "{}"))
     except InvalidValueError as error:

@@ -1,4 +1,4 @@
-"""The contents of a demonstration file or run log, found without decoding its images."""
+"""The contents of a demonstration file or run log, collected without decoding its images."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,13 +29,13 @@ from poil_drake.recording.mcap.timestamps import get_timestamp
 
 @dataclass
 class CameraContents:
-    """What a file holds of one camera.
+    """The messages of one camera in a file.
 
     Attributes:
         image: Its colour images.
         depth: Its depth images.
         label: Its label images.
-        calibration: Its intrinsics and since when they hold [ns].
+        calibration: Its intrinsics, each with the stamp from which they hold [ns].
     """
 
     image: list[StoredImage] = field(default_factory=list)
@@ -45,13 +45,13 @@ class CameraContents:
 
     @property
     def frame_id(self) -> str:
-        """The camera's optical frame: the calibration's, or else the image's."""
+        """The name of the optical frame: the calibration's, or else the first image's."""
         return self.calibration[0][1].frame_id or self.image[0].frame_id
 
 
 @dataclass
 class Contents:
-    """The contents of a file in the layout of demonstrations, which run logs have, too."""
+    """The contents of a demonstration file, or of a run log, which shares its layout."""
 
     cameras: dict[str, CameraContents] = field(default_factory=dict)
     frames: FrameTree = field(default_factory=FrameTree)
@@ -59,10 +59,10 @@ class Contents:
     scenario_text: str | None = None
 
     def add(self, item: ScannedMessage | Metadata | Attachment) -> None:
-        """Adds what was read from a file; anything that does not belong to the layout is ignored.
+        """Adds an item that was read from a file; ignores items that are not part of the layout.
 
         Raises:
-            InvalidValueError: if a message is damaged, or not of the type that its topic holds.
+            InvalidValueError: if a message is damaged, or has the wrong type for its topic.
         """
         if isinstance(item, ScannedMessage):
             self._add_message(item)
@@ -98,10 +98,10 @@ class Contents:
 
 
 def collect(path: Path) -> Contents:
-    """Reads through a whole file and returns its contents, each camera's in order of time.
+    """Reads a whole file and returns its contents, with each camera's messages sorted by stamp.
 
     Raises:
-        DemonstrationError: if the file is damaged, or a topic of the layout holds something else.
+        DemonstrationError: if the file or a message is damaged, or a topic has the wrong type.
     """
     contents = Contents()
     for item in scan(path):

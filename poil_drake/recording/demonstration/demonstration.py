@@ -1,4 +1,4 @@
-"""A demonstration: what the cameras saw while the task was done once."""
+"""A demonstration: what the cameras saw during one execution of the task."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,10 +30,10 @@ class Demonstration:
     """One demonstration.
 
     Attributes:
-        frames: At least two frames, in order of time. Those of a file are decoded when accessed.
-        metadata: What the recorder wrote about it; may be empty.
-        scenario_text: The scenario it was recorded in, as YAML; None for other recordings.
-        name: Its name in error messages: its file, if it has one.
+        frames: At least two frames, sorted by stamp. Frames in a file are decoded when accessed.
+        metadata: What the recorder wrote about the demonstration; may be empty.
+        scenario_text: The scenario in which it was recorded, as YAML; None if the file has none.
+        name: Its name in error messages; the path, if it was loaded from a file.
     """
 
     frames: Sequence[MultiViewFrame]
@@ -44,19 +44,19 @@ class Demonstration:
     def __post_init__(self) -> None:
         if len(self.frames) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{self.name} has {len(self.frames)} frames in which all cameras have colour and "
-                f"depth, but {MIN_FRAMES} are needed.",
-                remedy="Record the whole motion, with all cameras at the same time.",
+                f"{self.name} has only {len(self.frames)} of the {MIN_FRAMES} required frames in "
+                "which all cameras have colour and depth.",
+                remedy="Record the whole motion with all cameras running at the same time.",
             )
 
     @property
     def cameras(self) -> tuple[CameraModel, ...]:
-        """The cameras, at the start."""
+        """The models of the cameras in the first frame."""
         return self.frames[0].cameras
 
     @property
     def stamps(self) -> np.ndarray:
-        """The (T,) times of capture [s]."""
+        """The (T,) capture times of the frames [s]."""
         if isinstance(self.frames, RecordedFrames):
             return self.frames.stamps
         return np.array([frame.stamp for frame in self.frames])
@@ -71,15 +71,15 @@ class Demonstration:
 def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:
     """Loads a demonstration in the layout of docs/demonstration_format.md.
 
-    The file is read through once and checked; images are decoded when they are accessed.
+    The file is read once and checked; images are decoded when they are accessed.
 
     Args:
         path: The MCAP file.
         cameras: The cameras to use; by default all in the file.
 
     Raises:
-        DemonstrationError: if the file is missing, damaged or incomplete. It names the file, the
-            topic and the remedy.
+        DemonstrationError: if the file is missing, damaged or incomplete. The message names the
+            file, the topic and the remedy.
     """
     path = Path(path)
     contents = collect(path)
@@ -123,4 +123,4 @@ def _stamps(images: Sequence[StoredImage]) -> np.ndarray:
 
 
 LoadDemonstration = load_demonstration
-"""The name beside `RecordDemonstration` among the package's public names."""
+"""Alias in the style of `RecordDemonstration`."""

@@ -8,16 +8,16 @@ import numpy as np
 def group_by_stamp(streams: Sequence[np.ndarray]) -> np.ndarray:
     """Returns which messages of several streams belong together.
 
-    The slowest stream sets the pace: each of its messages is paired with the nearest of every other
-    stream. If that is farther away than half the other stream's period, the other stream has a gap
-    there and the instant is left out. So a dropped image costs one frame, and images of different
-    instants are never paired. No message is used twice.
+    The slowest stream sets the pace: each of its messages is paired with the nearest message of
+    every other stream. If that is farther away than half the other stream's period, the other
+    stream has a gap and the instant is skipped. So a dropped image costs one frame, and images of
+    different instants are never paired. No message is used twice.
 
     Args:
         streams: S arrays of stamps [ns], each sorted and of length >= 2.
 
     Returns:
-        (F, S) indices into the streams, one row per instant, in order of time.
+        (F, S) indices into the streams, one row per instant, in chronological order.
     """
     periods = [median_period(stamps) for stamps in streams]
     pace = int(np.argmax(periods))
@@ -40,10 +40,10 @@ def median_period(stamps: np.ndarray) -> float:
 
 
 def nearest(stamps: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Returns the index of the nearest of the (T,) sorted stamps to each of `at`.
+    """Returns, for each time in `at`, the index of the nearest of the (T,) sorted stamps.
 
-    Of two that are equally near, the later is taken, so that streams half a period apart are paired
-    consistently.
+    If two stamps are equally near, the later one is chosen, so that streams half a period apart are
+    paired consistently.
     """
     after = np.clip(np.searchsorted(stamps, at), 1, len(stamps) - 1)
     return np.where(at - stamps[after - 1] < stamps[after] - at, after - 1, after)

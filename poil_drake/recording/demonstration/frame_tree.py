@@ -1,4 +1,4 @@
-"""Poses of frames from a recording's transforms, which may be chained and may change."""
+"""Poses of frames from a recording's transforms, which may form chains and vary over time."""
 
 import bisect
 from operator import itemgetter
@@ -11,8 +11,8 @@ _STAMP = itemgetter(0)
 class FrameTree:
     """Frames and the recorded transforms between them.
 
-    A transform holds from its stamp until the next one between the same frames. The first also
-    holds before its stamp, so that a static transform may carry any stamp.
+    A transform holds from its stamp until that of the next one between the same frames. The first
+    also holds before its stamp, so that a static transform may carry any stamp.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,10 @@ class FrameTree:
         self._poses: dict[str, list[tuple[int, np.ndarray]]] = {}
 
     def add(self, *, parent: str, child: str, stamp: int, X_PC: np.ndarray) -> None:
-        """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns]."""
+        """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns].
+
+        A new parent of `child` replaces the previous one, and all poses in it.
+        """
         if self._parent.get(child) != parent:
             self._parent[child], self._poses[child] = parent, []
         bisect.insort(self._poses[child], (stamp, X_PC), key=_STAMP)
@@ -29,21 +32,18 @@ class FrameTree:
         return frame in self._parent or frame in self._parent.values()
 
     def root(self, frame: str) -> str:
-        """Returns the topmost frame above `frame`."""
+        """Returns the root of the tree that holds `frame`, which may be `frame` itself."""
         return self._chain(frame)[-1]
 
     def pose(self, *, base: str, frame: str, stamp: int) -> np.ndarray | None:
-        """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns].
-
-        Returns None if no chain of transforms joins the two.
-        """
+        """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns]; None if unconnected."""
         if self.root(base) != self.root(frame):
             return None
         X_RB = self._pose_in_root(base, stamp)
         return np.linalg.solve(X_RB, self._pose_in_root(frame, stamp))
 
     def _chain(self, frame: str) -> list[str]:
-        """Returns `frame` and the frames above it; it stops before a cycle closes."""
+        """Returns `frame` and its ancestors, each once even if the transforms form a cycle."""
         chain = [frame]
         while (parent := self._parent.get(chain[-1])) is not None and parent not in chain:
             chain.append(parent)

@@ -1,4 +1,4 @@
-"""The topics, names and keys of a demonstration file, see docs/demonstration_format.md."""
+"""The topics, names and keys of a demonstration file; see docs/demonstration_format.md."""
 
 import json
 import re
@@ -23,20 +23,20 @@ def camera_topic(camera: str, kind: str) -> str:
 
 
 def optical_frame(camera: str) -> str:
-    """Returns the name of a camera's optical frame in our recordings."""
+    """Returns the name that poil_drake's recordings give a camera's optical frame."""
     return f"{camera}_optical_frame"
 
 
 def parse_label_ids(text: str) -> dict[str, tuple[int, ...]]:
-    """Returns the render labels of each object and part from the metadata `label_ids`.
+    """Parses the metadata `label_ids`: the render labels of each object and part.
 
     Raises:
-        InvalidValueError: if it is not a table of labels.
+        InvalidValueError: if `text` is not a JSON object whose values are lists of integers.
     """
     try:
         return {name: tuple(index(i) for i in ids) for name, ids in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidValueError(
-            f"the metadata '{LABEL_IDS_KEY}' is not a JSON table of labels: {text[:80]}.",
-            remedy='Give lists of render labels, e.g. {"mug": [3, 4]}.',
+            f"the metadata '{LABEL_IDS_KEY}' is not a JSON object of label lists: {text[:80]}.",
+            remedy='Use a list of render labels for each name, e.g. {"mug": [3, 4]}.',
         ) from error

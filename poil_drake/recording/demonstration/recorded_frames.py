@@ -19,12 +19,12 @@ _CACHED_FRAMES = 4
 
 @dataclass(frozen=True, eq=False)
 class StoredView:
-    """What one camera saw at one instant, still in the file.
+    """What one camera saw at one instant, not yet decoded.
 
     Attributes:
         name: The camera's name.
         calibration: Its intrinsics.
-        X_WC: (4, 4) its pose in the world [m].
+        X_WC: (4, 4) pose of the camera in the world [m].
         images: Its images.
     """
 
@@ -37,12 +37,12 @@ class StoredView:
 class RecordedFrames(Sequence[MultiViewFrame]):
     """A sequence of frames, each decoded from the file when it is accessed.
 
-    The last few frames are cached. Access to a frame whose images cannot be decoded raises a
+    The last few frames are cached. Accessing a frame whose images cannot be decoded raises a
     DemonstrationError that names the file and the topic.
 
     Args:
         path: The file.
-        instants: The views of each instant, in order of time.
+        instants: The views of each instant, in chronological order.
         label_ids: See `MultiViewFrame.label_ids`.
     """
 
@@ -59,28 +59,28 @@ class RecordedFrames(Sequence[MultiViewFrame]):
 
     @property
     def stamps(self) -> np.ndarray:
-        """The (T,) stamps of the frames [s], known without decoding them."""
+        """The (T,) stamps of the frames [s]; reading them decodes no images."""
         return np.array(
             [min(to_seconds(view.images.color.stamp) for view in views) for views in self._instants]
         )
 
     @property
     def labelled(self) -> bool:
-        """Whether any view has a label image, known without decoding them."""
+        """Whether any view has a label image; reading this decodes no images."""
         return any(view.images.label is not None for views in self._instants for view in views)
 
     def __len__(self) -> int:
         return len(self._instants)
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Returns a frame, or the sequence of a slice."""
+        """Returns one frame, or a slice as `RecordedFrames`."""
         if isinstance(index, slice):
             return RecordedFrames(self._path, self._instants[index], self._label_ids)
         return self._frame(range(len(self))[index])
 
     def _decode(self, index: int) -> MultiViewFrame:
         views = self._instants[index]
-        # The images first: they show whether the size in the calibration is right.
+        # Images first, because decoding them checks the size in the calibration.
         images = tuple(self._image(view) for view in views)
         cameras = tuple(
             CameraModel(v.name, v.calibration.width, v.calibration.height, v.calibration.K, v.X_WC)

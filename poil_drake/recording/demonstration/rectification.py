@@ -9,13 +9,13 @@ from poil_drake.recording.mcap.message_decoders import Calibration
 
 
 def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -> np.ndarray:
-    """Returns the image of a pinhole camera with the same K.
+    """Returns the image that a pinhole camera with the same K would take.
 
     Args:
         image: (H, W) or (H, W, 3).
-        calibration: The lens. Without distortion the image is returned unchanged.
-        interpolate: True for colour. Depth and labels must not be mixed across edges, so they take
-            the nearest pixel.
+        calibration: The camera's calibration. Without distortion, the image is returned unchanged.
+        interpolate: Use True for colour. False takes the nearest pixel, so that depth and labels
+            are not mixed across edges.
 
     Returns:
         An image of the same shape; 0 outside the field of view of the lens.
@@ -41,7 +41,7 @@ def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -
 def _maps(
     K: tuple[float, ...], distortion: tuple[float, ...], size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the position in the distorted image of each pixel of the rectified image."""
+    """Returns u and v in the distorted image for each pixel of the rectified image."""
     matrix = np.reshape(K, (3, 3))
     return cv2.initUndistortRectifyMap(
         matrix, np.array(distortion), None, matrix, size, cv2.CV_32FC1

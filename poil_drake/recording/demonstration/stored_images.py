@@ -1,4 +1,4 @@
-"""Images that are decoded from their MCAP file when they are needed."""
+"""Images that stay in their MCAP file until they are needed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,12 +22,12 @@ _DECODERS = {"image": decode_color, "depth": decode_depth, "label": decode_label
 
 @dataclass(frozen=True)
 class StoredImage:
-    """An image that is still in the file.
+    """The location and metadata of an image that is still in the file.
 
     Attributes:
         stamp: When it was captured [ns].
         log_time: When it was logged [ns].
-        frame_id: The frame that the recorder gave it.
+        frame_id: The frame in which it was recorded.
         message_type: Its Foxglove message class.
         location: Where it is in the file.
     """
@@ -40,10 +40,10 @@ class StoredImage:
 
     @classmethod
     def of(cls, scanned: ScannedMessage) -> Self:
-        """Returns the image of a message.
+        """Returns the location and metadata of the image in a message.
 
         Raises:
-            InvalidValueError: if the message is not an image.
+            InvalidValueError: if the message is damaged or is not an image.
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
@@ -53,7 +53,7 @@ class StoredImage:
 
 @dataclass(frozen=True)
 class StoredImages:
-    """The images of one camera at one instant, still in the file.
+    """The images of one camera at one instant, not yet decoded.
 
     Attributes:
         color: The colour image.
@@ -84,13 +84,13 @@ class StoredImages:
         Args:
             path: The file.
             camera: The camera's name.
-            size: Width and height that each must have [px].
-            size_source: What has that size, for errors.
-            lens: The lens whose distortion is removed; None for rectified images.
+            size: Width and height that every image must have [px].
+            size_source: Where `size` is from, for errors, e.g. "the camera is calibrated for".
+            lens: The calibration whose distortion is removed; None for rectified images.
 
         Raises:
             DemonstrationError: if an image cannot be decoded or has another size, or the file has
-                changed. It names the file and the topic.
+                changed. The message names the file and, for an image, the topic.
         """
         stored = {"image": self.color, "depth": self.depth}
         stored |= {} if self.label is None else {"label": self.label}

@@ -29,15 +29,15 @@ from poil_drake.runtime.output_files import whole_file
 
 
 class DemonstrationWriter:
-    """Writes the frames of a demonstration, as a context manager.
+    """A context manager that writes the frames of a demonstration.
 
     The file appears under its name only when the `with` block ends without an exception and at
     least two frames were written, so that a failed recording never looks complete.
 
     Args:
         path: The MCAP file; its folder is created if needed.
-        cameras: The names of the cameras that every frame must have, in its order.
-        metadata: Metadata of the file, e.g. {"scenario": ..., "seed": ...}.
+        cameras: The names of the cameras that every frame must have, in this order.
+        metadata: Entries for the file's metadata, e.g. {"object": "my mug", "seed": "3"}.
         scenario_text: The scenario as YAML, kept as an attachment.
         color: How colour images are encoded; by default JPEG.
 
@@ -73,21 +73,21 @@ class DemonstrationWriter:
         """Adds a frame.
 
         Raises:
-            DemonstrationError: if the frame's cameras are not the writer's, or its stamps are not
-                later than those of the frame before.
+            DemonstrationError: if the frame's cameras are not those of the writer, or its stamps
+                are not later than those of the previous frame.
         """
         names = tuple(camera.name for camera in frame.cameras)
         if names != self._cameras:
             raise DemonstrationError(
-                f"{self._path}: a frame has cameras {names}, but {self._cameras} are recorded.",
-                remedy="Give every frame all cameras in the same order.",
+                f"{self._path}: a frame has the cameras {names}, but the file has {self._cameras}.",
+                remedy="Use the same cameras in the same order in every frame.",
             )
         for camera, image in zip(frame.cameras, frame.images, strict=True):
             if image.stamp <= self._last_stamps.get(camera.name, -1.0):
                 raise DemonstrationError(
                     f"{self._path}: an image of camera '{camera.name}' at {image.stamp} s follows "
                     f"one at {self._last_stamps[camera.name]} s.",
-                    remedy="Write frames in order of time, each once.",
+                    remedy="Write the frames in chronological order, each only once.",
                 )
             self._last_stamps[camera.name] = image.stamp
             self._write_camera(camera, image)
@@ -126,8 +126,8 @@ class DemonstrationWriter:
     def _finish(self) -> None:
         if self._frame_count < 2:
             raise DemonstrationError(
-                f"{self._path}: only {self._frame_count} frames were recorded.",
-                remedy="Record at least two frames.",
+                f"{self._path}: at least 2 frames are needed; number written: {self._frame_count}.",
+                remedy="Record the whole motion.",
             )
         self._sink.add_metadata(
             {

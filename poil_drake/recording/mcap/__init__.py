@@ -1,1 +1,1 @@
-"""Reading and writing of MCAP files, and the messages in them."""
+"""Reads and writes MCAP files and the messages in them."""

@@ -1,4 +1,4 @@
-"""Decodes the Foxglove messages of images: `RawImage` and `CompressedImage`."""
+"""Decodes Foxglove image messages: `RawImage` and `CompressedImage`."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -29,12 +29,12 @@ _RAW_16_BIT = ("16UC1", "mono16")
 
 @dataclass(frozen=True, kw_only=True)
 class ColorEncoding:
-    """How colour images are written.
+    """How colour images are encoded.
 
     Attributes:
         format: "jpeg" takes 2 ms and 90 kB for 640 x 480; "raw" is lossless and takes 3 ms and
-            0.8 MB after compression of the chunk; "png" is lossless and takes 40 ms and 0.6 MB.
-        jpeg_quality: In [0, 100]. From 95 on, the loss is below a camera's noise.
+            0.8 MB once the chunk is compressed; "png" is lossless and takes 40 ms and 0.6 MB.
+        jpeg_quality: In [0, 100]. At 95 and above, the loss is below a camera's noise.
     """
 
     format: Literal["jpeg", "raw", "png"] = "jpeg"
@@ -57,7 +57,7 @@ def decode_color(message: ImageMessage) -> np.ndarray:
         return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     if message.encoding not in _RAW_COLOR:
         raise InvalidValueError(
-            f"a colour image is encoded as '{message.encoding}'.",
+            f"a colour image has the unsupported encoding '{message.encoding}'.",
             remedy=f"Use one of {', '.join(_RAW_COLOR)}, or a CompressedImage.",
         )
     channels, conversion = _RAW_COLOR[message.encoding]
@@ -68,7 +68,7 @@ def decode_color(message: ImageMessage) -> np.ndarray:
 def decode_depth(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) float32 depth [m] of a message; 0 where invalid.
 
-    Integers are millimetres and floats are metres, the usual convention.
+    By the usual convention, integers are millimetres and floats are metres.
 
     Raises:
         InvalidValueError: if the encoding is unknown or the data do not fit it.
@@ -94,13 +94,14 @@ def _pixels_16_bit(message: ImageMessage, kind: str) -> np.ndarray:
         pixels = _decompress(message, cv2.IMREAD_UNCHANGED)
         if pixels.ndim != 2 or pixels.dtype != np.uint16:
             raise InvalidValueError(
-                f"a compressed {kind} image has shape {pixels.shape} and type {pixels.dtype}.",
+                f"a compressed {kind} image has {pixels.dtype} pixels of shape {pixels.shape}, "
+                "not uint16 of shape (H, W).",
                 remedy="Use a 16-bit PNG with one channel.",
             )
         return pixels
     if message.encoding not in _RAW_16_BIT:
         raise InvalidValueError(
-            f"a {kind} image is encoded as '{message.encoding}'.",
+            f"a {kind} image has the unsupported encoding '{message.encoding}'.",
             remedy=f"Use one of {', '.join(_RAW_16_BIT)}"
             + (" (millimetres) or 32FC1 (metres)." if kind == "depth" else "."),
         )
@@ -119,9 +120,9 @@ def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray
         return np.ndarray(shape, dtype, message.data, strides=strides).copy()
     except (TypeError, ValueError) as error:
         raise InvalidValueError(
-            f"a {message.width} x {message.height} image of encoding '{message.encoding}' has "
-            f"rows of {message.step} bytes and {len(message.data)} bytes in all.",
-            remedy="Record the image with a size and a step that fit its data.",
+            f"a {message.width} x {message.height} image with encoding '{message.encoding}' does "
+            f"not fit its data of {len(message.data)} bytes with a step of {message.step} bytes.",
+            remedy="Record the image with a width, height and step that fit its data.",
         ) from error
 
 
@@ -133,6 +134,6 @@ def _decompress(message: CompressedImage, flags: int) -> np.ndarray:
     if pixels is None:
         raise InvalidValueError(
             f"a compressed image of format '{message.format}' cannot be decoded.",
-            remedy="Use jpeg, png or webp, and record the demonstration again.",
+            remedy="Record the demonstration again with jpeg, png or webp images.",
         )
     return pixels

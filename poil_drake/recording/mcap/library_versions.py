@@ -1,4 +1,4 @@
-"""The versions that results depend on."""
+"""The versions of the libraries that results depend on."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -18,6 +18,6 @@ def library_versions() -> dict[str, str]:
 
 
 def version_metadata() -> dict[str, str]:
-    """Returns the same as entries for a file's metadata, e.g. "poil_drake_version"."""
+    """Returns `library_versions` as a file's metadata, with keys such as "poil_drake_version"."""
     versions = library_versions().items()
     return {f"{name.replace('-', '_')}_version": found for name, found in versions}

@@ -1,4 +1,4 @@
-"""Decodes the Foxglove messages of cameras, points and joints."""
+"""Decodes Foxglove messages of calibrations, transforms, point clouds and joint states."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Intrinsics of a recorded camera.
+    """The intrinsics and lens distortion of a recorded camera.
 
     Attributes:
         frame_id: The name of the camera's optical frame.
         width: Image width [px].
         height: Image height [px].
         K: (3, 3) intrinsic matrix [px].
-        distortion: (D,) coefficients of OpenCV's model; empty for a rectified image.
+        distortion: (D,) coefficients of OpenCV's lens model; empty for rectified images.
     """
 
     frame_id: str
@@ -37,22 +37,22 @@ class Calibration:
 
 
 def decode_calibration(message: CameraCalibration) -> Calibration:
-    """Returns the intrinsics of a message.
+    """Returns the calibration in a message.
 
     Raises:
-        InvalidValueError: if the camera is not calibrated or its lens model is unknown.
+        InvalidValueError: if K or D is invalid, or the distortion model is not supported.
     """
     K, distortion = np.array(message.K, dtype=float), np.array(message.D, dtype=float)
     if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
         raise InvalidValueError(
-            f"the camera is not calibrated (K = {list(message.K)}, distortion {list(message.D)}).",
-            remedy="Calibrate the camera, and write K as 9 numbers in row order.",
+            f"the calibration is invalid: K = {list(message.K)}, D = {list(message.D)}.",
+            remedy="K must be row-major with positive focal lengths; K and D must be finite.",
         )
     if not np.any(distortion):
         distortion = np.zeros(0)
     elif message.distortion_model not in _DISTORTION_MODELS:
         raise InvalidValueError(
-            f"the lens has the distortion model '{message.distortion_model}'.",
+            f"the distortion model '{message.distortion_model}' is not supported.",
             remedy=f"Use {' or '.join(_DISTORTION_MODELS)}, or record rectified images.",
         )
     return Calibration(message.frame_id, message.width, message.height, K.reshape(3, 3), distortion)
@@ -71,24 +71,24 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
     if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
         raise InvalidValueError(
             f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "
-            "a rigid motion.",
-            remedy="Write a finite translation and a unit quaternion.",
+            f"rigid: translation {X_PC[:3, 3].tolist()}, quaternion {quaternion.tolist()}.",
+            remedy="Record a finite translation and a unit quaternion.",
         )
     X_PC[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     return X_PC
 
 
 def cloud_fields(names: Sequence[str], size: int) -> list[PackedElementField]:
-    """Returns the fields of a point cloud whose columns are floats of `size` 4 or 8 bytes."""
+    """Returns one packed field of a point cloud per name, a float of `size` 4 or 8 bytes."""
     kind = PackedElementField.FLOAT64 if size == 8 else PackedElementField.FLOAT32
     return [PackedElementField(name=n, offset=size * i, type=kind) for i, n in enumerate(names)]
 
 
 def decode_points(message: PointCloud) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the (N, 3) points [m] and their (N,) confidence, 1 where none is given.
+    """Returns the (N, 3) points [m] and their (N,) confidences, which are 1 if not recorded.
 
     Raises:
-        InvalidValueError: if the cloud is not one of `MessageEncoder.points`.
+        InvalidValueError: if the cloud's layout is not that of `MessageEncoder.points`.
     """
     names, stride = [field.name for field in message.fields], message.point_stride
     size = 8 if PackedElementField.FLOAT64 in {field.type for field in message.fields} else 4
@@ -99,9 +99,9 @@ def decode_points(message: PointCloud) -> tuple[np.ndarray, np.ndarray]:
         or len(message.data) % stride
     ):
         raise InvalidValueError(
-            f"a point cloud has the fields {names} in {stride} bytes, and {len(message.data)} "
-            "bytes in all.",
-            remedy="Write the log with poil run.",
+            f"a point cloud has an unsupported layout: fields {names}, a stride of {stride} bytes "
+            f"and {len(message.data)} bytes of data.",
+            remedy="Use a log written by poil run.",
         )
     columns = np.frombuffer(message.data, f"<f{size}").reshape(-1, len(names)).astype(float)
     confidence = columns[:, 3].copy() if len(names) == 4 else np.ones(len(columns))
@@ -109,11 +109,11 @@ def decode_points(message: PointCloud) -> tuple[np.ndarray, np.ndarray]:
 
 
 def decode_joint_states(message: JointStates, names: Sequence[str]) -> np.ndarray:
-    """Returns (3, J) positions [rad], velocities [rad/s] and torques [Nm]; NaN where not given.
+    """Returns (3, J) positions [rad], velocities [rad/s] and torques [N m]; NaN where unset.
 
     Args:
         message: The message.
-        names: The joints, in the order of the result.
+        names: The joints' names, in the order of the result's columns.
 
     Raises:
         InvalidValueError: if a joint is missing.
@@ -123,7 +123,7 @@ def decode_joint_states(message: JointStates, names: Sequence[str]) -> np.ndarra
         wanted = [joints[name] for name in names]
     except KeyError as error:
         raise InvalidValueError(
-            f"a joint state lacks the joint {error}.", remedy="Write the log with poil run."
+            f"a joint state lacks the joint {error}.", remedy="Use a log written by poil run."
         ) from error
     return np.array(
         [

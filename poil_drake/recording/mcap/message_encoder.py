@@ -1,4 +1,4 @@
-"""Encodes cameras, images, points and joint states as Foxglove messages."""
+"""Encodes calibrations, images, points and joint states as Foxglove messages."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -20,7 +20,7 @@ from poil_drake.recording.mcap.image_messages import MILLIMETRES_PER_METRE, Colo
 from poil_drake.recording.mcap.message_decoders import cloud_fields
 
 _LENGTH_DELIMITED = 2
-"""Wire type of bytes, see https://protobuf.dev/programming-guides/encoding."""
+"""Wire type of bytes; see https://protobuf.dev/programming-guides/encoding."""
 
 
 class EncodedMessage(NamedTuple):
@@ -36,19 +36,19 @@ class EncodedMessage(NamedTuple):
 
 
 class MessageEncoder:
-    """Encodes arrays as Foxglove messages, each of which is made once and filled again.
+    """Encodes arrays as Foxglove messages, reusing the message objects.
 
-    After every 10,000 blocks of messages that are freed, protobuf calls `malloc_trim`, which walks
-    through all free memory of the process: 10 ms in which no other thread gets the interpreter. The
-    robot's signals alone would cause that every few seconds. A message, in turn, frees the bytes
-    of its fields only when it is freed. So messages are kept, and the bulk, their field `data`, is
-    serialized apart from them.
+    Whenever 10,000 blocks of messages have been freed, protobuf calls `malloc_trim`, which walks
+    through all free memory of the process and blocks the other Python threads for 10 ms. The
+    robot's signals alone would cause that every few seconds, so messages are kept and reused. A
+    kept message would also keep the bytes of its fields, so the large field `data` is serialized
+    separately.
 
-    An encoder may be used by one thread at a time. All stamps are in [ns].
+    Only one thread at a time may use an encoder. All stamps are in [ns].
 
     Args:
         color: How colour images are encoded.
-        exact_depth: Whether depth images are 32FC1 metres, which take twice as much as 16UC1.
+        exact_depth: Whether depth is encoded as 32FC1 [m], twice the size of 16UC1 [mm].
     """
 
     def __init__(self, *, color: ColorEncoding | None = None, exact_depth: bool = False):
@@ -59,7 +59,7 @@ class MessageEncoder:
         )
 
     def calibration(self, camera: CameraModel, *, stamp: int, frame_id: str) -> EncodedMessage:
-        """Encodes a camera's intrinsics; its images are taken as rectified."""
+        """Encodes a camera's intrinsics, with zero distortion."""
         message = CameraCalibration(
             frame_id=frame_id,
             width=camera.width,
@@ -81,7 +81,7 @@ class MessageEncoder:
         return _serialized(message, stamp)
 
     def image(self, kind: str, pixels: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:
-        """Encodes an image of a kind: "image" (colour), "depth" or "label"."""
+        """Encodes an image; `kind` is "image" (colour), "depth" or "label"."""
         encode = {"image": self.color, "depth": self.depth, "label": self.label}[kind]
         return encode(pixels, stamp=stamp, frame_id=frame_id)
 
@@ -99,10 +99,10 @@ class MessageEncoder:
         return _serialized(message, stamp, data.tobytes())
 
     def depth(self, depth: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:
-        """Encodes an (H, W) depth image [m] as 16UC1 millimetres, or as it is; 0 means invalid.
+        """Encodes an (H, W) depth image [m] as 16UC1 [mm], or as 32FC1 [m] if `exact_depth`.
 
-        The rounding adds 0.29 mm rms, below the noise of a depth camera. Depth that is not finite,
-        negative or beyond 65.535 m becomes invalid.
+        Rounding to 16UC1 adds 0.29 mm rms, less than a depth camera's noise. Depth that is not
+        finite, is negative or exceeds 65.535 m becomes 0, which means invalid.
         """
         if self._exact_depth:
             return self._raw_image(depth.astype("<f4"), "32FC1", stamp, frame_id)
@@ -123,10 +123,10 @@ class MessageEncoder:
         confidence: np.ndarray | None = None,
         exact: bool = False,
     ) -> EncodedMessage:
-        """Encodes (N, 3) points [m] as a cloud of float32 x, y, z and, if given, (N,) confidence.
+        """Encodes (N, 3) points [m] and, if given, (N,) confidences as a float32 point cloud.
 
-        NaN points are kept, so that a point keeps its index; viewers do not draw them. An `exact`
-        cloud is of float64 and loses nothing.
+        NaN points are kept, so that each point keeps its index; viewers do not draw them. If
+        `exact`, the cloud is float64 and the values are not rounded.
         """
         names = ("x", "y", "z") if confidence is None else ("x", "y", "z", "confidence")
         columns = points if confidence is None else np.column_stack([points, confidence])
@@ -143,7 +143,7 @@ class MessageEncoder:
         velocity: np.ndarray | None = None,
         effort: np.ndarray | None = None,
     ) -> EncodedMessage:
-        """Encodes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
+        """Encodes (J,) positions [rad], velocities [rad/s] and torques [N m]; None stays unset."""
         message = self._kept(_empty_joint_states, tuple(names))
         for key, array in (("position", position), ("velocity", velocity), ("effort", effort)):
             if array is None:
@@ -168,7 +168,7 @@ class MessageEncoder:
 def _empty_cloud(frame_id: str, names: Sequence[str], size: int) -> PointCloud:
     fields = cloud_fields(names, size)
     message = PointCloud(frame_id=frame_id, point_stride=size * len(names), fields=fields)
-    # Readers would take an unset pose for a rotation by the zero quaternion.
+    # Readers would interpret an unset pose as one with the zero quaternion.
     message.pose.orientation.w = 1.0
     message.pose.position.SetInParent()
     return message
@@ -179,7 +179,7 @@ def _empty_joint_states(names: Sequence[str]) -> JointStates:
 
 
 def _serialized(message: Any, stamp: int, data: bytes | None = None) -> EncodedMessage:
-    """Serializes a message with its `timestamp` and, if given, its field `data`."""
+    """Serializes a message with the `stamp` [ns] and, if given, the bytes of its field `data`."""
     message.timestamp.FromNanoseconds(stamp)
     message.timestamp.SetInParent()
     parts = [message.SerializeToString()]
@@ -190,7 +190,7 @@ def _serialized(message: Any, stamp: int, data: bytes | None = None) -> EncodedM
 
 
 def _varint(number: int) -> bytes:
-    """Returns a non-negative number in protobuf's encoding: seven bits a byte, the lowest first."""
+    """Encodes a non-negative number as a protobuf varint: 7 bits per byte, lowest first."""
     encoded = bytearray()
     while number > 0x7F:
         encoded.append(number & 0x7F | 0x80)

@@ -1,4 +1,4 @@
-"""Values as JSON: files, and the records of run logs."""
+"""Converts values to JSON, for files and for the records of run logs."""
 
 import json
 import math
@@ -19,10 +19,10 @@ _TIMESTAMP_SCHEMA = {
 
 
 def plain_json(value: Any) -> Any:
-    """Returns a value made of JSON's types: mappings, lists, numbers, text, booleans and null.
+    """Converts a value to JSON's types: mappings, lists, numbers, strings, booleans and null.
 
-    Arrays and tuples become lists, NumPy scalars become Python's, numbers that are not finite
-    become null (JSON has no NaN), and any other object becomes its text.
+    Arrays and tuples become lists, NumPy scalars become Python scalars, numbers that are not finite
+    become None (JSON has no NaN), and any other object becomes its `str`.
     """
     if isinstance(value, Mapping):
         return {str(key): plain_json(item) for key, item in value.items()}
@@ -38,15 +38,15 @@ def plain_json(value: Any) -> Any:
 
 
 def write_json(value: Any, path: Path, *, indent: int | None = 2) -> None:
-    """Writes a value, converted by `plain_json`, as a file that appears whole, see `whole_file`.
+    """Writes a value, converted by `plain_json`, to a file through `whole_file`.
 
     Args:
         value: The value.
         path: The file.
-        indent: Spaces by level; None puts all on one line.
+        indent: Spaces per level; None writes everything on one line.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     text = json.dumps(plain_json(value), indent=indent, allow_nan=False)
     with whole_file(path) as file:
@@ -54,13 +54,13 @@ def write_json(value: Any, path: Path, *, indent: int | None = 2) -> None:
 
 
 def json_record(values: Mapping[str, Any], *, stamp: int) -> dict[str, Any]:
-    """Returns values as a JSON object with a `timestamp`, see `plain_json`."""
+    """Returns the values, converted by `plain_json`, with `stamp` [ns] as their `timestamp`."""
     sec, nsec = divmod(stamp, NANOSECONDS_PER_SECOND)
     return {"timestamp": {"sec": sec, "nsec": nsec}} | plain_json(values)
 
 
 def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a JSON schema that describes a record of `json_record`, for viewers' menus."""
+    """Returns the JSON schema of a record made by `json_record`, for the menus of viewers."""
     properties = {key: _schema_of(value) for key, value in record.items() if key != "timestamp"}
     return {
         "title": title,

@@ -1,4 +1,4 @@
-"""Reads MCAP files in order; every damage becomes one typed error."""
+"""Reads MCAP files sequentially; any damage raises a `DemonstrationError`."""
 
 import io
 import struct
@@ -24,23 +24,23 @@ _PARSE_ERRORS = (
     *(McapError, zstandard.ZstdError, struct.error, ValueError, LookupError, AttributeError),
     *(EOFError, RuntimeError, MemoryError, OverflowError),
 )
-# Each call makes a new decompressor: zstandard's must not be shared by threads.
+# Each call makes a new decompressor, because threads must not share one of zstandard's.
 _DECOMPRESSORS = {
     "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
     "lz4": lambda data: lz4.frame.open(io.BytesIO(data)),
 }
 
 LARGEST_CHUNK = 256 << 20
-"""Largest size of a decompressed chunk [bytes]: an image of 8192 x 8192 pixels, and far more than
-recorders write at once."""
+"""Largest size of a decompressed chunk [bytes]. It holds an image of 8192 x 8192 pixels, far more
+than recorders write at once."""
 
 Location = tuple[int, int]
-"""Where a message is in a file: the offset of its record, or of its chunk's [bytes], and which
-record of that chunk it is."""
+"""Where a message is in a file: the offset [bytes] of its record, or of the chunk that holds it,
+and its index among the records of that chunk."""
 
 
 class ScannedMessage(NamedTuple):
-    """A message of a file.
+    """A message in a file, not yet decoded.
 
     Attributes:
         topic: Its topic.
@@ -59,24 +59,24 @@ class ScannedMessage(NamedTuple):
     location: Location
 
     def message_type(self, *candidates: Any) -> Any:
-        """Returns which of some Foxglove message classes it is of; None if of none of them."""
+        """Returns the Foxglove class in `candidates` that the schema names; None if none does."""
         if self.encoding != MessageEncoding.Protobuf:
             return None
         return next((c for c in candidates if c.DESCRIPTOR.full_name == self.schema), None)
 
     def decode(self, *candidates: Any) -> Any:
-        """Returns it decoded as that one of some Foxglove message classes that it is of.
+        """Returns the message, decoded as the Foxglove class in `candidates` that its schema names.
 
         Raises:
-            InvalidValueError: if it is of none of them, or damaged.
+            InvalidValueError: if its schema names none of them, or the message is damaged.
         """
         message_type = self.message_type(*candidates)
         if message_type is None:
             names = " or ".join(candidate.DESCRIPTOR.full_name for candidate in candidates)
             raise InvalidValueError(
-                f"it holds '{self.schema}' messages encoded as '{self.encoding}', but {names} as "
-                "protobuf is needed.",
-                remedy="Convert the topic, see docs/demonstration_format.md.",
+                f"it holds '{self.schema}' messages encoded as '{self.encoding}', not {names} "
+                "encoded as 'protobuf'.",
+                remedy="Convert the topic as described in docs/demonstration_format.md.",
             )
         try:
             return message_type.FromString(self.data)
@@ -87,17 +87,17 @@ class ScannedMessage(NamedTuple):
 
 
 class CutOffError(DemonstrationError):
-    """A file ends before its footer: its recorder was stopped."""
+    """A file ends before its footer, e.g. because its recorder was killed."""
 
 
 def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
-    """Yields the messages, metadata and attachments of a file, in its order.
+    """Yields the messages, metadata and attachments of a file, in file order.
 
-    Each chunk is checked against its CRC, and the data section against its own if it has one.
+    Checks the CRC of each chunk, and that of the data section if it has one.
 
     Raises:
-        CutOffError: if the file is cut off, after all that it holds.
-        DemonstrationError: if it cannot be opened, is empty, is not MCAP, or is damaged.
+        CutOffError: if the file is cut off; raised after everything before the cut was yielded.
+        DemonstrationError: if the file cannot be opened, is empty, is not MCAP, or is damaged.
     """
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -132,7 +132,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
 
 
 def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
-    """Returns the data of several messages; a chunk that holds more than one is read once.
+    """Returns the data of several messages, in the order of `locations`; reads each chunk once.
 
     Raises:
         DemonstrationError: if the file has changed or vanished since it was scanned.
@@ -146,13 +146,13 @@ def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
 
 
 class _CheckedFile(io.BufferedReader):
-    """A file whose reads return all bytes asked for, or raise an error.
+    """A file whose reads either return all requested bytes or raise an error.
 
-    `StreamReader` does not notice a short read, and allocates whatever a damaged length field
+    `StreamReader` does not notice a short read, and allocates as much as a damaged length field
     states.
 
     Attributes:
-        position: Offset of the record that `records` is at [bytes].
+        position: Offset of the current record of `records` [bytes].
     """
 
     def __init__(self, path: Path):
@@ -161,7 +161,7 @@ class _CheckedFile(io.BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > self._size - self.tell():
-            # A whole file has the magic bytes at its start and at its end.
+            # A complete file starts and ends with the magic bytes.
             if self._size >= 2 * MAGIC_SIZE:
                 self.seek(-MAGIC_SIZE, io.SEEK_END)
                 if super().read() == MCAP0_MAGIC:
@@ -169,13 +169,13 @@ class _CheckedFile(io.BufferedReader):
             raise CutOffError(
                 f"{self._path} is cut off: it ends inside the record at byte {self.position}, "
                 "without a footer.",
-                remedy="Its recorder was stopped before it finished. Record again, or save what "
-                f"is left with `mcap recover {self._path} -o recovered.mcap`.",
+                remedy="Record again, or save what is left with "
+                f"`mcap recover {self._path} -o recovered.mcap`.",
             )
         return super().read(size)
 
     def records(self, *, skip_magic: bool = False) -> Iterator[McapRecord]:
-        """Yields the records from here to the footer; chunks are not opened."""
+        """Yields the records from the current offset to the footer, without unpacking chunks."""
         records = StreamReader(
             self, skip_magic, emit_chunks=True, validate_crcs=True, record_size_limit=None
         ).records
@@ -189,7 +189,7 @@ class _CheckedFile(io.BufferedReader):
 
 @contextmanager
 def _open(path: Path) -> Iterator[_CheckedFile]:
-    """Opens a file; what goes wrong with it in the block becomes a `DemonstrationError`."""
+    """Opens a file; errors of reading or parsing it raise a `DemonstrationError`."""
     try:
         with _CheckedFile(path) as file:
             try:
@@ -198,7 +198,7 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
                 raise DemonstrationError(
                     f"{path} is damaged in the record at byte {file.position}: "
                     f"{error or type(error).__name__}.",
-                    remedy="Copy the file again from where it was recorded, or save what is left "
+                    remedy="Copy the file again from its origin, or save what is left "
                     f"with `mcap recover {path} -o recovered.mcap`.",
                 ) from error
     except OSError as error:
@@ -209,9 +209,9 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
 
 
 def _unpack(record: McapRecord) -> list[McapRecord]:
-    """Returns the records of a chunk after checking its size and its CRC, or the record itself.
+    """Returns the records of a chunk, after checking its size and CRC; otherwise `[record]`.
 
-    The library decompresses without a bound, so that a small file could fill the memory.
+    The library decompresses without a limit, so a small file could exhaust the memory.
     """
     if not isinstance(record, Chunk):
         return [record]

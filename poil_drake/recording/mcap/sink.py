@@ -13,19 +13,19 @@ from poil_drake.recording.mcap.message_encoder import EncodedMessage
 from poil_drake.recording.mcap.plain_json import json_schema
 
 METADATA_RECORD = "poil"
-"""Name of the metadata records of our files."""
+"""Name of the metadata record in files that poil_drake writes."""
 
 
 class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
 
-    Messages are written in chunks, each as soon as it is full. Until `close`, the file lacks its
-    index and footer; all chunks but the last can still be read, and `mcap recover` adds the rest.
+    Messages are collected in chunks, and each chunk is written when it is full. Until `close`, the
+    file lacks its index and footer; the written chunks can be read, and `mcap recover` repairs it.
 
     Args:
         stream: The file, opened for writing.
-        chunk_size: Of the chunks before compression [bytes]: smaller ones are written sooner and
-            compress less well.
+        chunk_size: Size of the chunks before compression [bytes]; smaller ones are written sooner,
+            but compress less well.
     """
 
     def __init__(self, stream: BinaryIO, *, chunk_size: int = 1 << 20):
@@ -48,8 +48,8 @@ class McapSink:
 
         Args:
             topic: The topic.
-            record: The message. NaN and infinity are not JSON and not allowed.
-            schema: The name of its schema, which is made from the first message.
+            record: The message, without NaN and infinity, which JSON does not have.
+            schema: The name of the JSON schema, which is derived from its first message.
             time: When it was logged [ns].
         """
         if schema not in self._schemas:
@@ -61,7 +61,7 @@ class McapSink:
         self._add(topic, schema, MessageEncoding.JSON, data, time)
 
     def add_metadata(self, values: Mapping[str, str]) -> None:
-        """Adds to the file's metadata."""
+        """Adds entries to the file's metadata."""
         self._writer.add_metadata(METADATA_RECORD, dict(values))
 
     def add_attachment(self, name: str, *, media_type: str, data: bytes) -> None:
@@ -69,7 +69,7 @@ class McapSink:
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def close(self) -> None:
-        """Writes index and footer and closes the file. A second call does nothing."""
+        """Writes the index and footer, and closes the file. A second call does nothing."""
         if self._stream.closed:
             return
         try:
@@ -84,7 +84,7 @@ class McapSink:
         channel, known_schema = self._channels[topic]
         if schema != known_schema:
             raise InvalidValueError(
-                f"Topic {topic} holds {known_schema} messages and is given a {schema}.",
-                remedy="Write one type of message to a topic.",
+                f"Topic {topic} holds {known_schema} messages and cannot take a {schema}.",
+                remedy="Use a separate topic for each type of message.",
             )
         self._writer.add_message(channel, log_time=time, data=data, publish_time=time)

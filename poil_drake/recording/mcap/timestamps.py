@@ -1,4 +1,4 @@
-"""Times as recorded: integer nanoseconds, in MCAP records and in Foxglove messages."""
+"""Converts between seconds and the integer nanoseconds of MCAP and Foxglove messages."""
 
 import math
 from typing import Any
@@ -11,23 +11,23 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 def to_nanoseconds(time: float) -> int:
     """Returns `time` [s] in whole nanoseconds.
 
-    Multiples of the binary rates (1/8 s, 1/512 s ...) come back exactly from `to_seconds`.
+    Multiples of 1/512 s convert exactly, and `to_seconds` converts them back exactly.
 
     Raises:
         InvalidValueError: if `time` is negative or not finite, which MCAP cannot hold.
     """
     if not math.isfinite(time) or time < 0.0:
         raise InvalidValueError(
-            f"A message has time {time} s.", remedy="Recorded times are finite and not negative."
+            f"A message has time {time} s.", remedy="Use a time that is finite and not negative."
         )
     return round(time * NANOSECONDS_PER_SECOND)
 
 
 def to_seconds(nanoseconds: int) -> float:
-    """Returns whole nanoseconds as the nearest float [s]."""
+    """Returns the float nearest to a whole number of nanoseconds, in [s]."""
     return nanoseconds / NANOSECONDS_PER_SECOND
 
 
 def get_timestamp(message: Any, default: int) -> int:
-    """Returns the `timestamp` of a Foxglove message [ns], or `default` where it was not set."""
+    """Returns the `timestamp` of a Foxglove message [ns], or `default` if it is not set."""
     return message.timestamp.ToNanoseconds() if message.HasField("timestamp") else default

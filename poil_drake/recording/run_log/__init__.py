@@ -1,1 +1,1 @@
-"""Logs of runs: their writer, their reader and what a replay needs of them."""
+"""Run logs: their writer, their reader, and the contents that a replay needs."""

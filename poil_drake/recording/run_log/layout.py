@@ -1,15 +1,15 @@
-"""The topics and names of a run log that a replay reads, see docs/replaying_a_run.md."""
+"""The topics and names of a run log that a replay reads; see docs/replaying_a_run.md."""
 
 PLAN_ATTACHMENT = "plan.npz"
 STATION_KEY = "station"
 SIMULATED, HARDWARE, DRY_RUN = "simulated", "hardware", "dry_run"
-"""Metadata: the kind of station, and its three values."""
+"""Metadata key of the kind of station, and its three values."""
 
 REPLAY_OF_KEY, REPLAY_OF_DIGEST_KEY = "replay_of", "replay_of_sha256"
-"""Metadata of the log of a replay: the name of the log that was replayed, and its SHA-256."""
+"""Metadata keys in the log of a replay: the name of the replayed log, and its SHA-256."""
 
 REPLAY_TRACKER_KEY, REPLAY_TEXT_KEY = "replay_tracker", "replay_scenario_text"
-"""Likewise: the tracker, and the YAML that was laid over the scenario."""
+"""Likewise: the tracker, and the YAML that was merged into the scenario."""
 
 JOINT_STATES_TOPIC = "/robot/joint_states"
 JOINT_COMMANDS_TOPIC = "/robot/joint_commands"

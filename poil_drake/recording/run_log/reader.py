@@ -45,7 +45,7 @@ from poil_drake.recording.run_log.series import Series
 from poil_drake.robots.panda import ARM_JOINTS
 
 NUMBERS = {
-    # Topic                 the numbers that its records hold
+    # Topic: the names of the numbers in its records.
     ROBOT_STATUS_TOPIC: ("mode", "age", "success_rate", "clock"),
     HAND_STATUS_TOPIC: ("width_commanded", "width_measured"),
     TRACKER_STATUS_TOPIC: ("status",),
@@ -55,28 +55,28 @@ NUMBERS = {
 }
 
 _IMAGE_TIME = ".image_time"
-"""Ending of the cameras' fields in the records of CAMERAS_STATUS_TOPIC."""
+"""Suffix of each camera's field in the records of CAMERAS_STATUS_TOPIC."""
 
-# What a message raises that is not what its topic holds; InvalidValueError is a ValueError.
+# Raised on reading a message that does not suit its topic; InvalidValueError is a ValueError.
 _MESSAGE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 def load_recorded_run(path: str | Path, *, joint_names: Sequence[str] = ARM_JOINTS) -> RecordedRun:
-    """Reads the log of a run. One that is cut off is read up to there, see `RecordedRun.cut_off`.
+    """Reads the log of a run. If it is cut off, reads what is left and sets `RecordedRun.cut_off`.
 
     Args:
         path: The MCAP file.
-        joint_names: The arm's joints; by default the Panda's.
+        joint_names: Names of the arm's joints; by default the Panda's.
 
     Raises:
-        RunLogError: if the file is missing or damaged, or a topic holds other messages than those
-            of a run log.
+        RunLogError: if the file is missing or damaged, or a message is not what a run log holds on
+            its topic.
     """
     return _Reader(Path(path), tuple(joint_names)).read()
 
 
 class _Reader:
-    """Collects the contents of a log."""
+    """Collects the contents of a log into a `RecordedRun`."""
 
     def __init__(self, path: Path, joint_names: tuple[str, ...]):
         self._run = RecordedRun(path, joint_names)
@@ -111,7 +111,7 @@ class _Reader:
         return run
 
     def _finish(self) -> None:
-        """Puts what was collected into the run, in order of time."""
+        """Stores the collected samples in the run, sorted by time."""
         run, samples, count = self._run, self._samples, len(self._run.joint_names)
         run.joints = Series.of(samples[JOINT_STATES_TOPIC], 3 * count)
         commands = Series.of(samples[JOINT_COMMANDS_TOPIC], 3 * count)
@@ -135,10 +135,10 @@ class _Reader:
                 run.camera_poses[name] = X_WC
 
     def _add_message(self, scanned: ScannedMessage) -> None:
-        """Adds a message; topics that no replay needs are ignored.
+        """Adds a message; ignores topics that no replay needs.
 
         Raises:
-            RunLogError: if it is damaged, or not of the type that its topic holds.
+            RunLogError: if the message is damaged, or has the wrong type for its topic.
         """
         try:
             if add := self._add.get(scanned.topic):
@@ -183,7 +183,7 @@ class _Reader:
 
 
 def _with_depth(camera: CameraContents) -> list[StoredImages]:
-    """Returns the colour images that have a depth image, each with its label image if any."""
+    """Returns the colour images that have a depth image, each with its label image, if any."""
     depth, label = (
         {image.stamp: image for image in stream} for stream in (camera.depth, camera.label)
     )
@@ -197,14 +197,14 @@ def _with_depth(camera: CameraContents) -> list[StoredImages]:
 def _record(scanned: ScannedMessage) -> Mapping[str, Any]:
     record = json.loads(scanned.data)
     if scanned.encoding != MessageEncoding.JSON or not isinstance(record, dict):
-        raise InvalidValueError("it holds messages that are not JSON objects.", remedy=REMEDY)
+        raise InvalidValueError("it holds a message that is not a JSON object.", remedy=REMEDY)
     return record
 
 
 def _number(value: Any) -> float:
-    """Returns a number of a record; null means one that is not finite."""
+    """Returns a record's value as a float; NaN for null, which replaces numbers not finite."""
     if value is None:
         return np.nan
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InvalidValueError(f"a record holds {value!r} for a number.", remedy=REMEDY)
+        raise InvalidValueError(f"a record holds {value!r} instead of a number.", remedy=REMEDY)
     return float(value)

@@ -16,15 +16,15 @@ from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.run_log.series import Series
 
-REMEDY = "Take the log that poil run or poil execute wrote, or copy it again."
-"""What to do about a log that cannot be used."""
+REMEDY = "Use a log that poil run or poil execute wrote; if this is one, copy it again."
+"""What to do if a log cannot be used."""
 
 _CACHED_IMAGES = 2
-"""Tracker and detector process the same image, and then the next."""
+"""Tracker and detector process the same image before either needs the next."""
 
 
 class PhaseStart(NamedTuple):
-    """When a phase of the skill began [s], which one, and why."""
+    """The start of a phase of the skill: the time [s], the phase's name, and the reason."""
 
     time: float
     name: str
@@ -32,7 +32,7 @@ class PhaseStart(NamedTuple):
 
 
 class LoggedTrack(NamedTuple):
-    """A track and when it was logged [s]."""
+    """A track, and the time when it was logged [s]."""
 
     time: float
     track: TrackedPoints
@@ -40,26 +40,26 @@ class LoggedTrack(NamedTuple):
 
 @dataclass
 class RecordedRun:
-    """What a replay needs of a run's log, and what it is compared with.
+    """The parts of a run's log that a replay needs or is compared with.
 
     Attributes:
         path: The file.
-        joint_names: The arm's joints, J of them.
+        joint_names: Names of the arm's J joints.
         metadata: The metadata of the run.
         scenario_text: The scenario as YAML; None if the log lacks it.
-        plan: The plan's file; None if the log lacks it.
+        plan: The contents of the plan file; None if the log lacks it.
         joints: (T, 3 J) measured positions [rad], velocities [rad/s] and external torques [Nm].
         commands: (T, J) commanded joint velocities [rad/s].
-        postures: (T, J) the joint positions to which they lead [rad].
-        twist: (T, 6) desired spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
-        numbers: Topic -> (T, fields) of the statuses in `reader.NUMBERS`.
-        camera_times: Camera -> (T, 1) when its newest image was captured [s].
+        postures: (T, J) commanded joint positions [rad].
+        twist: (T, 6) commanded spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
+        numbers: Topic -> (T, F) the fields that `reader.NUMBERS` lists for the topic.
+        camera_times: Camera -> (T, 1) capture time of its newest image [s].
         calibrations: Camera -> its intrinsics.
-        camera_poses: Camera -> (4, 4) its pose in the world [m].
+        camera_poses: Camera -> (4, 4) pose of the camera in the world [m].
         phases: The phases of the skill.
         tracks: The tracks that the tracker released.
-        images: Camera -> its images that have depth, in order.
-        cut_off: How the file ends if it is cut off; empty for a whole file.
+        images: Camera -> its colour images that have depth, in the order of logging.
+        cut_off: Where the file is cut off, as a clause; empty if the file is complete.
     """
 
     path: Path
@@ -87,10 +87,10 @@ class RecordedRun:
 
     @property
     def label_ids(self) -> dict[str, tuple[int, ...]]:
-        """The labels of objects and parts; empty if the log has none.
+        """The render labels of objects and parts; empty if the log has none.
 
         Raises:
-            RunLogError: if the metadata is not a table of labels.
+            RunLogError: if the metadata `label_ids` is not a JSON object of label lists.
         """
         try:
             return parse_label_ids(self.metadata.get(LABEL_IDS_KEY, "{}"))
@@ -98,10 +98,10 @@ class RecordedRun:
             raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error
 
     def image_reader(self, camera: CameraModel) -> Callable[[int], RgbdImage]:
-        """Returns a function that decodes an image of a camera by its index in `images`.
+        """Returns a function that decodes a camera's image, given its index in `images`.
 
-        The function caches the last few. It raises a RunLogError if the image cannot be decoded or
-        does not have the size of the camera's model, or if the file has changed.
+        The function caches the last two images. It raises a RunLogError if the image cannot be
+        decoded or does not have the size of the camera's model, or if the file has changed.
         """
         images = self.images.get(camera.name, [])
 
@@ -117,7 +117,7 @@ class RecordedRun:
             except DemonstrationError as error:
                 raise RunLogError(
                     error.problem,
-                    remedy="Copy the log again, and replay it with the cameras of the run.",
+                    remedy="Use the run's image size in the scenario, or copy the log again.",
                 ) from error
 
         return read

@@ -7,16 +7,16 @@ from typing import Self
 import numpy as np
 
 _ROUNDING = 1e-9
-"""Rounding of times that were written as nanoseconds [s]."""
+"""Tolerance for the rounding of times to nanoseconds [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Samples in order of time.
+    """Samples in chronological order.
 
     Attributes:
-        times: (T,) [s].
-        values: (T, ...) the samples.
+        times: (T,) times of the samples [s].
+        values: (T, N) samples, one per row.
     """
 
     times: np.ndarray
@@ -24,7 +24,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[tuple[float, Sequence[float] | np.ndarray]], size: int) -> Self:
-        """Returns the series of (time [s], values) pairs in any order, each of `size` values."""
+        """Returns the series of (time [s], sample) pairs, in any order, with `size` values each."""
         ordered = sorted(samples, key=lambda sample: sample[0])
         times = np.array([time for time, _ in ordered], dtype=float)
         return cls(times, np.array([value for _, value in ordered], float).reshape(-1, size))
@@ -34,7 +34,7 @@ class Series:
 
     @property
     def period(self) -> float:
-        """Median time between the samples [s]; NaN where there are fewer than two."""
+        """Median time between the samples [s]; NaN if there are fewer than two."""
         return float(np.median(np.diff(self.times))) if len(self) > 1 else float("nan")
 
     def index(self, time: float) -> int:
@@ -42,6 +42,6 @@ class Series:
         return int(np.searchsorted(self.times, time + _ROUNDING, side="right")) - 1
 
     def at(self, time: float) -> np.ndarray:
-        """Returns the newest sample (...) at or before a time [s]; NaN if there is none."""
+        """Returns the (N,) newest sample at or before a time [s]; NaN if there is none."""
         index = self.index(time)
         return np.full(self.values.shape[1:], np.nan) if index < 0 else self.values[index]

@@ -1,4 +1,4 @@
-"""Writes the log of a run, as MCAP."""
+"""Writes the log of a run as an MCAP file."""
 
 import atexit
 import json
@@ -37,15 +37,15 @@ class RunLogConfig:
         color: How colour images are encoded. Quality 85 is good enough for viewing and takes half
             the space of 95.
         exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
-            log's size. With "raw" or "png" colour images, a replay then sees what the run saw.
-        images: Whether images are written; a log without drops them at once.
-        queue_capacity: How many messages may wait for the writing thread. 2048 are more than a
-            second at the default rates, and 60 MB including images.
+            log's size. With "raw" or "png" colour as well, a replay sees exactly what the run saw.
+        images: Whether images are written; otherwise they are discarded at once.
+        queue_capacity: How many messages may wait for the writing thread. 2048 messages are more
+            than a second at the default rates, and take 60 MB including images.
         drop_when_full: Whether a full queue drops messages, and counts them in the metadata
             `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
             must not wait for a disk.
-        chunk_size: How much is written at once [bytes, before compression]: the most that a log
-            loses when its process is killed.
+        chunk_size: How much is written at once [bytes, before compression], and so how much a log
+            loses at most if its process is killed.
     """
 
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
@@ -57,26 +57,26 @@ class RunLogConfig:
 
     @classmethod
     def for_hardware(cls) -> Self:
-        """Returns the configuration for a real robot: nothing blocks, and a kill loses little."""
+        """Returns the configuration for a real robot: no call blocks, and a kill loses little."""
         return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
 class RunLogWriter:
-    """Writes the log of a run: open, write, close; or a `with` block.
+    """Writes the log of a run; use it in a `with` block, or call `close`.
 
-    All times are those of the loop's context [s], which begin at 0, on hardware, too; `time` is
-    when a message was logged, `stamp` when what it shows was measured, by default the same. A write
-    copies its arrays and returns; one background thread encodes, compresses and writes to disk, and
-    `close` joins it. The file is readable after any `close`, also after an exception; at the exit
-    of the interpreter the log is closed at the latest.
+    All times are those of the loop's context [s], which start at 0 on hardware, too. `time` is when
+    a message is logged; `stamp` is when its contents were measured, by default `time`. A write
+    copies its arrays and returns; a background thread encodes, compresses and writes to disk, and
+    `close` joins it. After `close`, the file is readable, even if there was an exception. The log
+    is also closed when the interpreter exits.
 
-    A write raises the error of an earlier write in the background thread, e.g. a full disk.
+    A write raises the error of an earlier write in the background thread, e.g. on a full disk.
 
     Args:
         path: The MCAP file; its folder is created if needed. An older file is overwritten.
-        metadata: Metadata of the run, e.g. {"scenario": ..., "seed": ...}.
+        metadata: Metadata of the run, e.g. {"scenario": "HangMug", "seed": "3"}.
         scenario_text: The scenario as YAML, kept as an attachment.
-        plan: The file of the plan that is executed, kept as an attachment.
+        plan: The contents of the plan file, kept as an attachment.
         config: How to log.
     """
 
@@ -96,7 +96,7 @@ class RunLogWriter:
             color=self._config.color, exact_depth=self._config.exact_depth
         )
         self._closed = False
-        # Metadata first, so that a log that was never closed has it.
+        # Metadata first, so that even a log that was never closed has it.
         self._sink.add_metadata({**version_metadata(), **(metadata or {})})
         if scenario_text is not None:
             self._sink.add_attachment(
@@ -133,7 +133,7 @@ class RunLogWriter:
         self._write_pixels("label", camera, label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
-        """Writes the labels of objects and parts as metadata; see `MultiViewFrame.label_ids`."""
+        """Writes the render labels of objects and parts; see `MultiViewFrame.label_ids`."""
         text = json.dumps({name: list(ids) for name, ids in label_ids.items()})
         self._submit(lambda: self._sink.add_metadata({LABEL_IDS_KEY: text}))
 
@@ -147,7 +147,7 @@ class RunLogWriter:
         confidence: np.ndarray | None = None,
         exact: bool = False,
     ) -> None:
-        """Writes (N, 3) world points [m] to /points/<name>, with their (N,) confidence if given.
+        """Writes (N, 3) world points [m], with (N,) confidences if given, to /points/<name>.
 
         The names in use are tracked, propagated, reference and target. Points are rounded to
         float32 unless `exact`.
@@ -178,7 +178,7 @@ class RunLogWriter:
         effort: np.ndarray | None = None,
         topic: str = JOINT_STATES_TOPIC,
     ) -> None:
-        """Writes the (J,) positions [rad], velocities [rad/s] and torques [Nm] of named joints."""
+        """Writes the (J,) positions [rad], velocities [rad/s] and torques [N m] of named joints."""
         self._write(
             topic,
             self._encoder.joint_states,
@@ -201,13 +201,13 @@ class RunLogWriter:
     def write_status(self, topic: str, values: Mapping[str, Any], *, time: float) -> None:
         """Writes named values to `topic`, e.g. /controller/status, /ik/status, /tracker/status.
 
-        The values may be numbers, text, arrays and mappings of these. The first message on a topic
-        sets its JSON schema, so give every message of a topic the same names.
+        The values may be numbers, strings, arrays and mappings of these. The first message on a
+        topic sets its JSON schema, so use the same names in every message on that topic.
         """
         self._write_json(topic, values, schema=f"poil{topic.replace('/', '.')}", time=time)
 
     def write_phase(self, phase: str, *, time: float, reason: str = "") -> None:
-        """Writes to /phase that a phase of the task has begun, and why."""
+        """Writes the start of a phase of the task to /phase, with its reason."""
         values = {"phase": phase, "reason": reason}
         self._write_json(PHASE_TOPIC, values, schema="poil.phase", time=time)
 
@@ -215,7 +215,7 @@ class RunLogWriter:
         """Waits for the background thread and finishes the file. A second call does nothing.
 
         Raises:
-            OSError: if the file could not be written. It is closed all the same.
+            OSError: if the file could not be written; it is closed nevertheless.
         """
         if self._closed:
             return
@@ -252,7 +252,7 @@ class RunLogWriter:
         stamp: float | None = None,
         **options: Any,
     ) -> None:
-        """Submits a message, which the background thread encodes from copies of its arrays."""
+        """Queues a message; the background thread encodes it from copies of its arrays."""
         now, captured = to_nanoseconds(time), to_nanoseconds(time if stamp is None else stamp)
         kept = _kept(content)
         options = {name: _kept(value) for name, value in options.items()}
@@ -272,6 +272,6 @@ class RunLogWriter:
 
 
 def _kept(value: Any) -> Any:
-    """Returns the value; of an array that may change, a copy: of one that is writable or a view."""
+    """Returns the value, or a copy if it is an array that may change (writable, or a view)."""
     may_change = isinstance(value, np.ndarray) and (value.flags.writeable or value.base is not None)
     return value.copy() if may_change else value

@@ -167,8 +167,8 @@ def test_a_damaged_log_is_refused(path):
 @pytest.mark.parametrize(
     ("topic", "value", "problem"),
     [
-        ("/robot/status", {"mode": "fast"}, "'fast' for a number"),
-        ("/robot/status", {"mode": True}, "True for a number"),
+        ("/robot/status", {"mode": "fast"}, "'fast' instead of a number"),
+        ("/robot/status", {"mode": True}, "True instead of a number"),
         ("/robot/status", {"mode": 10**400}, "damaged"),
         ("/controller/twist", {"angular": 3}, "damaged"),
         ("/controller/twist", {}, "damaged"),
