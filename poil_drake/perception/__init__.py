@@ -1,4 +1,4 @@
-"""Cameras, images, part detectors and point trackers. No pydrake."""
+"""Cameras, images, part detectors and point trackers. Nothing here imports pydrake."""
 
 import lazy_loader
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 
-# Of the fields of `StereoDepthNoiseConfig`.
+# Bounds (lowest, highest) on fields of `StereoDepthNoiseConfig`.
 _LIMITS = {
     "quadratic": (0.0, np.inf),
     "correlation_length": (1, np.inf),
@@ -31,25 +31,25 @@ class StereoDepthNoiseConfig:
     disparity grows with the square of the depth.
 
     Attributes:
-        enabled: False only sets invalid pixels to 0.
-        quadratic: k [1/m] of the standard deviation k z^2 of the depth. 0.0015 is 1.5 mm at 1 m and
-            0.6 mm at 0.65 m, as for a ZED.
+        enabled: If False, no noise is added; invalid pixels are still set to 0.
+        quadratic: Factor k [1/m] in the standard deviation k z^2 of the depth z. 0.0015 is 1.5 mm
+            at 1 m and 0.6 mm at 0.65 m, as for a ZED.
         correlation_length: Pitch of the grid of independent errors [px], between which the noise
             is interpolated: stereo matches windows, so errors of neighbours are correlated.
-        inverse_depth_step: Quantum of the inverse depth [1/m]; 0 for none. A focal length of
-            460 px, a baseline of 0.12 m and steps of 1/32 px give 0.0006.
-        edge_jump: Neighbours whose depth differs by more than this share of the nearer depth are at
-            an edge.
+        inverse_depth_step: Quantization step of the inverse depth [1/m]; 0 for none. A focal length
+            of 460 px, a baseline of 0.12 m and disparity steps of 1/32 px give 0.0006.
+        edge_jump: Neighbouring pixels are at an edge if their depths differ by more than this
+            fraction of the smaller depth.
         flying_width: Distance from an edge within which pixels may fly, that is, get a depth
             between the two surfaces [px].
         flying_probability: Share of those pixels that fly.
         hole_width: Distance from an edge, on the farther surface, within which pixels may be lost,
             because the second camera does not see them [px].
         hole_probability: Share of those pixels that are lost.
-        blob_count: Mean number of round holes in an image, from reflections and plain surfaces.
-        blob_radius: Smallest and largest radius of these [px].
-        min_depth: Nearer pixels are lost [m].
-        max_depth: Farther pixels are lost [m].
+        blob_count: Mean number of elliptical holes per image, from reflections and plain surfaces.
+        blob_radius: Smallest and largest semi-axis of these holes [px].
+        min_depth: Depth below which pixels are lost [m].
+        max_depth: Depth above which pixels are lost [m].
     """
 
     enabled: bool = True
@@ -72,25 +72,26 @@ class StereoDepthNoiseConfig:
             if not (low <= value <= high and np.isfinite(value)):
                 raise InvalidValueError(
                     f"StereoDepthNoiseConfig.{name} is {value}.",
-                    remedy=f"It must be finite, at least {low} and at most {high}.",
+                    remedy=f"It must be finite and at least {low}"
+                    f"{f', and at most {high}' if high < np.inf else ''}.",
                 )
         if not 0.0 < self.min_depth < self.max_depth:
             raise InvalidValueError(
                 f"StereoDepthNoiseConfig has min_depth={self.min_depth} and "
                 f"max_depth={self.max_depth} m.",
-                remedy="Pass 0 < min_depth < max_depth.",
+                remedy="Set 0 < min_depth < max_depth.",
             )
         if not 0 <= self.blob_radius[0] <= self.blob_radius[1]:
             raise InvalidValueError(
                 f"StereoDepthNoiseConfig.blob_radius is {self.blob_radius} px.",
-                remedy="Pass the smallest radius, then the largest.",
+                remedy="Set the smallest radius, at least 0, then the largest.",
             )
 
 
 def apply_stereo_depth_noise(
     depth: np.ndarray, config: StereoDepthNoiseConfig, seed: Sequence[int] | int
 ) -> np.ndarray:
-    """Returns depth as a stereo camera would measure it.
+    """Returns the depth that a stereo camera would measure.
 
     Args:
         depth: (H, W) true depth along the optical axis [m]; 0, NaN and infinity are invalid.
@@ -105,11 +106,11 @@ def apply_stereo_depth_noise(
         return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(0.0))
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # An invalid pixel, of depth 0, counts as infinitely far.
         w = np.reciprocal(depth)
         valid = (w >= np.float32(1.0 / config.max_depth)) & (
             w <= np.float32(1.0 / config.min_depth)
         )
+    # Invalid pixels count as infinitely far.
     np.copyto(w, np.float32(0.0), where=~valid)
     _disturb_edges(w, valid, config, rng)
     _punch_holes(valid, config, rng)
@@ -163,7 +164,7 @@ def _correlated_noise(
     """Returns noise (H, W) of the inverse depth, interpolated between the nodes of a grid."""
     height, width = shape
     pitch = config.correlation_length
-    # Two nodes beyond the image, so that every pixel lies between nodes.
+    # The grid has two more nodes than the image, so that every pixel lies between nodes.
     rows, columns = -(-height // pitch) + 2, -(-width // pitch) + 2
     nodes = rng.standard_normal((rows, columns), dtype=np.float32)
     noise = cv2.resize(nodes, (columns * pitch, rows * pitch), interpolation=cv2.INTER_LINEAR)
@@ -173,14 +174,14 @@ def _correlated_noise(
 
 @lru_cache(maxsize=8)
 def _interpolation_gain(height: int, width: int, pitch: int, scale: float) -> np.ndarray:
-    """Returns the factors (H, W) that give interpolated unit noise the deviation `scale`.
+    """Returns the factors (H, W) that give interpolated unit noise the standard deviation `scale`.
 
     At a fraction f between two independent nodes, linear interpolation has the variance
     (1 - f)^2 + f^2, along each axis.
     """
 
     def gain(size: int) -> np.ndarray:
-        # cv2.resize() has the centre of target pixel i at (i + 0.5) / pitch - 0.5.
+        # cv2.resize() places the centre of target pixel i at (i + 0.5) / pitch - 0.5.
         f = ((np.arange(size) + 0.5) / pitch + 0.5) % 1.0
         return 1.0 / np.sqrt((1.0 - f) ** 2 + f**2)
 

@@ -17,8 +17,8 @@ from poil_drake.geometry.point_cloud import (
 from poil_drake.geometry.unprojection import depth_normals, unproject
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
-_OUTLIER_DEVIATIONS = 2.5  # above the mean distance to neighbours, in standard deviations
-_NORMAL_STEP = 2  # distance of the pixels that normals are computed from [px]
+_OUTLIER_DEVIATIONS = 2.5  # standard deviations above the mean distance to neighbours
+_NORMAL_STEP = 2  # distance to the pixels whose depths a normal is computed from [px]
 _NORMAL_SMOOTHING = 2  # half width of the box that smooths normals [px]
 
 
@@ -28,9 +28,9 @@ class FusionConfig:
 
     Attributes:
         mask: Which pixels of each view's mask to use.
-        voxel_size: Edge of the voxels that are averaged [m]; 0 keeps every point. 2 mm holds about
-            four pixels of each view at 0.65 m.
-        outlier_neighbours: Neighbours that an outlier is detected by; 0 keeps outliers.
+        voxel_size: Edge of the voxels in which points are averaged [m]; 0 keeps every point. A
+            2 mm voxel holds about four pixels of each view at 0.65 m.
+        outlier_neighbours: Number of neighbours used to detect an outlier; 0 keeps outliers.
     """
 
     mask: DepthMaskConfig = field(default_factory=DepthMaskConfig)
@@ -41,25 +41,26 @@ class FusionConfig:
 def fuse_views(
     frame: MultiViewFrame, masks: Sequence[np.ndarray], config: FusionConfig | None = None
 ) -> PointCloud:
-    """Returns the cloud (world) of the masked pixels of all views, with normals and colours.
+    """Returns one world-frame cloud of all masked pixels, with normals and colours.
 
-    Normals are computed in each view, where they point to the camera, before views are joined. Then
-    voxels average over the views, and outliers are removed.
+    Normals are computed in each view and point towards its camera. The views are then joined, their
+    points averaged in voxels, and outliers removed.
 
     Args:
         frame: The images.
-        masks: One (H, W) bool for each camera, in the frame's order; all false for cameras that do
-            not see the object.
-        config: Parameters, None for the defaults.
+        masks: One (H, W) bool for each camera, in the frame's order; all False where the object is
+            not seen.
+        config: Parameters; None for the defaults.
 
     Raises:
+        InvalidValueError: if the number of masks is not that of the cameras.
         DetectionError: if no usable pixel remains.
     """
     config = config or FusionConfig()
     if len(masks) != len(frame.cameras):
         raise InvalidValueError(
             f"fuse_views() got {len(masks)} masks for {len(frame.cameras)} cameras.",
-            remedy="Pass one mask for each camera, all false where nothing was found.",
+            remedy="Pass one mask for each camera, all False where nothing was found.",
         )
     clouds = [
         _view_cloud(camera, image, mask, config)
@@ -69,9 +70,9 @@ def fuse_views(
     if len(cloud) == 0:
         marked = [int(np.count_nonzero(mask)) for mask in masks]
         raise DetectionError(
-            f"No pixel of the {len(masks)} views has usable depth: the masks mark {marked} pixels.",
+            f"No masked pixel has usable depth; the masks of the views mark {marked} pixels.",
             remedy="Check that the cameras see the object, and that FusionConfig.mask does not "
-            "erode it away.",
+            "erode its masks away.",
         )
     if config.voxel_size > 0.0:
         cloud = voxel_downsample(cloud, config.voxel_size)
@@ -93,7 +94,7 @@ def _view_cloud(
     colors = image.rgb[pixels[:, 1], pixels[:, 0]]
     if len(points) < 3:
         return PointCloud(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3), dtype=np.uint8))
-    # Unusable pixels are left out, since differences must not reach across to the background.
+    # Unusable pixels are set to 0, so that no difference reaches across to the background.
     normals_image = depth_normals(
         np.where(usable, image.depth, np.float32(0.0)),
         camera.K,
@@ -102,7 +103,7 @@ def _view_cloud(
         relative_jump=config.mask.relative_jump,
     )
     normals = normals_image[pixels[:, 1], pixels[:, 0]].astype(float)
-    # Along borders, and on parts a few pixels wide, there are no central differences.
+    # Along borders, and on parts a few pixels wide, central differences are not available.
     missing = np.flatnonzero(~np.isfinite(normals).all(axis=1))
     if missing.size:
         normals[missing] = pca_normals(points, viewpoint=np.zeros(3), at=missing)

@@ -39,20 +39,20 @@ class CameraModel(SharedOnCopy):
         R = self.X_WC[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
             raise InvalidValueError(
-                f"CameraModel.X_WC of '{self.name}' does not hold a rotation matrix.",
+                f"CameraModel.X_WC of '{self.name}' has an invalid rotation: {R.tolist()}.",
                 remedy="Pass a rigid transform with an orthonormal, right-handed rotation.",
             )
 
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage(SharedOnCopy):
-    """A camera's colour and depth image of one instant.
+    """The colour and the depth image of one camera at one instant.
 
     Attributes:
         rgb: (H, W, 3) uint8 colour.
         depth: (H, W) float32 depth along the optical axis [m]; 0 where invalid.
         stamp: Time of capture [s].
-        label: (H, W) int16 render labels of a simulator, or None.
+        label: (H, W) int16 render labels from a simulator, or None.
     """
 
     rgb: np.ndarray
@@ -76,10 +76,10 @@ class MultiViewFrame(SharedOnCopy):
     """The images of all cameras at one instant.
 
     Attributes:
-        cameras: The cameras' models, V of them.
+        cameras: The models of the V cameras.
         images: Their images, in the same order.
-        label_ids: The render labels of each name: "<object>" for the whole object,
-            "<object>/<part>" for a part. An object's labels include those of its parts. Empty if
+        label_ids: Maps each name to its render labels: "<object>" is a whole object,
+            "<object>/<part>" is a part. An object's labels include those of its parts. Empty if
             the images have no labels.
     """
 
@@ -106,10 +106,10 @@ class MultiViewFrame(SharedOnCopy):
         object.__setattr__(self, "label_ids", MappingProxyType(label_ids))
 
     def __reduce__(self) -> tuple:
-        """Supports pickling, which does not support the read-only view of `label_ids`."""
+        """Supports pickling: the read-only view `label_ids` is pickled as a dict."""
         return type(self), (self.cameras, self.images, dict(self.label_ids))
 
     @property
     def stamp(self) -> float:
-        """The time of capture of the oldest image [s]."""
+        """The capture time of the oldest image [s]."""
         return min(image.stamp for image in self.images)

@@ -10,7 +10,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoints(SharedOnCopy):
-    """Positions of N points at one instant.
+    """The positions of N points at one instant.
 
     Attributes:
         positions: (N, 3) positions [m, world]; NaN where not observed.
@@ -32,13 +32,13 @@ class TrackedPoints(SharedOnCopy):
         if np.any((confidence < 0.0) | (confidence > 1.0)):
             raise InvalidValueError(
                 f"TrackedPoints.confidence spans [{confidence.min()}, {confidence.max()}].",
-                remedy="Confidence lies in [0, 1].",
+                remedy="Pass values in [0, 1].",
             )
-        observed = np.isfinite(positions).all(axis=1)
-        if np.any(~observed & (confidence > 0.0)):
+        wrong = np.flatnonzero(~np.isfinite(positions).all(axis=1) & (confidence > 0.0))
+        if wrong.size:
             raise InvalidValueError(
-                "TrackedPoints.positions is not finite at a point with confidence.",
-                remedy="Give confidence 0 to points that were not observed.",
+                f"TrackedPoints has confidence at non-finite positions, indices {wrong.tolist()}.",
+                remedy="Set the confidence of points that were not observed to 0.",
             )
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "confidence", confidence)

@@ -141,11 +141,11 @@ def test_the_progress_of_every_stage_rises_to_one(
 @pytest.mark.parametrize(
     ("changed", "says"),
     [
-        ({}, "first frame of the demonstration '.*cup.mcap': The images label no object 'mug'"),
-        ({"demonstration_object_label": "cup", "part_label": "spout"}, "no part 'spout'"),
+        ({}, "first frame of the demonstration '.*cup.mcap': .* no render label .* object 'mug'"),
+        ({"demonstration_object_label": "cup", "part_label": "spout"}, "the part 'spout' of 'cup'"),
         (
             {"demonstration_object_label": "cup", "object_label": "teapot"},
-            "In the view of the scene: The images label no object 'teapot'",
+            "In the view of the scene: The frame has no render label for the object 'teapot'",
         ),
     ],
 )

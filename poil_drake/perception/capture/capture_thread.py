@@ -8,7 +8,7 @@ from poil_drake.perception.capture.device import CaptureDevice
 from poil_drake.perception.images import RgbdImage
 
 _PAUSE = 0.001
-"""After a read without a new image [s], so that a device that does not wait does not spin."""
+"""Pause after a read without a new image [s], so that a non-blocking device does not spin."""
 
 _JOIN_TIMEOUT = 1.0
 """How long `close` waits for the thread [s]. A device may block for longer while it opens."""
@@ -17,18 +17,18 @@ _JOIN_TIMEOUT = 1.0
 class CaptureThread:
     """Opens a camera, reads it, and keeps the newest usable image.
 
-    An image is unusable if the device rejects it with a `NoImageError`, if it has another size or
-    no depth at all, or if its stamp is not finite or not later than the last one since the device
+    An image is unusable if the device rejects it with a `NoImageError`, if it has the wrong size or
+    no valid depth, or if its stamp is not finite or not later than the last one since the device
     was opened. Then `problem` describes the reason and the last image stays, so its age reveals a
     frozen camera. The next usable image clears `problem`. A device that raises any other error is
-    closed and opened again, both after `reopen_period`, since some cameras' libraries hold the
-    interpreter for both.
+    closed and reopened `reopen_period` later: some cameras' libraries hold the interpreter while
+    they close or open, so neither may happen in quick succession.
 
     Any thread may read the attributes, without a lock.
 
     Attributes:
         newest: The newest image; None before the first.
-        count: Number of images so far.
+        count: Number of usable images so far.
         problem: What is wrong; empty if nothing is.
     """
 
@@ -50,7 +50,7 @@ class CaptureThread:
             device: The camera. From now on only this thread uses it.
             name: The camera's name, for the name of the thread.
             size: Required (height, width) of the images [px].
-            reopen_period: From a failure to the next attempt to open the device [s].
+            reopen_period: Time from a failure to the next attempt to open the device [s].
         """
         self.newest, self.count, self.problem = None, 0, ""
         self._last_stamp = -math.inf
@@ -59,15 +59,15 @@ class CaptureThread:
         self._thread = threading.Thread(target=self._run, name=f"capture_{name}", daemon=True)
 
     def start(self) -> None:
-        """Starts to capture; once. Does nothing after `close`."""
+        """Starts capturing. Call it at most once; after `close` it does nothing."""
         if not self._ended.is_set():
             self._thread.start()
 
     def close(self) -> None:
         """Ends the thread, which closes the device. A second call does nothing.
 
-        A thread that is blocked in its device for more than a second ends later, at the latest with
-        the program.
+        Returns after at most a second. A thread that is still blocked in its device ends later, at
+        the latest with the program.
         """
         self._ended.set()
         if self._thread.ident is not None:
@@ -77,7 +77,7 @@ class CaptureThread:
         while not self._ended.is_set():
             try:
                 self._device.open()
-                # The clock may have been set since the device was last open.
+                # The clock may have been reset since the device was last open.
                 self._last_stamp = -math.inf
                 self._capture()
             except Exception as error:  # A camera's library may raise any type.

@@ -1,4 +1,4 @@
-"""Checks what a camera has delivered, and converts its depth to metres."""
+"""Checks the images that a camera delivers, and converts their depth to metres."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from poil_drake.errors import NoImageError
 from poil_drake.perception.images import RgbdImage
 
 _TOO_FAR = 65535
-"""16-bit depth beyond the range, in Drake's images and those of saturated cameras."""
+"""The 16-bit depth that means "too far", in Drake's images and those of saturated cameras."""
 
 
 def checked_image(
@@ -18,7 +18,7 @@ def checked_image(
     source: str,
     depth_step: float | None = None,
 ) -> RgbdImage:
-    """Returns an image of what a camera has delivered, with depth by `depth_in_metres`.
+    """Returns the image that a camera delivered, with depth converted by `depth_in_metres`.
 
     Args:
         rgb: (H, W, 3) uint8 colour. An array that owns its data becomes read-only instead of being
@@ -30,8 +30,8 @@ def checked_image(
         depth_step: One step of uint16 depth [m]; None if depth is float32.
 
     Raises:
-        NoImageError: if an array has another type or size. Nothing is converted silently, since
-            cast colour or depth in other units would look right and be wrong.
+        NoImageError: if an array has the wrong type or size. No array is cast: cast colour, or
+            depth in other units, would look right but be wrong.
     """
     for name, pixels, shape, dtype in (
         ("colour", rgb, (*size, 3), np.uint8),
@@ -40,9 +40,9 @@ def checked_image(
         if pixels.dtype != dtype or pixels.shape != shape:
             raise NoImageError(
                 f"{source} delivers {name} of shape {pixels.shape} and type {pixels.dtype}, but "
-                f"{shape} and {np.dtype(dtype)} are needed.",
-                remedy="Write the size that it delivers into the scenario, with the calibration "
-                "for that size.",
+                f"shape {shape} and type {np.dtype(dtype)} are needed.",
+                remedy="Use a source of that type, and set the camera's size in the scenario to "
+                "the delivered one, with the calibration for it.",
             )
     metres = depth_in_metres(depth, step=depth_step or 0.0)
     for pixels in (rgb, metres):
@@ -54,15 +54,14 @@ def checked_image(
 def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
     """Returns depth [m] as float32, 0 where invalid.
 
-    Invalid floats are those that are not finite or not positive; invalid integers are 0 and 65535
-    ("too far").
+    A float is invalid if not finite or not positive, an integer if 0 or 65535 ("too far").
 
     Args:
         raw: Depth of any shape, float32 [m] or uint16 [steps].
         step: One step of integer depth [m].
 
     Raises:
-        NoImageError: if it has another type.
+        NoImageError: if `raw` has another type.
     """
     if raw.dtype == np.uint16:
         metres = np.multiply(raw, np.float32(step), dtype=np.float32)
@@ -71,6 +70,6 @@ def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
     if raw.dtype == np.float32:
         return np.where(np.isfinite(raw) & (raw > 0.0), raw, np.float32(0.0))
     raise NoImageError(
-        f"Depth has the type {raw.dtype}.",
-        remedy="Deliver 32-bit floats in metres, or 16-bit integers.",
+        f"Depth has the unsupported type {raw.dtype}.",
+        remedy="Use 32-bit floats in metres, or unsigned 16-bit integers.",
     )

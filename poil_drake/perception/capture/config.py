@@ -1,7 +1,7 @@
-"""Where the images of a camera come from. Loading this configuration loads no camera library.
+"""Configures where a camera's images come from. Importing this loads no camera library.
 
 The names of the classes are tags in YAML, e.g. `!RealSense {serial: "913522070157"}`. A required
-value, such as a file, is empty by default and checked when the device is made.
+value, such as a file, is empty by default and is checked when the device is constructed.
 """
 
 import math
@@ -14,23 +14,23 @@ from poil_drake.errors import InvalidValueError
 class RealSense:
     """An Intel RealSense; it needs `pyrealsense2`.
 
-    Stamps are those of the camera, which its library converts to this computer's clock ("global
-    time"): when the read-out of the older of the two images began, half an exposure time after the
-    middle of the exposure. Where the camera has no global time, as with some kernels, the stamp is
-    the image's arrival less the latency (see `FramePairStamps`).
+    A stamp is the time when the read-out of the older of the two images began, half an exposure
+    time after the middle of the exposure. The library converts it from the camera's clock to this
+    computer's ("global time"). Where the camera has no global time, as with some kernels, the stamp
+    is the image's arrival less the latency (see `FramePairStamps`).
 
     Attributes:
-        serial: The serial number printed on the camera; empty if only one is connected.
+        serial: The serial number printed on the camera; may be empty if only one is connected.
         fps: Images per second. All models offer 30 at 640 x 480.
         depth_width: Width of the depth sensor's own image, before it is aligned to colour [px]; 0
             for that of the colour image. Alignment holds Python's interpreter for 1 ms at
             640 x 480 and for 4 ms at 1280 x 720, so prefer the former beside a control loop.
-        depth_height: Likewise the height [px].
-        latency: From a capture to the arrival of its image [s], used only where the camera has no
-            global time. 30 ms is one period plus the transfer.
+        depth_height: Height of the same image [px]; 0 for that of the colour image.
+        latency: Time from a capture to the arrival of its image [s], used only where the camera has
+            no global time. 30 ms is about one period at 30 images per second.
         silence: Time without a new image after which the camera is reopened [s]. Opening holds
-            the interpreter for about a second, so a control loop must have stopped the robot by
-            then, because of the age of the last image.
+            the interpreter for about a second. Choose a time after which a control loop has already
+            stopped the robot because of the age of the last image.
         settle: Images within this time after opening are dropped, while the exposure adapts [s].
     """
 
@@ -55,19 +55,19 @@ class Zed:
     size in the scenario, which must have the same proportions.
 
     Attributes:
-        serial: The serial number printed on the camera; 0 if only one is connected.
-        resolution: A name of `sl.RESOLUTION`. HD720 has the smallest delay of those that are
-            sharp enough. ZED X models have HD1200 and SVGA instead.
-        depth_mode: A name of `sl.DEPTH_MODE`. NEURAL preserves the edges of thin objects, such as
-            a handle, but must have been optimized for the GPU by ZED_Diagnostic, which takes
-            minutes. PERFORMANCE needs less of the GPU.
+        serial: The serial number printed on the camera; may be 0 if only one is connected.
+        resolution: A member of `sl.RESOLUTION`, by name. HD720 has the smallest delay of those that
+            are sharp enough. ZED X models have HD1200 and SVGA instead.
+        depth_mode: A member of `sl.DEPTH_MODE`, by name. NEURAL preserves the edges of thin
+            objects, such as a handle, but ZED_Diagnostic must first have optimized it for the GPU,
+            which takes minutes. PERFORMANCE needs less of the GPU.
         fps: Images per second.
-        latency: From a capture to the SDK's stamp of its image [s]. The SDK stamps an image when it
-            arrives in memory, by its documentation 2 to 3 periods after the capture: 67 ms are 2
-            periods at 30 per second.
+        latency: Time from a capture to the SDK's stamp of its image [s]. The SDK stamps an image
+            when it arrives in memory, which its documentation puts 2 to 3 periods after the
+            capture; 67 ms is 2 periods at 30 images per second.
         silence: Time without a new image after which the camera is reopened [s]. The SDK recovers
-            a camera itself, and closing and opening hold the interpreter for seconds, so this is
-            the last resort.
+            a camera itself, and closing and opening hold the interpreter for seconds, so reopening
+            is the last resort.
         settle: Images within this time after opening are dropped, while the exposure adapts [s].
     """
 
@@ -90,27 +90,25 @@ class OpenCvStreams:
 
     Either both are live: the number of a device ("0"), its path ("/dev/video0"), a URL, or a
     GStreamer pipeline (if OpenCV was built with it). Or both are files: a video or a pattern of
-    numbered images ("depth_%04d.png"). OpenCV gives no times of capture: the stamp of an image is
+    numbered images ("depth_%04d.png"). OpenCV reports no capture times, so the stamp of an image is
     the arrival of the older of colour and depth, less the latency.
 
-    Devices are asked for the scenario's image size and for `fps`; another size is rejected.
+    The scenario's image size and `fps` are requested from devices; any other size is rejected.
 
     Attributes:
         rgb: The source of colour images, 8 bit.
-        depth: The source of depth images, one channel with 16 bit, in the view of the colour
-            camera; 0 is invalid.
+        depth: The source of depth images, one 16-bit channel, in the view of the colour camera;
+            0 is invalid.
         depth_scale: One step of the depth [m]; most cameras count millimetres.
-        latency: From a capture to the arrival of its image [s]. Measure it, e.g. by filming a
-            clock.
+        latency: Time from capture to arrival [s]. Measure it, e.g. by filming a clock.
         fps: Images per second to read from files, and to request from devices, which may have
             another rate.
         rgb_fourcc: Format to request from a colour device, e.g. MJPG; empty for its default.
         depth_fourcc: Format to request from a depth device, e.g. "Y16 ".
-        largest_gap: Between the arrivals of a live colour and depth image that form a pair [s].
-            The nearest images of two sources at 30 Hz are at most 17 ms apart.
+        largest_gap: Longest time between the arrivals of a live colour and a live depth image that
+            form a pair [s]. The nearest images of two sources at 30 Hz are at most 17 ms apart.
         silence: Time without a new pair after which live sources are reopened [s].
-        settle: Live images within this time after opening are dropped, while the exposure adapts
-            [s].
+        settle: Time after opening in which live images are dropped while the exposure adapts [s].
     """
 
     rgb: str = ""
@@ -132,7 +130,7 @@ class OpenCvStreams:
             if code and not (len(code) == 4 and code.isascii()):
                 raise InvalidValueError(
                     f"OpenCvStreams.{name} is '{code}'.",
-                    remedy="It must have 4 letters, e.g. MJPG, YUYV or 'Y16 '.",
+                    remedy="Set 4 ASCII characters, e.g. MJPG, YUYV or 'Y16 '.",
                 )
 
 
@@ -141,21 +139,21 @@ class McapPlayback:
     """A demonstration or the log of a run, played back in real time.
 
     It begins `lead_in` after the device is first opened. Cameras that play the same file and are
-    opened together therefore stay in step, however long the file takes to read. Stamps are shifted
-    to now: the clock's time at the beginning plus the time since the beginning of the recording.
+    opened together therefore stay in step, however long the file takes to read. Each stamp is the
+    time when playback began, by the device's clock, plus the image's time in the recording.
 
     Attributes:
         file: The MCAP file.
         camera: The camera's name in the file; empty for its name in the scenario.
-        loop: Whether it starts again at its end. Otherwise no more images come.
-        rate: Seconds of the recording per second.
-        lead_in: From opening to the first image [s]: long enough to read the file, which takes
-            about a second per minute of recording. Later images are left out.
-        labels: Whether the recording holds label images of the camera, if not with every image.
-            Their numbers must be those of the scenario's models, as in a recording with the same
-            scenario. A run waits for a labelled image that comes after the cameras are ready: play
-            a recording with few of them, e.g. a demonstration with one, in a loop that is shorter
-            than `poil.hardware.ready_timeout`.
+        loop: Whether to start again at the end of the recording; otherwise no more images come.
+        rate: Seconds of the recording that are played per second.
+        lead_in: Time from opening to the first image [s], in which the file is read. Reading takes
+            about a second per minute of recording; images due before it ends are skipped.
+        labels: Whether the recording must hold label images of the camera, though not with every
+            image. Their labels must be those of the scenario's models, as in a recording with the
+            same scenario. A run waits for a labelled image that comes after the cameras are ready:
+            play a recording with few of them, e.g. a demonstration with one, in a loop that is
+            shorter than `poil.hardware.ready_timeout`.
     """
 
     file: str = ""
@@ -172,12 +170,12 @@ class McapPlayback:
 
 def _check_positive(config: object, *names: str) -> None:
     for name in names:
-        _check(config, name, getattr(config, name) > 0, "It must be positive and finite.")
+        _check(config, name, getattr(config, name) > 0, "Set a positive, finite number.")
 
 
 def _check_not_negative(config: object, *names: str) -> None:
     for name in names:
-        _check(config, name, getattr(config, name) >= 0, "It must be finite and not negative.")
+        _check(config, name, getattr(config, name) >= 0, "Set a finite number of at least 0.")
 
 
 def _check(config: object, name: str, is_valid: bool, remedy: str) -> None:

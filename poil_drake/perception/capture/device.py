@@ -15,14 +15,14 @@ PATIENCE = 0.1
 class CaptureDevice(Protocol):
     """One RGB-D camera. All calls come from one thread, the capture thread.
 
-    The stamp of an image is its time of capture, by the clock that the device was made with.
+    The stamp of an image is its time of capture, by the clock passed to the device.
     """
 
     def open(self) -> None:
         """Opens the camera; this may take seconds. After `close` it may be opened again.
 
         Raises:
-            CaptureError: naming the camera and what was found instead.
+            CaptureError: if the camera cannot be opened; names it and what was found instead.
         """
 
     def read(self) -> RgbdImage | None:

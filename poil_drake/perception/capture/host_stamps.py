@@ -1,4 +1,4 @@
-"""Converts the stamps of a camera's library to our clock."""
+"""Converts the stamps of a camera's library to the clock of the caller."""
 
 import math
 import time
@@ -7,8 +7,8 @@ from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.device import Clock
 
 _LARGEST_OFFSET = 1.0
-"""Largest difference between a stamp and now [s]. Beyond it, the image is useless or the clock is a
-different one."""
+"""Largest difference between a stamp and now [s]. Beyond it, the image is too old or its stamp is
+from another clock."""
 
 _MAX_OLD = 30
 """After a stall, a library delivers at most the 16 images of its queue, so this many old stamps in
@@ -16,42 +16,42 @@ a row mean a wrong clock."""
 
 
 class HostStamps:
-    """Converts stamps of this computer's clock (`time.time`), in the order of one camera's images.
+    """Converts the stamps of one camera, made by this computer's clock, to those of `clock`.
 
-    If our clock is that clock, a stamp is unchanged. If it is another clock, e.g. a scaled one, an
-    image is as old by our clock as by the computer's.
+    If `clock` is the computer's clock, stamps are unchanged. If it is another, e.g. a scaled one,
+    an image is as old by `clock` as by the computer's clock.
     """
 
     def __init__(self, clock: Clock, *, source: str, host_clock: Clock = time.time):
         """Constructs a converter.
 
         Args:
-            clock: Our clock.
+            clock: The clock of the converted stamps.
             source: What to call the camera in an error.
-            host_clock: The clock of the stamps.
+            host_clock: The computer's clock, which made the stamps.
         """
         self._clock, self._source, self._host_clock = clock, source, host_clock
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the last stamp, for use after a pause in which the clock may have been set."""
+        """Forgets the last stamp, for use after a pause in which the clock may have been reset."""
         self._last, self._old = -math.inf, 0
 
     def now(self) -> float:
-        """Returns the current time by the clock of the stamps [s]."""
+        """Returns the current time [s, by `host_clock`]."""
         return self._host_clock()
 
     def convert(self, stamp: float) -> float | None:
-        """Returns a stamp by our clock [s], or None if the image is useless.
+        """Returns a stamp converted to `clock` [s], or None if the image is useless.
 
         An image is useless if its stamp is not later than the last one: a frozen camera may deliver
         the same image repeatedly. (Stamps are compared before conversion, since conversions of the
         same stamp differ by microseconds.) It is also useless if it is more than a second old, as
-        after a halt of this program.
+        after this program was suspended.
 
         Raises:
-            CaptureError: if the stamp is not finite or more than a second in the future, or if 30
-                in a row are too old.
+            CaptureError: if the stamp is not finite or more than a second in the future, or if it
+                is the 30th in a row that is too old.
         """
         age = self._host_clock() - stamp
         if not (math.isfinite(stamp) and age >= -_LARGEST_OFFSET):
@@ -68,8 +68,8 @@ class HostStamps:
 
     def _off(self, stamp: float, age: float) -> CaptureError:
         return CaptureError(
-            f"{self._source} stamps an image {stamp:.3f} s, which is {age:.3f} s before this "
-            "computer's time.",
-            remedy="Make sure that no program sets the computer's clock while cameras run, and "
+            f"{self._source} stamped an image {stamp:.3f} s, which is {abs(age):.3f} s "
+            f"{'before' if age > 0.0 else 'after'} this computer's time.",
+            remedy="Make sure that no program sets the computer's clock while cameras run, then "
             "unplug the camera and plug it in again.",
         )

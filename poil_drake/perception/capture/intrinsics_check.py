@@ -6,20 +6,20 @@ from poil_drake.errors import CaptureError
 from poil_drake.perception.images import CameraModel
 
 _TOLERANCE = 1.0
-"""Largest difference of fx, fy, cx and cy [px]. At 1 m, 1 px is 1 to 2 mm."""
+"""Largest accepted difference in fx, fy, cx and cy [px]. At 1 m, 1 px is 1 to 2 mm."""
 
 
 def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None:
     """Checks that a camera has the intrinsics of its model.
 
     Args:
-        K: (3, 3) the camera's intrinsic matrix for images of the model's size [px]; pixel centres
-            are at integer coordinates.
-        camera: The scenario's model.
+        K: (3, 3) the camera's own intrinsic matrix, for images of the model's size [px]; pixel
+            centres are at integer coordinates.
+        camera: The camera's model in the scenario.
         source: What to call the camera in an error.
 
     Raises:
-        CaptureError: if they differ by more than a pixel. The remedy is the text for the scenario.
+        CaptureError: if a value differs by more than a pixel. The remedy gives the YAML.
     """
     found, expected = (M[[0, 1, 0, 1], [0, 1, 2, 2]] for M in (K, camera.K))
     if np.abs(found - expected).max() <= _TOLERANCE:
@@ -28,7 +28,7 @@ def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None
     raise CaptureError(
         f"{source} has fx, fy, cx, cy = {_text(found)} px, but the scenario has "
         f"{_text(expected)} px.",
-        remedy=f"Write into the scenario: cameras: {{ {camera.name}: {{ focal: !FocalLength "
+        remedy=f"Set in the scenario: cameras: {{ {camera.name}: {{ focal: !FocalLength "
         f"{{ x: {fx:.2f}, y: {fy:.2f} }}, center_x: {cx:.2f}, center_y: {cy:.2f} }} }}",
     )
 

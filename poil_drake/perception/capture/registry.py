@@ -1,4 +1,4 @@
-"""Which device reads a camera, by the type of its configuration."""
+"""Creates the device that reads a camera, by the type of the configuration."""
 
 from importlib import import_module
 
@@ -7,7 +7,7 @@ from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice, Clock
 from poil_drake.perception.images import CameraModel
 
-# Names, so that only the device in use is imported.
+# Modules and classes, by name so that only the device in use is imported.
 _DEVICES: dict[type, tuple[str, str]] = {
     RealSense: ("poil_drake.perception.capture.real_sense.device", "RealSenseDevice"),
     Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
@@ -18,20 +18,20 @@ _DEVICES: dict[type, tuple[str, str]] = {
 def make_device(
     config: RealSense | Zed | OpenCvStreams, *, camera: CameraModel, clock: Clock
 ) -> CaptureDevice:
-    """Returns the device that reads a camera; nothing is opened yet.
+    """Returns the device that reads a camera, without opening it.
 
     Args:
-        config: Where its images come from.
-        camera: Its model in the scenario.
+        config: Where the images come from.
+        camera: The camera's model in the scenario.
         clock: Returns the current time [s since the epoch].
 
     Raises:
-        MissingDependencyError: if the library that it needs is not installed.
+        MissingDependencyError: if the device's library is not installed.
         InvalidValueError: if the configuration is incomplete or of an unknown type.
     """
     if type(config) not in _DEVICES:
         raise InvalidValueError(
-            f"Camera '{camera.name}' is configured by a {type(config).__name__}.",
+            f"Camera '{camera.name}' has the unsupported source type {type(config).__name__}.",
             remedy=f"Use one of: {', '.join(kind.__name__ for kind in _DEVICES)}.",
         )
     module, name = _DEVICES[type(config)]

@@ -19,21 +19,21 @@ from poil_drake.runtime.interpreter_turns import TURNS
 _SECONDS_PER_NANOSECOND = 1e-9
 
 _SUCCESS = 0
-"""Of `sl.ERROR_CODE`; greater values are errors, smaller ones warnings."""
+"""Value of `sl.ERROR_CODE.SUCCESS`; greater values are errors, smaller ones warnings."""
 
 _PASSING = ("CAMERA_REBOOTING", "CORRUPTED_FRAME")
-"""There is no image while the SDK recovers a camera, or after a single bad image."""
+"""Transient states without an image: the SDK is recovering the camera, or one image was bad."""
 
 _OTHER_MODE = "CONFIGURATION_FALLBACK"
-"""The camera is open, but in another mode than the requested one."""
+"""The state of a camera that is open, but not in the requested mode."""
 
 
 class ZedDevice:
-    """The left image of a ZED and the depth measured from it; a `CaptureDevice`.
+    """Reads the left image of a ZED and the depth measured from it; a `CaptureDevice`.
 
-    Warnings of the SDK are logged once each. See `Zed` for what the stamps mean.
+    Each warning of the SDK is logged once. See `Zed` for what the stamps mean.
 
-    Tested without the SDK and without a camera: all names are from the SDK's documentation, the
+    Tested without the SDK and without a camera: all names are from the SDK's documentation, and the
     values of its error codes from its C interface (5.x).
     """
 
@@ -42,7 +42,7 @@ class ZedDevice:
 
         Args:
             config: Which camera to open, and how.
-            camera: Its model in the scenario. Its images must not be larger than the camera's.
+            camera: Its model in the scenario, whose image size must not exceed the camera's.
             clock: Returns the current time [s since the epoch].
 
         Raises:
@@ -67,10 +67,11 @@ class ZedDevice:
         self._stamps.restart()
         sl, config = self._sl, self._config
         self._require_optimized()
-        if not config.serial and len(sl.Camera.get_device_list()) != 1:
+        if not config.serial and (count := len(sl.Camera.get_device_list())) != 1:
             raise CaptureError(
-                f"{self._source} was not found; connected are: {self._connected()}.",
-                remedy="Plug it in, and write the serial number printed on it into the scenario.",
+                f"{self._source} {'is ambiguous' if count else 'was not found'}; connected "
+                f"cameras: {self._connected()}.",
+                remedy="Plug the camera in, and set `serial` in the scenario to the number on it.",
             )
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution
@@ -89,10 +90,10 @@ class ZedDevice:
         status = camera.open(parameters)
         if status.value > _SUCCESS or status.name == _OTHER_MODE:
             raise CaptureError(
-                f"{self._source} does not open with {config.resolution} at {config.fps} per "
-                f"second: {status.name} ({status}); connected are: {self._connected()}.",
-                remedy="Plug it in, choose a resolution and a rate that it has, end other programs "
-                "that use it, and run ZED_Diagnostic.",
+                f"{self._source} does not open with {config.resolution} at {config.fps} images per "
+                f"second: {status.name} ({status}); connected cameras: {self._connected()}.",
+                remedy="Plug it in, choose a resolution and a rate that it supports, end other "
+                "programs that use it, and run ZED_Diagnostic.",
             )
         self._warn(status)
         self._output = self._output_size(camera)
@@ -103,7 +104,7 @@ class ZedDevice:
         """See `CaptureDevice.read`."""
         sl, camera = self._sl, self._camera
         if camera is None or self._output is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
+            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         status = camera.grab(self._runtime)
         TURNS.wait()
         stamp = None
@@ -162,9 +163,9 @@ class ZedDevice:
         return ", ".join(str(device.serial_number) for device in devices) or "none"
 
     def _require_optimized(self) -> None:
-        """Rejects a depth mode whose network would first be optimized, for minutes.
+        """Rejects a depth mode whose network the SDK would first optimize, for minutes.
 
-        These names are not from the documentation. Where an SDK lacks them, nothing is checked.
+        The SDK's documentation lacks the names used here. An SDK without them is not checked.
         """
         sl, mode = self._sl, self._config.depth_mode
         network = getattr(getattr(sl, "AI_MODELS", None), f"{mode}_DEPTH", None)
@@ -176,9 +177,8 @@ class ZedDevice:
         if not get("optimized", True):
             raise CaptureError(
                 f"{self._source}: the network of the depth mode {mode} is not yet optimized for "
-                "this GPU. That takes minutes, during which a control loop would stop.",
-                remedy="Optimize that network with ZED_Diagnostic, or choose the depth mode "
-                "PERFORMANCE.",
+                "this GPU. Optimizing it takes minutes, during which a control loop would stop.",
+                remedy="Optimize it with ZED_Diagnostic, or set `depth_mode` to PERFORMANCE.",
             )
 
     def _output_size(self, camera: Any) -> Any:
@@ -189,9 +189,9 @@ class ZedDevice:
         if width > native.width or width * native.height != height * native.width:
             raise CaptureError(
                 f"{self._source} has {native.width} x {native.height} pixels, which cannot be "
-                f"scaled down to {width} x {height}.",
-                remedy="Give the camera in the scenario a size of the same proportions, with the "
-                "calibration for it, or choose another resolution.",
+                f"scaled down to the scenario's {width} x {height}.",
+                remedy="Set the camera's size in the scenario to one of the same aspect ratio and "
+                "at most that size, with the calibration for it, or choose another resolution.",
             )
         lens = configuration.calibration_parameters.left_cam
         K = _scaled(lens, width / native.width)
@@ -211,11 +211,12 @@ def _scaled(lens: Any, scale: float) -> np.ndarray:
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:
-    """Returns the member of this name of one of the SDK's enumerations."""
+    """Returns the member `name` of an enumeration of the SDK."""
     names = [kind.name for kind in kinds if kind.name != "LAST"]
     if name not in names:
         raise InvalidValueError(
-            f"Zed.{field} is '{name}'.", remedy=f"This ZED SDK has: {', '.join(names)}."
+            f"Zed.{field} is '{name}', which this ZED SDK does not have.",
+            remedy=f"Choose from: {', '.join(names)}.",
         )
     return kinds[name]
 

@@ -1,1 +1,1 @@
-"""Part detectors behind one protocol."""
+"""Part detectors that share one protocol."""

@@ -1,4 +1,4 @@
-"""Finds parts by the render labels of a simulator: the baseline of all detectors."""
+"""Finds parts by the render labels of a simulator, as a baseline for other detectors."""
 
 import difflib
 
@@ -16,8 +16,8 @@ class LabelImageDetector:
         """Constructs the detector.
 
         Args:
-            min_part_pixels: A part with fewer pixels in all views together counts as not seen [px];
-                erosion of the masks removes a rim of some pixels.
+            min_part_pixels: A part counts as not seen if all views together show fewer pixels.
+                Erosion later removes a rim of a few pixels from the masks.
         """
         self._min_part_pixels = min_part_pixels
 
@@ -25,15 +25,15 @@ class LabelImageDetector:
         """Returns the masks of the object and of the part in each view.
 
         Raises:
-            DetectionError: if the frame has no label images, a label is unknown, or no view shows
-                the part.
+            DetectionError: if labels are missing or unknown, or too few pixels show the part.
         """
         labels = [image.label for image in frame.images if image.label is not None]
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
-                "The images have no render labels, which the detector 'label_image' needs.",
-                remedy="Use frames of a simulation with labels; in a recording these are the "
-                "topics /camera/<name>/label and the metadata 'label_ids'.",
+                f"The detector 'label_image' needs render labels, but {len(labels)} of "
+                f"{len(frame.images)} images and {len(frame.label_ids)} objects or parts have any.",
+                remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
+                "the metadata 'label_ids'.",
             )
         object_ids = _ids(frame, object_label)
         part_ids = _ids(frame, f"{object_label}/{part_label}")
@@ -41,8 +41,8 @@ class LabelImageDetector:
         seen = sum(int(mask.sum()) for mask in part_masks)
         if seen < self._min_part_pixels:
             raise DetectionError(
-                f"No view shows the part '{part_label}' of '{object_label}': {seen} pixels of "
-                f"{self._min_part_pixels} needed.",
+                f"The views show only {seen} pixels of the part '{part_label}' of "
+                f"'{object_label}', but {self._min_part_pixels} are needed.",
                 remedy="Turn the object, or add a camera that sees the part.",
             )
         return PartMasks(
@@ -55,12 +55,13 @@ def _ids(frame: MultiViewFrame, label: str) -> tuple[int, ...]:
     if label in frame.label_ids:
         return frame.label_ids[label]
     owner, _, part = label.rpartition("/")
-    kind, prefix = ("part", f"{owner}/") if owner else ("object", "")
+    prefix = f"{owner}/" if owner else ""
+    what = f"part '{part}' of '{owner}'" if owner else f"object '{part}'"
     names = [key.removeprefix(prefix) for key in frame.label_ids if key.startswith(prefix)]
     known = sorted(name for name in names if "/" not in name)
     close = difflib.get_close_matches(part, known, n=1)
     hint = f"Did you mean '{close[0]}'? " if close else ""
     raise DetectionError(
-        f"The images label no {kind} '{part}'.",
+        f"The frame has no render label for the {what}.",
         remedy=f"{hint}Known: {', '.join(known) or 'none'}.",
     )

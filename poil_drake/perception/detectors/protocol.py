@@ -14,7 +14,7 @@ class PartMasks(SharedOnCopy):
     """Masks of an object and of its functional part.
 
     Attributes:
-        object_masks: V arrays (H, W) bool, one for each view; all False where it is not seen.
+        object_masks: V arrays (H, W) bool, one per view; all False if it does not show the object.
         part_masks: V arrays (H, W) bool, subsets of `object_masks`.
     """
 
@@ -29,6 +29,6 @@ class Detector(Protocol):
         """Returns the masks of the object and of the part in each view.
 
         Raises:
-            DetectionError: if a label is unknown, or no view shows the part.
+            DetectionError: if a label is unknown, or the views show too little of the part.
         """
         ...

@@ -1,4 +1,4 @@
-"""Part detectors by name."""
+"""Creates part detectors by name."""
 
 from collections.abc import Callable
 
@@ -7,17 +7,17 @@ from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import Detector
 
 LABEL_IMAGE = "label_image"
-"""Name of the detector that reads label images."""
+"""The name of the detector that reads label images."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {LABEL_IMAGE: LabelImageDetector}
 """Constructors of the detectors, by name."""
 
 
 def make_detector(name: str) -> Detector:
-    """Returns the detector of this name.
+    """Returns a new detector of this name.
 
     Raises:
-        InvalidValueError: listing the names, if there is none.
+        InvalidValueError: if no detector has this name; it lists the names.
     """
     if name not in DETECTORS:
         raise InvalidValueError(

@@ -1,1 +1,1 @@
-"""Point trackers behind one protocol."""
+"""Point trackers that share one protocol."""

@@ -1,7 +1,7 @@
-"""A tracker in another process, so that it does not share the control loop's interpreter.
+"""Runs a tracker in another process, so that it does not share the control loop's interpreter.
 
-Python runs one thread at a time. A tracker with many small array operations on a second thread
-slows down the first one as much as it gains; in another process it uses a second core.
+Python runs one thread at a time. On a second thread, a tracker with many small array operations
+takes its time from the first thread; in another process it uses a second core.
 """
 
 import weakref
@@ -20,7 +20,7 @@ class RemoteState(SharedOnCopy):
     """Refers to a state in the worker, which keeps that state as long as this object lives.
 
     Attributes:
-        worker: Number of the worker process, counted by its tracker.
+        worker: Number of the worker process among those that its tracker has started.
         key: Number of the state in that process.
     """
 
@@ -31,7 +31,7 @@ class RemoteState(SharedOnCopy):
 class ProcessTracker:
     """Runs another tracker in a worker process; a `Tracker` itself.
 
-    The worker starts at once, so it is ready when it is needed. It keeps the states; returned
+    The worker starts at construction, so it is ready when needed. It keeps the states; returned
     states only refer to them. Images pass through shared memory. Calls block, but release the
     interpreter. If the worker has died, `step` raises a TrackingError, which means that the object
     is lost, and `start` starts a new worker. Only one thread at a time may call it.
@@ -109,5 +109,5 @@ class ProcessTracker:
 def _lost(reason: str) -> TrackingError:
     return TrackingError(
         f"The tracker's process {reason}.",
-        remedy="Restart the tracker; check its output, and whether the memory is exhausted.",
+        remedy="Restart the tracker; check its output, and whether memory ran out.",
     )

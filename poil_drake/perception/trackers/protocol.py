@@ -12,12 +12,12 @@ from poil_drake.perception.tracked_points import TrackedPoints
 
 @dataclass(frozen=True, eq=False)
 class TrackerOutput(SharedOnCopy):
-    """One step of a tracker.
+    """What one step of a tracker returns.
 
     Attributes:
-        state: The state for the next step, immutable and of a type of the tracker's choice.
+        state: The state to pass to the next step; immutable, of a type that the tracker chooses.
         points: The tracked part points.
-        lost: Whether the tracker has lost the object. Its points then have confidence 0.
+        lost: Whether the tracker has lost the object. All points then have confidence 0.
     """
 
     state: Any
@@ -28,7 +28,7 @@ class TrackerOutput(SharedOnCopy):
 class Tracker(Protocol):
     """Tracks points on one rigid object through a stream of multi-view RGB-D frames.
 
-    The methods are pure: all knowledge of the stream is in the returned state, so one tracker can
+    The methods are pure: the returned state holds all knowledge of the stream, so one tracker can
     serve many streams, and its state can be part of a Drake Context.
     """
 
@@ -38,7 +38,7 @@ class Tracker(Protocol):
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """Starts to track.
+        """Starts tracking.
 
         Args:
             frame: The first frame.
@@ -56,7 +56,7 @@ class Tracker(Protocol):
         frame: MultiViewFrame,
         motion_prior: np.ndarray | None = None,
     ) -> TrackerOutput:
-        """Tracks into the next frame.
+        """Tracks the points to the next frame.
 
         Args:
             state: The `state` of the previous output.

@@ -1,4 +1,4 @@
-"""Point trackers by name."""
+"""Creates point trackers by name."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,15 +15,14 @@ TRACKERS: dict[str, tuple[Callable[[Any], Tracker], type]] = {
 
 
 def make_tracker(name: str, config: object | None = None) -> Tracker:
-    """Returns the tracker of this name.
+    """Returns a new tracker of this name.
 
     Args:
         name: One of `TRACKERS`.
         config: The tracker's own parameters, e.g. a `RigidFlowConfig`; None for its defaults.
 
     Raises:
-        InvalidValueError: listing the choices, if there is none or the configuration belongs to
-            another tracker.
+        InvalidValueError: if no tracker has this name, or `config` is not of its type.
     """
     if name not in TRACKERS:
         raise InvalidValueError(
@@ -32,7 +31,7 @@ def make_tracker(name: str, config: object | None = None) -> Tracker:
     constructor, config_type = TRACKERS[name]
     if config is not None and not isinstance(config, config_type):
         raise InvalidValueError(
-            f"The tracker '{name}' was given a {type(config).__name__}.",
+            f"The tracker '{name}' got a configuration of type {type(config).__name__}.",
             remedy=f"Pass a {config_type.__name__}, or None for the defaults.",
         )
     return constructor(config)

@@ -9,7 +9,7 @@ from poil_drake.runtime.worker_process import serve
 
 
 class TrackerService:
-    """Calls a tracker, and keeps its states by number."""
+    """Calls a tracker, and keeps its states under numbers."""
 
     def __init__(self, tracker: Tracker):
         self._tracker = tracker
@@ -19,10 +19,10 @@ class TrackerService:
     def __call__(
         self, request: tuple[str, int | None, tuple, list[int]]
     ) -> tuple[int, TrackedPoints, bool]:
-        """Answers (method, key of the state or None, arguments, keys to forget).
+        """Answers a request (method, key of the state or None, arguments, keys to forget).
 
         Returns:
-            Key of the new state, points, and whether the object is lost.
+            The key of the new state, the points, and whether the object is lost.
         """
         method, key, arguments, dropped = request
         for old in dropped:

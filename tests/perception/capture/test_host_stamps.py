@@ -38,7 +38,7 @@ def test_a_stamp_that_is_not_later_is_not_new(dut: HostStamps) -> None:
 
 @pytest.mark.parametrize("stamp", [1001.5, float("nan"), float("inf"), float("-inf")])
 def test_a_stamp_of_another_clock_is_rejected(dut: HostStamps, stamp: float) -> None:
-    with pytest.raises(CaptureError, match="It stamps an image"):
+    with pytest.raises(CaptureError, match="It stamped an image"):
         dut.convert(stamp)
 
 

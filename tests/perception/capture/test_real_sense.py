@@ -293,7 +293,7 @@ def test_silence_is_reported_with_the_connected_cameras(rs: StandIn, clock: Sett
     assert dut.read() is None
     rs.serials, clock.now = [], 1003.0
 
-    with pytest.raises(CaptureError, match="no new image for 2 s; connected are: none"):
+    with pytest.raises(CaptureError, match="no new image for 2 s; connected cameras: none"):
         dut.read()
 
 

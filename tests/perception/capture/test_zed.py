@@ -162,13 +162,13 @@ def test_an_error_names_the_camera_and_the_connected_ones(sl: StandIn) -> None:
         opened(serial=5)
 
 
-@pytest.mark.parametrize(("connected", "said"), [([], "none"), ([5, 77], "5, 77")])
+@pytest.mark.parametrize(("connected", "said"), [([], "found.*none"), ([5, 77], "amb.*5, 77")])
 def test_without_a_serial_number_there_must_be_exactly_one(
     sl: StandIn, connected: list[int], said: str
 ) -> None:
     sl.connected = connected
 
-    with pytest.raises(CaptureError, match=f"'left'.*not found; connected are: {said}"):
+    with pytest.raises(CaptureError, match=f"'left'.*{said}"):
         opened()
     assert not hasattr(sl, "parameters")
 

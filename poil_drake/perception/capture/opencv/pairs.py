@@ -1,4 +1,4 @@
-"""Pairs of an open colour and an open depth source, from files or live."""
+"""Reads colour and depth images in pairs from two open sources, files or live."""
 
 import threading
 import time
@@ -13,19 +13,19 @@ from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.runtime.interpreter_turns import TURNS
 
 _JOIN_TIMEOUT = 1.0
-"""How long `stop` waits for the thread [s]. A source may block for longer."""
+"""How long `stop` waits for the thread [s]. A source may block longer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """An image as OpenCV delivers it, and when it arrived [s, by the clock]."""
+    """An image as OpenCV delivers it, and when it arrived [s, by the device's clock]."""
 
     pixels: np.ndarray
     time: float
 
 
 class FilePair:
-    """Two files, read image by image at the rate of the configuration."""
+    """Two files, read image by image at the configured rate."""
 
     def __init__(
         self, captures: list[cv2.VideoCapture], config: OpenCvStreams, *, camera: str, clock: Clock
@@ -46,7 +46,7 @@ class FilePair:
         """Waits at most PATIENCE for the next colour and depth image.
 
         Raises:
-            NoImageError: at the end of a file.
+            NoImageError: if a file has no more images.
         """
         if self._ended:
             time.sleep(PATIENCE)
@@ -72,7 +72,7 @@ class FilePair:
 
     def _end_error(self) -> NoImageError:
         return NoImageError(
-            f"{self._source}: '{self._config.rgb}' and '{self._config.depth}' have ended.",
+            f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
             remedy="Use longer files.",
         )
 
@@ -80,9 +80,9 @@ class FilePair:
 class LiveSource:
     """Reads a source on its own thread and keeps the newest image.
 
-    A source that is read more slowly than it delivers would queue ever older images. The time of an
-    image is when it is fetched from its driver. After a halt of this program, the few images that
-    waited in the driver therefore look newer than they are.
+    Without the thread, a source that is read more slowly than it delivers would queue ever older
+    images. The time of an image is when it is fetched from its driver, so after this program was
+    suspended, the few images that waited in the driver look newer than they are.
 
     Attributes:
         newest: The newest image; None before the first.
@@ -99,7 +99,7 @@ class LiveSource:
 
         Args:
             capture: The open source. From now on only the thread uses it; it also releases it.
-            name: For the name of the thread.
+            name: Names the thread.
             clock: Returns the current time [s since the epoch].
             changed: Notified of each image and of the end.
         """
@@ -149,7 +149,7 @@ class LivePair:
         self._settled = self._last_time + config.settle
 
     def read(self) -> tuple[Arrival, Arrival] | None:
-        """Waits at most PATIENCE for a new colour and depth image of one instant.
+        """Waits at most PATIENCE for a new pair of images that arrived together.
 
         Raises:
             CaptureError: if a source has ended or is silent.
@@ -187,9 +187,9 @@ class LivePair:
                 (self._config.rgb, self._config.depth), self._sources, strict=True
             )
         ]
-        reason = "ended" if ended else f"delivered no new pair for {self._config.silence:g} s"
+        reason = "a source has ended" if ended else f"no new pair for {self._config.silence:g} s"
         return CaptureError(
-            f"{self._source} {reason}; last images: {', '.join(ages)}.",
-            remedy="Check that both are plugged in or their senders are running, and that their "
-            "images arrive within OpenCvStreams.largest_gap of each other.",
+            f"{self._source}: {reason}; last images: {', '.join(ages)}.",
+            remedy="Check that both sources are plugged in or their senders are running, and that "
+            "their images arrive within `largest_gap` of each other.",
         )

@@ -1,4 +1,4 @@
-"""How OpenCV opens a source: a device, a URL, a pipeline, a file, or numbered images."""
+"""Opens a source with OpenCV: a device, a URL, a pipeline, a file, or numbered images."""
 
 import re
 from pathlib import Path
@@ -8,14 +8,14 @@ import cv2
 from poil_drake.errors import CaptureError
 
 _OPEN_TIMEOUT, _READ_TIMEOUT = 5000, 1000
-"""For a URL [ms]; OpenCV's defaults are 30 s."""
+"""Timeouts for a URL [ms]; OpenCV's defaults are 30 s."""
 
 _NUMBERED = re.compile(r"%0?\d*d")
 """Matches the number in a pattern of numbered images."""
 
 
 def is_file(source: str) -> bool:
-    """Returns whether a source is read from files instead of live."""
+    """Returns whether a source is read from files rather than live."""
     if _is_stream(source) or source.isdecimal():
         return False
     return not Path(source).is_char_device()
@@ -33,7 +33,7 @@ def open_source(
         camera: What to call the camera in an error.
         size: (height, width) of the images [px].
         fps: Images per second. A device may have another rate.
-        fourcc: The format; empty for the default of the device.
+        fourcc: The format to request; empty for the device's default.
 
     Raises:
         CaptureError: if OpenCV cannot open it, or if a live source reports another size or format.
@@ -42,8 +42,8 @@ def open_source(
     if not capture.isOpened():
         raise CaptureError(
             f"{camera}: OpenCV cannot open '{source}'.",
-            remedy="Check the name, the permissions (group video), and that no other program "
-            "uses it; a pipeline needs an OpenCV that was built with GStreamer.",
+            remedy="Check its name, its permissions (group video), and that no other program "
+            "uses it; a pipeline needs an OpenCV built with GStreamer.",
         )
     if is_file(source):
         return capture
@@ -68,8 +68,8 @@ def open_source(
             f"{camera}: '{source}' delivers {found_size[0]} x {found_size[1]} pixels"
             f"{f' as {found_fourcc!r}' if fourcc else ''}, not {width} x {height}"
             f"{f' as {fourcc!r}' if fourcc else ''}.",
-            remedy="Choose a size and a format that it has (v4l2-ctl --list-formats-ext lists "
-            "them), with the calibration for that size.",
+            remedy="Choose a size and a format that it supports (v4l2-ctl --list-formats-ext "
+            "lists them), with the calibration for that size.",
         )
     return capture
 
@@ -90,6 +90,6 @@ def _open(source: str) -> cv2.VideoCapture:
         ]
         return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
     if _NUMBERED.search(source):
-        # FFmpeg, OpenCV's first choice, converts 16 bit to 8.
+        # FFmpeg, OpenCV's first choice, would convert 16-bit images to 8 bit.
         return cv2.VideoCapture(source, cv2.CAP_IMAGES)
     return cv2.VideoCapture(source)

@@ -13,10 +13,10 @@ from poil_drake.perception.images import CameraModel, RgbdImage
 
 
 class OpenCvStreamsDevice:
-    """A pair of sources that are read together; a `CaptureDevice`.
+    """Reads a colour and a depth source together; a `CaptureDevice`.
 
-    See `OpenCvStreams` for what the stamps mean. Tested with real files; live sources only with a
-    stand-in for OpenCV's.
+    See `OpenCvStreams` for what the stamps mean. Tested with real files; live sources were tested
+    only with a stand-in for `cv2.VideoCapture`.
     """
 
     def __init__(self, config: OpenCvStreams, *, camera: CameraModel, clock: Clock):
@@ -28,19 +28,19 @@ class OpenCvStreamsDevice:
             clock: Returns the current time [s since the epoch].
 
         Raises:
-            InvalidValueError: if a source is missing, or only one is a file.
+            InvalidValueError: if a source is empty, or if only one of them is a file.
         """
         for name in ("rgb", "depth"):
             if not getattr(config, name):
                 raise InvalidValueError(
                     f"OpenCvStreams.{name} of camera '{camera.name}' is empty.",
-                    remedy="Give a device number, a file, a pattern or a URL.",
+                    remedy="Set it to a device, a file, a pattern, a URL or a pipeline.",
                 )
         if is_file(config.rgb) != is_file(config.depth):
             raise InvalidValueError(
-                f"Of camera '{camera.name}' only one of '{config.rgb}' and '{config.depth}' is a "
-                "file.",
-                remedy="Give two files or two live sources, and check that the devices exist.",
+                f"Camera '{camera.name}' has one file and one live source: rgb '{config.rgb}', "
+                f"depth '{config.depth}'.",
+                remedy="Use two files or two live sources, and check that device paths exist.",
             )
         self._config, self._camera, self._clock = config, camera, clock
         self._size = (camera.height, camera.width)
@@ -56,7 +56,7 @@ class OpenCvStreamsDevice:
         except CaptureError:
             rgb.release()
             raise
-        # Where a backend does not support this, its images are rejected.
+        # `_depth` rejects the images of a backend that does not support this.
         depth.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         pair = FilePair if is_file(config.rgb) else LivePair
         self._pair = pair([rgb, depth], config, camera=self._camera.name, clock=self._clock)
@@ -64,7 +64,7 @@ class OpenCvStreamsDevice:
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
         if self._pair is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
+            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         pair = self._pair.read()
         if pair is None:
             return None
@@ -92,8 +92,8 @@ class OpenCvStreamsDevice:
         if bgr.ndim != 3 or bgr.shape[2] != 3:
             raise NoImageError(
                 f"{self._source} delivers colour of shape {bgr.shape} and type {bgr.dtype} from "
-                f"'{self._config.rgb}'.",
-                remedy="Give a source of colour images with 3 channels.",
+                f"'{self._config.rgb}', but 3 channels are needed.",
+                remedy="Use a source of colour images with 3 channels.",
             )
         return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
 
@@ -101,8 +101,8 @@ class OpenCvStreamsDevice:
         if raw.dtype != np.uint16 or raw.ndim != 2:
             raise NoImageError(
                 f"{self._source} delivers depth of shape {raw.shape} and type {raw.dtype} from "
-                f"'{self._config.depth}', but one channel with 16 bit is needed.",
-                remedy="Use a format that OpenCV does not convert: Y16 of a device, GRAY16_LE of a "
-                "pipeline, FFV1 gray16le in a video, or numbered 16-bit PNG files.",
+                f"'{self._config.depth}', but one channel of uint16 is needed.",
+                remedy="Use a format that OpenCV does not convert: Y16 for a device, GRAY16_LE for "
+                "a pipeline, FFV1 gray16le for a video, or numbered 16-bit PNG files.",
             )
         return raw

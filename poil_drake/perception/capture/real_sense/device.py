@@ -20,12 +20,12 @@ _MILLISECONDS = 1e3
 
 
 class RealSenseDevice:
-    """A RealSense with depth aligned to colour; a `CaptureDevice`.
+    """Reads a RealSense, with depth aligned to colour; a `CaptureDevice`.
 
-    Images are undistorted by the camera's own calibration, which must agree with the scenario's.
+    Images are undistorted with the camera's own calibration, which must agree with the scenario's.
     See `RealSense` for what the stamps mean.
 
-    Tested without a camera, against the library's names and types.
+    Tested without a camera, but against the library's names and types.
     """
 
     def __init__(
@@ -87,9 +87,9 @@ class RealSenseDevice:
             height, width = self._size
             raise CaptureError(
                 f"{self._source} does not start with {width} x {height} pixels at "
-                f"{self._config.fps} per second: {error}.",
-                remedy="Choose a size and a rate that it has (rs-enumerate-devices lists them), "
-                "use a USB 3 port, and end other programs that use it.",
+                f"{self._config.fps} images per second: {error}.",
+                remedy="Choose a size and a rate that it supports (rs-enumerate-devices lists "
+                "them), use a USB 3 port, and end other programs that use it.",
             ) from error
         self._rectification = Rectification(rs, intrinsics, source=self._source)
         check_intrinsics(self._rectification.K, self._camera, source=self._source)
@@ -99,7 +99,7 @@ class RealSenseDevice:
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
         if self._pipeline is None or self._rectification is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
+            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         try:
             return self._read(self._rectification)
         except RuntimeError as error:
@@ -144,7 +144,7 @@ class RealSenseDevice:
         if now - self._last_time > self._config.silence:
             raise CaptureError(
                 f"{self._source} has sent no new image for {self._config.silence:g} s; connected "
-                f"are: {', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
+                f"cameras: {', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
                 remedy="Check that it is plugged into a USB 3 port.",
             )
 
@@ -154,9 +154,10 @@ class RealSenseDevice:
             return wanted
         if not wanted and len(serials) == 1:
             return serials[0]
+        reason = "was not found" if wanted or not serials else "is ambiguous"
         raise CaptureError(
-            f"{self._source} was not found; connected are: {', '.join(serials) or 'none'}.",
-            remedy="Plug it in, and write the serial number printed on it into the scenario.",
+            f"{self._source} {reason}; connected cameras: {', '.join(serials) or 'none'}.",
+            remedy="Plug the camera in, and set `serial` in the scenario to the number on it.",
         )
 
     def _streams(self, serial: str) -> Any:

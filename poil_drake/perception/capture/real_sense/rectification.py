@@ -1,4 +1,4 @@
-"""Images of a RealSense as a pinhole camera would capture them."""
+"""Converts the images of a RealSense to those of a pinhole camera."""
 
 from typing import Any
 
@@ -10,12 +10,11 @@ from poil_drake.errors import CaptureError
 _KNOWN = ("brown_conrady", "modified_brown_conrady", "inverse_brown_conrady")
 
 _GRID = 9
-"""Points along each side of the image at which OpenCV's projection is compared with the library's.
-"""
+"""Points along each image side at which OpenCV's projection is compared with the library's."""
 
 _TOLERANCE = 0.5
-"""Largest difference of those projections [px]. It is 0.02 px for pyrealsense2 2.59 with the
-coefficients of a D455."""
+"""Largest accepted difference of those projections [px]. Measured: 0.02 px, by pyrealsense2 2.59
+with the coefficients of a D455."""
 
 
 class Rectification:
@@ -23,12 +22,12 @@ class Rectification:
 
     The library aligns depth to the distorted colour image. It labels most colour images
     `inverse_brown_conrady`, but projects by the Brown-Conrady polynomial, as OpenCV does. Since the
-    label is wrong, and older versions ignore distortion, some points are projected by the library
-    and compared with OpenCV's model.
+    label is wrong, and older versions of the library ignore distortion, the library projects some
+    points, which are compared with OpenCV's model.
     """
 
     def __init__(self, rs: Any, intrinsics: Any, *, source: str):
-        """Computes the maps for all images.
+        """Computes the undistortion maps, which serve all images.
 
         Args:
             rs: The module `pyrealsense2`.
@@ -36,7 +35,7 @@ class Rectification:
             source: What to call the camera in an error.
 
         Raises:
-            CaptureError: if the distortion does not agree with OpenCV's model.
+            CaptureError: if the library's distortion does not agree with OpenCV's model.
         """
         self.K = np.array(
             [
@@ -56,20 +55,20 @@ class Rectification:
         if intrinsics.model.name not in _KNOWN or not self._agrees(rs, intrinsics, u, v):
             raise CaptureError(
                 f"{source} has images distorted by the model '{intrinsics.model.name}' with the "
-                f"coefficients {coefficients.tolist()}, which is not supported.",
+                f"coefficients {coefficients.tolist()}; their undistortion is not supported.",
                 remedy="Update pyrealsense2 and the camera's firmware, or send rectified images "
                 "over LCM (!LcmImages).",
             )
         self._maps = cv2.convertMaps(u, v, cv2.CV_16SC2)
 
     def color(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns undistorted colour (H, W, 3) uint8, interpolated; black outside the image."""
+        """Returns undistorted colour (H, W, 3) uint8, interpolated; 0 outside the image."""
         if self._maps is None:
             return pixels
         return cv2.remap(pixels, *self._maps, cv2.INTER_LINEAR)
 
     def depth(self, pixels: np.ndarray) -> np.ndarray:
-        """Returns undistorted depth (H, W), of the nearest pixels; 0 outside the image."""
+        """Returns undistorted depth (H, W), by nearest neighbour; 0 outside the image."""
         if self._maps is None:
             return pixels
         return cv2.remap(pixels, *self._maps, cv2.INTER_NEAREST)

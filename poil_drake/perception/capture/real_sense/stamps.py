@@ -9,21 +9,21 @@ from poil_drake.perception.capture.host_stamps import HostStamps
 _SECONDS_PER_MILLISECOND = 1e-3
 
 _LARGEST_GAP = 0.6
-"""Between the two frames of a pair [periods]. Of two sensors out of step, the nearest frames are up
-to half a period apart; stamps have some jitter."""
+"""Longest time between the two frames of a pair [periods]. The nearest frames of unsynchronized
+sensors are up to half a period apart, and stamps jitter a little."""
 
 
 class FramePairStamps:
     """Stamps pairs of a colour and a depth frame, and rejects those that are not new.
 
     With each new frame the library's pipeline repeats the last frame of the other stream, so a pair
-    is new only where both frames are. Both are compared with the last accepted pair, since the two
+    is new only if both frames are. Both are compared with the last accepted pair, since the two
     may arrive one after the other. The time of a pair is that of its older frame.
 
-    The time of a frame depends on its time domain: `global_time` is the capture by this computer's
-    clock; `system_time` is the frame's arrival; `hardware_clock` is the camera's clock, with the
-    offset of the frame that arrived fastest since the start. For the latter two the latency is
-    subtracted. A frame that is fetched late therefore has an old stamp.
+    The time of a frame depends on its time domain: `global_time` is the time of capture by this
+    computer's clock; `system_time` is the time of arrival; `hardware_clock` is the camera's clock,
+    shifted so that the frame that arrived fastest so far is stamped with its arrival. The latency
+    is subtracted from the last two. In each domain, a frame that is fetched late has an old stamp.
     """
 
     def __init__(
@@ -33,10 +33,10 @@ class FramePairStamps:
 
         Args:
             rs: The module `pyrealsense2`.
-            clock: Our clock.
+            clock: The clock of the returned stamps.
             source: What to call the camera in an error.
             fps: Frames per second.
-            latency: From a capture to the frame's arrival [s].
+            latency: Time from a capture to the frame's arrival [s].
             host_clock: This computer's clock, which the library uses.
         """
         self._domains = rs.timestamp_domain
@@ -45,13 +45,13 @@ class FramePairStamps:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets all frames, for use after the camera was opened."""
+        """Forgets all frames; call it when the camera is opened."""
         self._stamps.restart()
         self._taken = (-1, -1)
         self._offset, self._hardware_time = math.inf, -math.inf
 
     def stamp(self, frames: Any) -> float | None:
-        """Returns when frames were captured [s, our clock], or None if they are not a new pair.
+        """Returns when a pair was captured [s, by `clock`], or None if it is not new or complete.
 
         Raises:
             CaptureError: see `HostStamps.convert`.
@@ -80,10 +80,10 @@ class FramePairStamps:
         return stamp if domain == self._domains.global_time else stamp - self._latency
 
     def _hardware_offset(self, time: float) -> float:
-        """Returns the offset from the camera's clock to ours [s].
+        """Returns the offset from the camera's clock to the computer's [s].
 
-        It only decreases. A clock with a drift of 50 ppm is 0.2 s off after an hour, and images
-        look older then. A clock that restarts, after 72 minutes, gets a new offset.
+        The offset only decreases, so a camera's clock that is slow by 50 ppm makes images look
+        0.2 s older after an hour. When the clock wraps, every 72 minutes, the offset starts anew.
         """
         if time < self._hardware_time:
             self._offset = math.inf

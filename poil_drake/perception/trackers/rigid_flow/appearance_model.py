@@ -19,13 +19,13 @@ from poil_drake.perception.trackers.rigid_flow.view_window import unproject_to_w
 
 _BINS = (16, 48, 48)  # of brightness and of the shares of red and of blue
 _DARK = 24.0  # added to the sum of the channels, so that the hue of black is not noise [of 765]
-_BRIGHTNESS_DEVIATION = 0.6  # of one surface: brightness changes with the light
+_BRIGHTNESS_DEVIATION = 0.6  # of one surface's brightness, which changes with the light
 _SHARE_DEVIATION = 0.06  # of one surface's shares of red and of blue
 
-_INSPECTED = 4096  # pixels of a view, about: a subset of the box around the object
+_INSPECTED = 4096  # about how many pixels of the box around the object are inspected
 _MAX_OBSERVED = 128  # pixels of a view that become observed points
 _MIN_CONFIDENCE = 0.3  # of an observed pixel's colour
-_MIN_NEIGHBOURS = 3  # of 8 on the same surface: at edges, depth flies between two surfaces
+_MIN_NEIGHBOURS = 3  # of 8, on the same surface: at edges, depth lies between two surfaces
 _NEIGHBOURS = np.array([(v, u) for v in (-1, 0, 1) for u in (-1, 0, 1) if v or u]).T
 
 
@@ -34,8 +34,8 @@ class AppearanceModel(SharedOnCopy):
     """The object's colours, and what surrounded it in the first frame.
 
     Attributes:
-        color_confidence: `_BINS` float32 in [0, 1]: how confidently a pixel of a colour shows the
-            object; 0 for colours that are no more frequent on it than elsewhere.
+        color_confidence: Array of shape `_BINS`, float32 in [0, 1]: the confidence that a pixel of
+            a colour shows the object; 0 for colours no more frequent on it than elsewhere.
         free_space: Where the object is known not to be.
         reference_views: The views of the first frame.
     """
@@ -46,9 +46,9 @@ class AppearanceModel(SharedOnCopy):
 
 
 def color_features(rgb: np.ndarray) -> np.ndarray:
-    """Returns features (..., 3) float32 of colours (..., 3) uint8 that shading changes little.
+    """Returns features (..., 3) float32 of RGB colours (..., 3) uint8.
 
-    They are the brightness and the shares of red and of blue, each in [0, 1].
+    They are in [0, 1]: brightness, and the shares of red and blue, which shading hardly changes.
     """
     red, green, blue = np.moveaxis(rgb.astype(np.float32), -1, 0)
     total = red + green + blue + np.float32(_DARK)
@@ -60,7 +60,7 @@ def color_similarity(rgb: np.ndarray, features: np.ndarray) -> np.ndarray:
 
     Args:
         rgb: (M, 3) uint8.
-        features: (M, 3) those of the colours to compare with.
+        features: (M, 3) `color_features` of the colours to compare with.
     """
     scale = np.array([_BRIGHTNESS_DEVIATION, _SHARE_DEVIATION, _SHARE_DEVIATION], np.float32)
     difference = (color_features(rgb) - features) / scale
@@ -79,7 +79,7 @@ def learn_appearance(
         frame: The first frame.
         masks: (H, W) bool for each view: where the object is.
         views: The reference views of that frame.
-        radius: Of the object [m].
+        radius: Radius of the object [m].
     """
     own, other = np.zeros(_BINS, np.float32), np.zeros(_BINS, np.float32)
     for image, mask, view in zip(frame.images, masks, views, strict=True):
@@ -92,13 +92,13 @@ def learn_appearance(
 def observe(
     appearance: AppearanceModel, frame: MultiViewFrame, centres_W: np.ndarray, reach: float
 ) -> ObservedPoints:
-    """Returns points in the object's colours that are not background of the first frame.
+    """Returns points that have the object's colours and are not background of the first frame.
 
     Args:
         appearance: The object's appearance.
         frame: The views.
         centres_W: (n, 3) where the object may be [m, world].
-        reach: Distance around these to search [m].
+        reach: How far around each centre to search [m].
     """
     points, weights = [], []
     views = zip(frame.cameras, frame.images, appearance.reference_views, strict=True)
@@ -122,7 +122,7 @@ def observe(
 
 
 def _is_on_surface(depth: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Returns which pixels (q,) bool lie on a surface, with neighbours of about their depth."""
+    """Returns which pixels (q,) bool have enough neighbours of about the same depth."""
     height, width = depth.shape
     rows = np.clip(v[:, None] + _NEIGHBOURS[0], 0, height - 1)
     columns = np.clip(u[:, None] + _NEIGHBOURS[1], 0, width - 1)
@@ -139,14 +139,14 @@ def _histogram(rgb: np.ndarray) -> np.ndarray:
 
 
 def _bin(rgb: np.ndarray) -> np.ndarray:
-    """Returns the indices (...) of the bins of colours (..., 3)."""
+    """Returns the flat index of the bin of each colour (..., 3)."""
     bins = np.array(_BINS)
     index = np.minimum((color_features(rgb) * bins.astype(np.float32)).astype(np.int32), bins - 1)
     return np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), _BINS)
 
 
 def _box(camera: CameraModel, centres_W: np.ndarray, reach: float) -> list[int]:
-    """Returns the pixels [u0, v0, u1, v1] around spheres; empty where a camera sees none."""
+    """Returns the pixel bounds [u0, v0, u1, v1] of spheres; empty if the camera sees none."""
     centres_C = (centres_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
     centres_C = centres_C[centres_C[:, 2] > reach]
     if len(centres_C) == 0:

@@ -7,22 +7,22 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class RigidFlowConfig:
-    """What depends on the task and on the computer.
+    """Parameters that depend on the task and on the computer.
 
-    Speeds are standard deviations of how fast the object departs from its predicted motion. Over a
+    Speeds are standard deviations of how fast the object departs from its predicted motion. In a
     step of 1/8 s, 20 deg/s and 0.04 m/s are 2.5 deg and 5 mm.
 
     Attributes:
-        aligned_points: Surface points that enter the alignment. The cost is in proportion.
-        support_points: Points, spread over the object, that measure how much of it is seen (POIL
-            uses 40).
-        free_angular_speed: Without a motion prior, where the velocity is extrapolated [rad/s].
-        free_linear_speed: Likewise [m/s].
+        aligned_points: Number of surface points to align. The cost is proportional to it.
+        support_points: Number of points, spread over the object, that measure how much of it is
+            seen (POIL uses 40).
+        free_angular_speed: Without a motion prior, when the velocity is extrapolated [rad/s].
+        free_linear_speed: The same for the translation [m/s].
         prior_angular_speed: With a motion prior [rad/s].
-        prior_linear_speed: Likewise [m/s].
+        prior_linear_speed: The same for the translation [m/s].
         grow: Whether the model grows while there is no motion prior.
-        grow_with_motion_prior: Whether it also grows with one. A hand that holds the object moves
-            as the object does, so growth cannot tell the two apart.
+        grow_with_motion_prior: Whether the model grows while there is one. A hand that holds the
+            object moves with it, so growth cannot tell the two apart.
     """
 
     aligned_points: int = 1200

@@ -1,9 +1,9 @@
 """Where the object is known not to be: the space that a camera saw through in the first frame.
 
-Depth may agree with a wrong pose: a mug looks the same from all sides but for its handle. What the
-views show elsewhere in the object's colours then contradicts the pose: a handle that, moved back to
-the first frame, lies in space that a camera saw through. Background of the first frame, such as a
-rod that the object hangs on, contradicts nothing, whatever its colour.
+Depth may agree with a wrong pose: but for its handle, a mug looks the same from all sides. Points
+in the object's colours then contradict the pose: those of the handle, moved back to the first
+frame, lie in space that a camera saw through. Background of the first frame, such as a rod that the
+object hangs on, contradicts nothing, whatever its colour.
 """
 
 from collections.abc import Sequence
@@ -17,20 +17,20 @@ from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.trackers.rigid_flow.reference_view import ReferenceView
 
 TOLERANCE = 0.002
-"""How deep in free space a point of the object may lie [m]: errors of the pose."""
+"""How deep in free space a point of the object may lie, because of pose errors [m]."""
 
 FEW_OBSERVED = 20.0
-"""With this weight of observed points, their result counts half; with less, it counts less."""
+"""Total weight of observed points at which their evidence counts half; below, it counts less."""
 
 _SURROUNDINGS = 0.04  # how far around the object free space is mapped [m]
 _SPACING = 0.004  # of the grid [m]
 _SOFTNESS = 0.008  # beyond TOLERANCE the conflict grows from 0 to 1 over this distance [m]
-_MARGIN = 0.02  # points up to this far beyond the object's radius matter [m]
+_MARGIN = 0.02  # points up to this far beyond the object's radius count [m]
 
 
 @dataclass(frozen=True, eq=False)
 class ObservedPoints:
-    """Points that the views show in the object's colours, Q of them.
+    """Q points that the views show in the object's colours.
 
     Attributes:
         points: (Q, 3) float32 [m, world].
@@ -47,7 +47,7 @@ class FreeSpaceGrid(SharedOnCopy):
 
     Attributes:
         depth: (G, G, G) float32 distance into free space [m]; 0 where the object may be.
-        corner: Where the grid begins along each axis [m].
+        corner: Coordinate at which the grid begins, the same along each axis [m].
         spacing: Edge of a cell [m].
     """
 
@@ -56,7 +56,7 @@ class FreeSpaceGrid(SharedOnCopy):
     spacing: float
 
     def depth_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
-        """Returns how deep in free space points are [m], given as x, y and z (...)."""
+        """Returns how deep in free space points are [m]; x, y and z may have any shape."""
         size = len(self.depth)
         index = np.zeros(points_O[0].shape, dtype=np.int32)
         for coordinate in points_O:
@@ -73,7 +73,7 @@ class FreeSpaceGrid(SharedOnCopy):
         Args:
             observed: The points.
             poses: (P, 4, 4) poses in the world.
-            radius: Of the object [m].
+            radius: Radius of the object [m].
 
         Returns:
             explained: (P,) weight of the points that may be on the object's surface.
@@ -91,7 +91,7 @@ class FreeSpaceGrid(SharedOnCopy):
 
 
 def map_free_space(views: Sequence[ReferenceView], radius: float) -> FreeSpaceGrid:
-    """Returns the space around an object of some radius [m] that a reference view saw through."""
+    """Maps the space around an object of this radius [m] that any reference view saw through."""
     reach = radius + _SURROUNDINGS
     size = int(np.ceil(2.0 * reach / _SPACING))
     axis = (np.arange(size) + 0.5) * _SPACING - reach

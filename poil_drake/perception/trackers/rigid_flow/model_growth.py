@@ -36,17 +36,17 @@ from poil_drake.perception.trackers.rigid_flow.view_window import (
     square_kernel,
 )
 
-_ROTATION = float(np.radians(10.0))  # after which a view needs a new keyframe [rad]
-_TRAVEL = 0.03  # or after which it does [m], since something else may have hidden the object
+_ROTATION = float(np.radians(10.0))  # turn after which a view needs a new keyframe [rad]
+_TRAVEL = 0.03  # likewise [m]: where the object was before, something may have hidden it
 
 _REACH = 12  # how far from the known surface new surface may lie in the image [px]
-_SURROUNDINGS = 4  # known surface around the new [px], so that borders do not look like outliers
+_SURROUNDINGS = 4  # known surface kept around new [px]: borders must not look like outliers
 _DISTANCE = 0.02  # how far from the known surface new points may lie in space [m]
-_KNOWN_ERROR = 0.006  # measured depth within this of the model is known already [m]
+_KNOWN_ERROR = 0.006  # depth measured within this of the model is known surface [m]
 _MIN_COSINE = 0.4  # between the new surface and the line of sight
 _MAX_POINTS = 7000  # of the model
 _PATCHES_PER_VIEW = 12  # texture patches taken from one view at a time
-_TRUST = 0.2  # of new points and patches: all that join at once share the error of the pose then
+_TRUST = 0.2  # of new points and patches: those that join together share one pose error
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def needs_keyframe(new: Keyframe, keyframes: tuple[Keyframe, ...]) -> bool:
 def grow_model(
     model: ObjectModel, windows: Sequence[ViewWindow], X_WO: np.ndarray, config: RigidFlowConfig
 ) -> ObjectModel:
-    """Returns the model, extended by the surface of the object that is new in some views.
+    """Returns the model, extended by surface that some views show for the first time.
 
     Args:
         model: The object.
@@ -130,7 +130,7 @@ def grow_model(
 
 
 def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Returns the pixels (h, w) bool within _REACH steps over solid surface from known pixels."""
+    """Returns the pixels (h, w) bool within _REACH steps of known ones, over solid pixels."""
     reached, allowed = known.astype(np.uint8), solid.astype(np.uint8)
     for _ in range(_REACH):
         reached = cv2.dilate(reached, square_kernel(1)) & allowed
@@ -138,7 +138,7 @@ def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:
 
 
 def _is_new(seen: ViewSurface, rendering: np.ndarray, window: ViewWindow) -> np.ndarray:
-    """Returns which points (M,) bool of a view face it and are not on the rendered model."""
+    """Returns which points (M,) bool of a view face the camera and are not on the model."""
     z = seen.points[:, 2]
     u, v = window.project(seen.points)
     height, width = rendering.shape
@@ -150,7 +150,7 @@ def _is_new(seen: ViewSurface, rendering: np.ndarray, window: ViewWindow) -> np.
 
 
 def _near_patches(model: ObjectModel, view: PosedView) -> np.ndarray:
-    """Returns the pixels (h, w) bool around those of the model's patches that face the view."""
+    """Returns the pixels (h, w) bool near patches of the model that face the camera."""
     facing = facing_patches(model.patches, view.eye)
     u, v = view.project(model.patches.centres[facing])
     near = np.zeros(view.window.depth.shape, dtype=bool)

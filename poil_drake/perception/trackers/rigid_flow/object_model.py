@@ -35,7 +35,7 @@ from poil_drake.perception.trackers.rigid_flow.view_window import (
     unproject_to_world,
 )
 
-_EROSION = 1  # border removed from the object's masks [px]; detectors spill over by about that
+_EROSION = 1  # border removed from the object's masks [px], which are about that much too large
 _MIN_POINTS = 100  # surface points that a model needs
 _PATCHES_PER_VIEW = 40  # texture patches taken from one view of the first frame
 
@@ -51,7 +51,7 @@ class ObjectModel(SharedOnCopy):
         patches: Its texture.
         appearance: Its colours and what surrounded it.
         part_points: (N, 3) the points to report [m].
-        contour_bias: How far outward of its rendered outline the object ends [px].
+        contour_bias: How far outside its rendered outline the object ends [px].
         radius: Largest distance of a surface point from the origin [m].
     """
 
@@ -73,7 +73,7 @@ def build_model(
 ) -> tuple[ObjectModel, np.ndarray]:
     """Returns the object's model and its pose X_WO (4, 4) in the first frame.
 
-    The axes of its frame are those of the world then.
+    In that pose, the axes of the object's frame are parallel to the world's.
 
     Args:
         frame: The first frame.
@@ -137,7 +137,7 @@ def assemble_model(
     contour_bias: float,
     config: RigidFlowConfig,
 ) -> ObjectModel:
-    """Returns the model of a surface, with the points chosen from it."""
+    """Returns the model of a surface; chooses its aligned points and support points."""
     support = farthest_point_sampling(surface.points, min(config.support_points, len(surface)))
     return ObjectModel(
         surface=surface,
@@ -152,9 +152,9 @@ def assemble_model(
 
 
 def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
-    """Returns the indices of those rows (M, 6) of a Jacobian that determine the pose best.
+    """Returns indices of rows of a Jacobian (M, 6) that together determine the pose well.
 
-    Half of the choice goes by leverage, the share of a point in the information on the pose: the
+    Half of them are chosen by leverage, a point's share of the information on the pose: the few
     few points of a handle determine how far a cylinder has turned (cf. Gelfand et al. 2003,
     "Geometrically stable sampling for the ICP algorithm"). The other half is uniform.
     """
@@ -168,7 +168,7 @@ def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
 
 
 def _contour_bias(surface: OrientedPoints, views: list[PosedView]) -> float:
-    """Measures, at the known pose, how far outward of the rendered outline the edges are [px]."""
+    """Measures, at the known pose, how far outside the rendered outline the edges are [px]."""
     matches = (match_contour(surface, 0.0, view) for view in views)
     shifts = np.concatenate([[], *(found.displacements for found in matches if found is not None)])
     shifts = shifts[np.abs(shifts) < SEARCH_REACH - 2]

@@ -11,7 +11,7 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.view_window import square_kernel
 
 CLEARANCE = 0.008
-"""How far apart two depths on different surfaces are [m]: more than depth noise at 1 m."""
+"""Depths this far apart belong to different surfaces [m]; depth noise at 1 m is smaller."""
 
 _BORDER = 2
 """Pixels this near to the object's mask may show either the object or the background [px]."""
@@ -25,10 +25,10 @@ class ReferenceView(SharedOnCopy):
         camera: The camera.
         X_CO: (4, 4) pose of the object in the camera.
         depth: (H, W) float32 [m], 0 where invalid.
-        nearest: (H, W) float32 least depth in the 3 x 3 pixels around each [m], infinite where all
-            are invalid.
+        nearest: (H, W) float32 least depth of the 3 x 3 pixels around each pixel [m], infinite
+            where all are invalid.
         mask: (H, W) bool, the object and its border.
-        background_nearest: (H, W) float32 like `nearest`, but of the unmasked pixels only [m].
+        background_nearest: (H, W) float32 like `nearest`, but only of pixels outside `mask` [m].
         background_farthest: (H, W) float32 largest depth of the same pixels [m], 0 where none is
             valid.
     """
@@ -49,8 +49,8 @@ class ReferenceView(SharedOnCopy):
     def allows(self, points_O: np.ndarray, points_W: np.ndarray) -> np.ndarray:
         """Returns which points (M,) bool may belong to the object.
 
-        Excluded are points that the camera saw through, and points on a surface beside the object,
-        whether they moved with the object since or stayed where they are now.
+        Excludes points that the camera saw through, and points on a surface beside the object,
+        whether they have since moved with the object or stayed in place.
 
         Args:
             points_O: (M, 3) in the object's frame [m].
@@ -66,10 +66,10 @@ class ReferenceView(SharedOnCopy):
         """Returns which pixels (h, w) bool still show the background of the first frame.
 
         Args:
-            camera: The camera now. Where it has moved, no background is known.
+            camera: The camera now. If it has moved, no background is known.
             rows: Rows of the pixels.
             columns: Columns of the pixels.
-            depth: (h, w) depth that they measure now [m].
+            depth: (h, w) depth measured there now [m].
         """
         if not np.array_equal(camera.X_WC, self.camera.X_WC):
             return np.zeros(depth.shape, dtype=bool)
@@ -82,7 +82,7 @@ class ReferenceView(SharedOnCopy):
         return (depth > 0.0) & (np.abs(z - depth) < CLEARANCE) & ~on_object
 
     def _look_up(self, points: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Returns z, nearest depth, depth and mask at the pixels of points; 0 outside the image."""
+        """Returns points' z, and their nearest depth, depth and mask, 0 outside the image."""
         points_C = transform_points(X, points)
         z = points_C[:, 2]
         uv = (points_C @ self.camera.K.T)[:, :2] / np.maximum(z, 1e-3)[:, None]

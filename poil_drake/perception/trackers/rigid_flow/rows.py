@@ -10,7 +10,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 
 @dataclass(frozen=True, eq=False)
 class Rows(SharedOnCopy):
-    """Base of dataclasses whose fields are all arrays with the same number of rows."""
+    """Base class of dataclasses whose fields are all arrays with the same number of rows."""
 
     def __len__(self) -> int:
         return len(getattr(self, fields(self)[0].name))
@@ -20,11 +20,11 @@ class Rows(SharedOnCopy):
         return type(self)(*(getattr(self, f.name)[index] for f in fields(self)))
 
     def joined(self, other: Self, limit: int) -> Self:
-        """Returns these rows and then those of another, at most `limit` of them."""
+        """Returns these rows followed by those of `other`, cut off after `limit` rows."""
         pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return type(self)(*(np.concatenate(pair)[:limit] for pair in pairs))
 
 
 def evenly_spaced(length: int, count: int) -> np.ndarray:
-    """Returns `count` indices spread evenly over a length, or all where it is no longer."""
+    """Returns `count` indices spread evenly over `length` items, or all if there are fewer."""
     return np.linspace(0, length - 1, min(length, count)).astype(np.intp)

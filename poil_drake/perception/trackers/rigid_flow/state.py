@@ -17,14 +17,14 @@ class RigidFlowState(SharedOnCopy):
     Attributes:
         model: The object.
         keyframes: The views from which the model was learnt.
-        pose: The object's pose; where it is lost, the predicted one.
+        pose: The object's pose; while it is lost, its predicted pose.
         velocity: (6,) of the object in its own frame [rad/s, m/s].
         stamp: Time of capture of the last frame [s].
-        innovation: (angular [rad], linear [m]) difference between the last motion and its
-            prediction, which is the motion prior where there was one.
+        innovation: (angular [rad], linear [m]) difference between the last motion and the motion
+            prior or, without one, the prediction.
         lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
             tracked.
-        candidate: (4, 4) the most likely pose of a lost object; None where none is likely.
+        candidate: (4, 4) the most likely pose of a lost object; None if no pose is likely.
         unconfirmed: Whether the last frame found a lost object and the next one has to confirm it.
     """
 

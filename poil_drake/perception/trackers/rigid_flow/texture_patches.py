@@ -24,23 +24,23 @@ HALF_WIDTH = 2
 MAX_PATCHES = 400
 """How many patches a model may hold."""
 
-_SPACING = 1.5  # of the samples in the image that the patch is taken from [px]
+_SPACING = 1.5  # of a patch's samples in the image that it is taken from [px]
 _MIN_CONTRAST = 7.0  # standard deviation of grey after PLANE_REMOVER [grey levels of 255]
-_MAX_BULGE = 0.003  # off the patch's plane [m]: shading changes over rims and handles as they turn
+_MAX_BULGE = 0.003  # from the patch's plane [m]: rims and handles change shading as they turn
 _MIN_COSINE = 0.35  # between the normal and the line of sight
 _MIN_VIEW_COSINE = 0.5  # between the lines of sight now and when the patch was taken
 
 
 @dataclass(frozen=True, eq=False)
 class TexturePatches(Rows):
-    """Patches of the surface, P of them with k samples each, in the object's frame.
+    """P patches of the surface with k samples each, in the object's frame.
 
     Attributes:
         centres: (P, 3) [m].
         normals: (P, 3) unit.
         samples: (P, k, 3) points of the grids [m].
-        values: (P, k) float32 grey levels, without their plane (see `PLANE_REMOVER`).
-        sights: (P, 3) unit lines of sight along which they were taken.
+        values: (P, k) float32 grey levels less their best-fitting plane (see `PLANE_REMOVER`).
+        sights: (P, 3) unit lines of sight along which the patches were taken.
         trust: (P,) weights in (0, 1].
     """
 
@@ -53,7 +53,7 @@ class TexturePatches(Rows):
 
     @classmethod
     def empty(cls) -> "TexturePatches":
-        """Returns no patches."""
+        """Returns an empty set of patches."""
         k = (2 * HALF_WIDTH + 1) ** 2
         return cls(*(np.zeros(s) for s in ((0, 3), (0, 3), (0, k, 3), (0, k), (0, 3), (0,))))
 
@@ -73,7 +73,7 @@ def take_patches(
         usable: (h, w) bool, pixels of the window that show the object's surface.
         normals_C: (h, w, 3) normals in the camera's frame, finite where usable.
         count: Largest number of patches.
-        trust: Their weight.
+        trust: Weight of the patches.
     """
     window = view.window
     reach = int(np.ceil(HALF_WIDTH * _SPACING))
@@ -107,7 +107,7 @@ def take_patches(
 
 
 def facing_patches(patches: TexturePatches, eye: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool face a camera about as when they were taken.
+    """Returns which patches (P,) bool face a camera much as they did when they were taken.
 
     Args:
         patches: The patches.
@@ -121,7 +121,7 @@ def facing_patches(patches: TexturePatches, eye: np.ndarray) -> np.ndarray:
 
 
 def sample_image(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Returns an image (h, w, c) at places (P, k), interpolated: (P, k, c)."""
+    """Returns an image (h, w, c) interpolated at pixel coordinates (P, k): (P, k, c)."""
     return cv2.remap(image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
 
 
@@ -140,7 +140,7 @@ Shading is such a plane; texture is not."""
 def _on_plane(
     window: ViewWindow, u: np.ndarray, v: np.ndarray, centres: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Returns where lines of sight (P, k) meet the tangent planes (P,): (P, k, 3) in the camera."""
+    """Returns the points (P, k, 3) [m, camera] where lines of sight meet the tangent planes."""
     rays = window.unproject(u, v, np.ones(u.shape))
     offsets = np.einsum("pi,pi->p", normals, centres)
     return rays * (offsets[:, None] / np.einsum("pki,pi->pk", rays, normals))[..., None]

@@ -20,36 +20,35 @@ from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, ViewWindow
 
 MIN_COSINE = 0.4
-"""Between normal and line of sight of the model points that are compared."""
+"""Least cosine between the normal of a compared model point and the line of sight."""
 
 OCCLUDED_ERROR = 0.03
 """A model point at least this far behind measured depth is occluded by something else [m]."""
 
 ENOUGH_SHARE = 0.1
-"""With a smaller share of model points to compare, in all views together, a pose scores less."""
+"""If a smaller share of model points can be compared in all views together, a pose scores less."""
 
 MAX_CONFLICT = 0.04
-"""Largest share of observed points in free space at an accepted pose."""
+"""Largest share of observed points that lie in free space at an accepted pose."""
 
 RETRY_CONFLICT = 0.02
-"""Above this share other poses are tried, unless the object has just moved as predicted."""
+"""Above this share, other poses are tried, unless the object has just moved as predicted."""
 
 LOST_AGREEMENT = 0.7
-"""Below this agreement the object is lost."""
+"""Below this agreement, the object is lost."""
 
 CERTAIN_AGREEMENT = 0.85
-"""Below this agreement other poses are tried, no lost object is found, and the model never grows.
-"""
+"""Below this, other poses are tried, no lost object is found, and the model never grows."""
 
-_LOST_DEVIATION = 0.025  # of part points: with larger ones the object is lost [m]
-_FOUND_DEVIATION = 0.01  # with smaller ones a lost object is found [m]
-_LEARN_DEVIATION = 0.006  # with smaller ones the model may grow [m]
+_LOST_DEVIATION = 0.025  # standard deviation of a part point above which the object is lost [m]
+_FOUND_DEVIATION = 0.01  # the same, up to which a lost object can be found [m]
+_LEARN_DEVIATION = 0.006  # the same, below which the model may grow [m]
 
-_SEEN_ERROR = 0.006  # a model point with depth measured within this is seen [m]
+_SEEN_ERROR = 0.006  # a model point with the surface measured within this is seen [m]
 _SELF_OCCLUDED = 0.008  # a point this far behind the rendered model is behind the object [m]
 _EDGE_ERROR = 2.5  # an outline pixel with its edge found within this is confirmed [px]
 _MIN_SUPPORT = 4  # support points that must be seen, in all views together
-_OCCLUDED_SHARE = 0.1  # with fewer points in sight, the object counts as occluded, not as gone
+_OCCLUDED_SHARE = 0.1  # with less of it unoccluded, the object counts as hidden, not as gone
 
 _IN_FRONT_WEIGHT = 0.5  # against 1 for points that the camera sees through
 _CONFLICT_WEIGHT = 8.0  # few pixels show a handle, but they matter
@@ -61,17 +60,17 @@ _HIDDEN_CONFIDENCE = 0.6  # factor on the confidence of a part point that no vie
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """How a pose compares with the views, in numbers of model points that should be seen.
+    """How a pose compares with the views, mostly in numbers of model points expected in view.
 
     Attributes:
         seen: Points whose depth is measured.
-        other_color: Those of them with a different colour.
+        other_color: Seen points whose colour differs.
         seen_through: Points that the camera sees through.
         in_front: Points with something a little nearer: the pose is wrong, or something touches
             the object.
         occluded: Points with something much nearer.
-        enough: With fewer points to compare, the pose scores less.
-        support: How many of the support points some view shows.
+        enough: Number of points to compare below which the pose scores less.
+        support: How many of the support points any view shows.
         edges: Share of the unoccluded outline whose edge is where it should be.
         conflict: Share of the observed points around the object that lie in free space.
         deviation: Largest standard deviation of a part point [m].
@@ -116,7 +115,7 @@ class Evidence:
         return self.support >= _MIN_SUPPORT or self.seen >= self.enough
 
     def supports_pose(self, agreement: float) -> bool:
-        """Returns whether the pose of a tracked object is accepted, at some least agreement.
+        """Returns whether the pose of a tracked object is accepted, given the least agreement.
 
         Where nearly all model points are occluded, the views neither support nor contradict the
         pose. Then its deviation decides, which grows from step to step.
@@ -129,7 +128,7 @@ class Evidence:
 
     @property
     def is_found(self) -> bool:
-        """Whether the views support the pose so well that a lost object is there."""
+        """Whether the views support the pose so well that a lost object counts as found."""
         return (
             self.deviation <= _FOUND_DEVIATION
             and self.is_supported
@@ -192,8 +191,8 @@ def part_confidence(
 ) -> np.ndarray:
     """Returns the confidence (N,) in [0, 1] of the part points at an accepted pose.
 
-    The product of four factors: the certainty of the pose at the point, the agreement of the views
-    with the pose, the absence of conflict, and whether a view shows the point.
+    It is the product of four factors: the certainty of the pose at the point, the agreement of the
+    views with the pose, the absence of conflict, and whether a view shows the point.
     """
     deviations = pose.point_deviations(model.part_points) / _POINT_DEVIATION
     agreement = np.clip((evidence.agreement - LOST_AGREEMENT) / (1.0 - LOST_AGREEMENT), 0.0, 1.0)
@@ -207,7 +206,7 @@ def part_confidence(
 
 
 def _count(surface: OrientedPoints, view: PosedView, matches: ContourMatches | None) -> np.ndarray:
-    """Returns the first five numbers of `Evidence` for one view (5,)."""
+    """Returns the first five counts of `Evidence`, (5,), for one view."""
     window = view.window
     samples = sample_depth(surface, view, MIN_COSINE)
     u, v = samples.pixels
@@ -226,7 +225,7 @@ def _count(surface: OrientedPoints, view: PosedView, matches: ContourMatches | N
 
 
 def _is_visible(view: PosedView, points_O: np.ndarray) -> np.ndarray:
-    """Returns which points (N,) bool have about their depth measured in or beside their pixel."""
+    """Returns which points (N,) bool agree with the depth measured in or beside their pixel."""
     points_C = view.to_camera(points_O)
     u, v = (np.rint(x).astype(np.intp) for x in view.window.project(points_C))
     height, width = view.window.depth.shape

@@ -1,7 +1,7 @@
 """The default tracker: aligns a model of the object, learnt from the views, with each frame.
 
-It needs neither weights nor a model of the object, runs on one core, and tracks plain objects as
-well as textured ones. Its model of the object is a cloud of oriented surface points and small
+It needs neither network weights nor a given model, runs on one core, and tracks plain objects as
+well as textured ones. The model that it learns is a cloud of oriented surface points and small
 patches of texture (`object_model`). In each frame it aligns the model with all views at once
 (`pose_alignment`), by depth, contour and texture, starting from a prediction: the motion of the
 hand that holds the object, or constant velocity. All three terms compare with the first view of a
@@ -43,14 +43,14 @@ from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
 from poil_drake.perception.trackers.rigid_flow.track_quality import LOST_AGREEMENT, part_confidence
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
 
-_START = (1e-3, 1e-4)  # standard deviation of the first pose [rad, m], from the model's noise
-_FOUND_NEAR = (float(np.radians(5.0)), 0.01)  # of the prediction [rad, m]: found without confirming
-_CANDIDATE_AGREEMENT = 0.5  # above it, the best pose of a lost object is searched next
+_START = (1e-3, 1e-4)  # standard deviations of the first pose [rad, m], from the model's noise
+_FOUND_NEAR = (float(np.radians(5.0)), 0.01)  # a smaller innovation needs no confirming [rad, m]
+_CANDIDATE_AGREEMENT = 0.5  # from here on, a lost object's best pose is searched around next
 _VELOCITY_GAIN = 0.7  # share of the newest velocity in the filtered one
 
 
 class RigidFlowTracker:
-    """Tracks points on one rigid object; a `Tracker`. See the module.
+    """Tracks points on one rigid object; a `Tracker`. See the module's docstring.
 
     The reported positions move rigidly. A point that no view shows is still reported, with less
     confidence.
@@ -60,7 +60,7 @@ class RigidFlowTracker:
         """Constructs the tracker.
 
         Args:
-            config: Parameters, None for the defaults.
+            config: Parameters; None for the defaults.
         """
         self.config = config or RigidFlowConfig()
 
@@ -70,7 +70,7 @@ class RigidFlowTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """Starts to track; see `Tracker.start`.
+        """Starts tracking; see `Tracker.start`.
 
         Raises:
             InvalidValueError: if masks and images do not match, or query points are not finite.
@@ -96,7 +96,7 @@ class RigidFlowTracker:
         frame: MultiViewFrame,
         motion_prior: np.ndarray | None = None,
     ) -> TrackerOutput:
-        """Tracks into the next frame; see `Tracker.step`."""
+        """Tracks the points to the next frame; see `Tracker.step`."""
         if motion_prior is not None:
             motion_prior = frozen_array(motion_prior, name="motion_prior", shape=(4, 4))
         elapsed = max(frame.stamp - state.stamp, 0.0)
@@ -130,7 +130,7 @@ class RigidFlowTracker:
         return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
 
     def _learn(self, state: RigidFlowState, windows: Sequence[ViewWindow]) -> RigidFlowState:
-        """Returns the state with a model grown by the views that need a keyframe."""
+        """Returns the state, its model grown by the views that need a keyframe."""
         X_WO = state.pose.X_WO
         keyframes = [Keyframe.at(window.at(X_WO).eye, X_WO) for window in windows]
         needed = [needs_keyframe(new, state.keyframes) for new in keyframes]
@@ -161,7 +161,7 @@ def _lost(
 
 
 def _velocity(state: RigidFlowState, pose: PoseEstimate, elapsed: float) -> np.ndarray:
-    """Returns the filtered velocity (6,) of an object that is at a pose now."""
+    """Returns the filtered velocity (6,) of an object that has moved to `pose`."""
     if elapsed <= 0.0 or state.lost_since is not None:
         return np.zeros(6)
     newest = motion_between(state.pose.X_WO, pose.X_WO) / elapsed
@@ -175,7 +175,7 @@ def _distance(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:
 
 
 def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    """Returns the masks as bool arrays, one for each view and of its size."""
+    """Returns the masks as bool arrays; checks that each has the size of its view."""
     shapes = [image.depth.shape for image in frame.images]
     given = [np.shape(mask) for mask in masks]
     if given != shapes:

@@ -20,10 +20,10 @@ class ViewSurface:
     """Surface points of one view, in the camera's frame.
 
     Attributes:
-        points: (M, 3) one for each voxel [m].
-        normals: (M, 3) unit.
+        points: (M, 3) points, one for each voxel [m].
+        normals: (M, 3) unit normals.
         colors: (M, 3) uint8 RGB.
-        usable: (h, w) bool, the pixels that the points were made from.
+        usable: (h, w) bool, the pixels from which the points were made.
         normal_image: (h, w, 3) normals, finite where usable.
     """
 
@@ -56,7 +56,7 @@ def view_surface(window: ViewWindow, mask: np.ndarray) -> ViewSurface:
     points = window.unproject(u, v, window.surface[v, u].astype(float))
     missing = np.flatnonzero(~np.isfinite(normals[v, u, 0]))
     if missing.size and len(points) >= 3:
-        # Along borders, and on parts a few pixels wide, there are no central differences.
+        # Along borders, and on parts a few pixels wide, central differences are not available.
         normals[v[missing], u[missing]] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
     kept = np.isfinite(normals[v, u, 0])
     kept &= statistical_inliers(points, neighbours=_NEIGHBOURS, deviations=_DEVIATIONS)

@@ -11,11 +11,11 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import CameraModel, RgbdImage
 
 EDGE_JUMP = 0.015
-"""Neighbouring pixels whose depth differs by more than this share are at a depth edge, where depths
-of both surfaces mix. 0.015 is 1 cm at 0.65 m."""
+"""Neighbouring pixels whose depths differ by more than this fraction are at a depth edge, where the
+depths of two surfaces mix. 0.015 is 1 cm at 0.65 m."""
 
-_MARGIN = 24  # around the predicted outline [px]: room for the object's motion and contour searches
-_MIN_SIDE = 24  # in a smaller window [px] contours cannot be searched
+_MARGIN = 24  # around the predicted object [px]: room for its motion and for contour searches
+_MIN_SIDE = 24  # contours cannot be searched for in a smaller window [px]
 _BLUR = 1.0  # standard deviation of the blur before image gradients are taken [px]
 
 
@@ -24,7 +24,7 @@ class ViewWindow(SharedOnCopy):
     """A window of one view, prepared for alignment.
 
     Attributes:
-        corner: (u, v) of the window's first pixel in the image.
+        corner: (u, v) of the window's top left pixel in the image.
         depth: (h, w) float32 measured depth [m], 0 where invalid.
         surface: (h, w) float32, `depth` without the pixels at depth edges.
         rgb: (h, w, 3) uint8 colour.
@@ -50,13 +50,13 @@ class ViewWindow(SharedOnCopy):
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     def at(self, X_WO: np.ndarray) -> "PosedView":
-        """Returns the view of an object at pose X_WO (4, 4)."""
+        """Returns this window with the object at pose X_WO (4, 4)."""
         X_CO = self.X_CW @ X_WO
         R_CO, origin = X_CO[:3, :3], X_CO[:3, 3]
         return PosedView(self, R_CO, origin, -origin @ R_CO)
 
     def project(self, points_C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns u and v (...) in the window of points (..., 3) in front of the camera."""
+        """Returns window coordinates u and v [px] of points (..., 3) [m, camera]."""
         inverse_z = 1.0 / np.maximum(points_C[..., 2], 1e-3)
         u = self.focal[0] * points_C[..., 0] * inverse_z + self.centre[0]
         v = self.focal[1] * points_C[..., 1] * inverse_z + self.centre[1]
@@ -71,7 +71,7 @@ class ViewWindow(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A window with the object at some pose in it.
+    """A window with the object at a given pose.
 
     Attributes:
         window: The window.
@@ -86,15 +86,15 @@ class PosedView:
     eye: np.ndarray
 
     def to_camera(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the object in the camera's frame [m]."""
+        """Transforms points (..., 3) from the object's frame to the camera's [m]."""
         return points_O @ self.R_CO.T + self.origin
 
     def to_object(self, points_C: np.ndarray) -> np.ndarray:
-        """Returns points (..., 3) of the camera in the object's frame [m]."""
+        """Transforms points (..., 3) from the camera's frame to the object's [m]."""
         return points_C @ self.R_CO + self.eye
 
     def project(self, points_O: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns u and v (...) in the window of points (..., 3) of the object."""
+        """Returns window coordinates u and v [px] of points (..., 3) [m, object]."""
         return self.window.project(self.to_camera(points_O))
 
     def unproject(self, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ class PosedView:
     def pixel_gradient(
         self, du: np.ndarray | float, dv: np.ndarray | float, points_O: np.ndarray
     ) -> np.ndarray:
-        """Returns the derivative (..., 3) of du u + dv v by points (..., 3) [px/m, object]."""
+        """Returns the gradient (..., 3) [px/m] of du u + dv v at points (..., 3) [m, object]."""
         x, y, z = np.moveaxis(self.to_camera(points_O), -1, 0)
         inverse_z = 1.0 / z
         gx = du * self.window.focal[0] * inverse_z
@@ -114,7 +114,7 @@ class PosedView:
 
 
 def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
-    """Returns the window around points (P, 3) [m, world], or None where they are out of view."""
+    """Returns the window around points (P, 3) [m, world], or None if too little is in view."""
     box = _bounding_box(camera, points_W)
     if box is None:
         return None
@@ -124,7 +124,7 @@ def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> 
     rgb = np.ascontiguousarray(image.rgb[v0:v1, u0:u1])
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     blurred = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _BLUR)
-    # Scharr's kernel sums to 32 for a unit slope.
+    # Scharr's kernel gives 32 for a unit slope.
     gu = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
     gv = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
     return ViewWindow(
@@ -149,12 +149,12 @@ def unproject_to_world(
 
 
 def square_kernel(radius: int) -> np.ndarray:
-    """Returns the kernel of `cv2.dilate` and `cv2.erode` that reaches `radius` pixels."""
+    """Returns a kernel for `cv2.dilate` and `cv2.erode` that reaches `radius` pixels."""
     return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)
 
 
 def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Returns the pixels (u0, v0, u1, v1) around projected points, None if there are too few."""
+    """Returns pixel bounds (u0, v0, u1, v1) around projected points, or None if too small."""
     points_C = (points_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
     points_C = points_C[points_C[:, 2] > 0.05]
     if len(points_C) == 0:

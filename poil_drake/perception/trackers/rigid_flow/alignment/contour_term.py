@@ -1,7 +1,7 @@
 """The contour term: the model's outline against the edges of measured depth.
 
 Depth alone determines a motion along a surface poorly: a plain cylinder may slide along its axis.
-Its outline determines it. Around the predicted outline, depth edges are searched along the
+The outline determines it. Near the predicted outline, depth edges are searched for along the
 outline's normal (RAPID, Harris and Stennett 1990, which uses grey-level edges), so neither texture
 nor contrast with the background is needed.
 """
@@ -21,29 +21,29 @@ from poil_drake.perception.trackers.rigid_flow.rows import evenly_spaced
 from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, square_kernel
 
 SEARCH_REACH = 8
-"""How far to either side of the model's outline an edge is searched [px]."""
+"""How far to either side of the model's outline edges are searched for [px]."""
 
 _SPLAT = 2  # half width of the square that a model point covers [px]; closes gaps between points
 _FAR = 0.05  # how far behind the object the empty part of a rendering lies [m]
 _MODEL_JUMP = 0.015  # depth step that makes an outline of the model [m]
 _IMAGE_JUMP = 0.012  # depth step that ends the object in the image [m]
-_INSIDE, _OUTSIDE = 3, 6  # pixels examined on both sides of an edge
+_INSIDE, _OUTSIDE = 3, 6  # pixels examined on the two sides of an edge
 _MAX_EDGES = 160  # outline pixels of a view that are used
-_DEVIATION = 1.0  # of an edge's place [px]
-_CORRELATION = 6.0  # number of edge pixels that count as one, since neighbours err together
+_DEVIATION = 1.0  # of an edge's position [px]
+_CORRELATION = 6.0  # edge pixels that count as one, since errors of neighbours are correlated
 _DIRECTION_DEVIATION = 0.2  # of the outline's direction [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class ContourMatches:
-    """Outline points of the model whose edge was found in a view, K of them.
+    """K outline points of the model whose edge was found in a view.
 
     Attributes:
         points: (K, 3) outline points in the object's frame [m].
         directions: (K, 2) unit normals of the outline in the image, away from the object.
         targets: (K,) coordinate of each edge along its direction [px].
         displacements: (K,) distance of each edge from the rendered outline, positive outward [px].
-        searched: How many outline pixels were searched from and not occluded.
+        searched: How many outline pixels were searched and not occluded.
         rendering: (h, w) float32 rendered depth of the model [m].
     """
 
@@ -60,11 +60,11 @@ def match_contour(surface: OrientedPoints, bias: float, view: PosedView) -> Cont
 
     Args:
         surface: The model's surface.
-        bias: How far outward of its rendered outline the object ends [px].
+        bias: How far outside its rendered outline the object ends [px].
         view: The view.
 
     Returns:
-        The matches, or None where there are too few.
+        The matches, or None if the view shows too little of the outline.
     """
     rendering = render_depth(surface, view)
     if rendering is None:
@@ -99,7 +99,7 @@ def add_contour_term(
         matches: Matches in this view, which may have been found at another pose.
         view: The view.
         gate: Residuals above this do not count [px].
-        final: Whether to add the spurious information due to errors of the directions, too.
+        final: Whether to also add the spurious information due to errors of the directions.
     """
     u, v = view.project(matches.points)
     du, dv = matches.directions[:, 0], matches.directions[:, 1]
@@ -113,9 +113,9 @@ def add_contour_term(
 
 
 def render_depth(surface: OrientedPoints, view: PosedView) -> np.ndarray | None:
-    """Returns the model's depth (h, w) float32, each point a square; empty pixels lie behind.
+    """Renders the model's depth (h, w) float32, each point as a square; empty pixels lie behind.
 
-    Returns None where fewer than 30 points are in the view.
+    Returns None if fewer than 30 points that face the camera are in view.
     """
     facing = np.einsum("mi,mi->m", surface.normals, view.eye - surface.points) > 0.0
     points_C = view.to_camera(surface.points[facing])
@@ -165,9 +165,9 @@ def _search_edges(
     farther. Holes and flying pixels have little influence on it.
 
     Returns:
-        found: (K,) bool.
+        found: (K,) bool, whether an edge was found.
         occluded: (K,) bool, whether something is in front.
-        shift: (K,) place of the edge along the direction [px].
+        shift: (K,) position of the edge along the direction [px].
     """
     steps = np.arange(-SEARCH_REACH, SEARCH_REACH + 1)
     uu = np.rint(u[:, None] + du[:, None] * steps).astype(np.intp)

@@ -14,7 +14,7 @@ from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 
 _MIN_COSINE = 0.25  # between a surface normal and the line of sight
 _DEVIATION = 0.001  # of a residual [m]: depth noise and the model's error
-_CORRELATION = 20.0  # number of residuals that count as one, since neighbours err together
+_CORRELATION = 20.0  # residuals that count as one, since errors of neighbours are correlated
 _NORMAL_DEVIATION = 0.06  # of the model's normals [rad]
 
 
@@ -23,12 +23,12 @@ class OrientedPoints(Rows):
     """Points of a surface, with precomputed parts of their point-to-plane residuals.
 
     Attributes:
-        points: (M, 3) [m].
-        normals: (M, 3) unit.
+        points: (M, 3) points q [m].
+        normals: (M, 3) unit normals n.
         offsets: (M,) n . q [m].
-        jacobian: (M, 6) (q x n, n), the derivative of n . q by a motion (ω, v).
+        jacobian: (M, 6) (q x n, n), the derivative of n . q with respect to a motion (ω, v).
         trust: (M,) weights in (0, 1].
-        features: (M, 3) of their colours, see `color_features`.
+        features: (M, 3) `color_features` of the points' colours.
     """
 
     points: np.ndarray
@@ -42,7 +42,7 @@ class OrientedPoints(Rows):
     def make(
         cls, points: np.ndarray, normals: np.ndarray, features: np.ndarray, trust: float
     ) -> "OrientedPoints":
-        """Returns points that all have one weight."""
+        """Returns points that all have the weight `trust`."""
         offsets = np.einsum("mi,mi->m", points, normals)
         jacobian, weights = motion_jacobian(points, normals), np.full(len(points), trust)
         return cls(points, normals, offsets, jacobian, weights, features)
@@ -50,13 +50,13 @@ class OrientedPoints(Rows):
 
 @dataclass(frozen=True, eq=False)
 class DepthSamples:
-    """Depth measured at K model points: those that face the camera and have valid depth.
+    """Depth measured at the K model points that face the camera and have valid depth.
 
     Attributes:
         index: (K,) indices of the model points.
-        pixels: (2, K) their u and v in the window.
+        pixels: Their u (K,) and v (K,) in the window.
         residuals: (K,) distance of the measured surface along the normal, positive outward [m].
-        behind: (K,) measured less predicted depth [m].
+        behind: (K,) measured minus predicted depth [m].
     """
 
     index: np.ndarray
@@ -70,8 +70,8 @@ def sample_depth(
 ) -> DepthSamples:
     """Looks up the depth at each model point's pixel.
 
-    The measured point lies on the line of sight of that pixel, so rounding to pixels causes no
-    error on planes.
+    The measured point is on that pixel's line of sight, so rounding to pixels causes no error on
+    planes.
 
     Args:
         surface: Model points in the object's frame.
@@ -111,7 +111,7 @@ def add_depth_term(
         surface: Model points in the object's frame.
         view: The view.
         gate: Residuals above this do not count [m].
-        final: Whether to add the spurious information due to errors of the normals, too.
+        final: Whether to also add the spurious information due to errors of the normals.
     """
     samples = sample_depth(surface, view)
     weights = tukey_weights(samples.residuals, gate)

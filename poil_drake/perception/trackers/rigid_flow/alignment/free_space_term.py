@@ -1,7 +1,7 @@
 """The free-space term: observed points against the space where the object is known not to be.
 
-A handle that is seen beside the model's handle lies in free space. It turns the model towards it,
-however little of the model's own handle is seen.
+A handle seen beside the model's handle lies in free space. This term turns the model towards it,
+however little of the model's handle is seen in its place.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ from poil_drake.perception.trackers.rigid_flow.free_space import (
 )
 
 GATE = 0.03
-"""Points deeper in free space belong to something else [m]."""
+"""Points deeper than this in free space belong to something else [m]."""
 
 _DEVIATION = 0.003  # of how deep in free space a point of the object is [m]
-_CORRELATION = 4.0  # number of observed points that count as one, since they err together
+_CORRELATION = 4.0  # observed points that count as one, since their errors are correlated
 
 
 def add_free_space_term(
@@ -39,7 +39,7 @@ def add_free_space_term(
         free_space: Where the object is known not to be.
         observed: Points in the object's colours.
         X_WO: (4, 4) pose of the object.
-        radius: Of the object [m]; points farther away do not count.
+        radius: Radius of the object [m]; points farther from its origin do not count.
     """
     points = transform_points(inverse(X_WO), observed.points)
     depth = free_space.depth_at(tuple(points.T)) - TOLERANCE

@@ -15,11 +15,11 @@ def huber_weights(residuals: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-    """Returns the derivative of scalars by a motion d = (ω, v) that moves a point q by ω x q + v.
+    """Returns derivatives of scalars with respect to a motion (ω, v), q going to q + ω x q + v.
 
     Args:
         points: (..., 3) the points q [m].
-        gradients: (..., 3) or (3,) the derivatives g of the scalars by q.
+        gradients: (..., 3) or (3,) gradients g of the scalars with respect to q.
 
     Returns:
         (..., 6) rows (q x g, g).
@@ -37,8 +37,8 @@ class NormalEquations:
     Attributes:
         H: (6, 6).
         b: (6,).
-        spurious: (6, 6) the expected part of H that is due to noise in J. Noisy normals make a
-            plain cylinder look as if they determined how far it has turned.
+        spurious: (6, 6) the expected part of H that is due to noise in J. Noisy normals, for
+            instance, seem to determine how far a plain cylinder has turned.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class NormalEquations:
         self.spurious = np.zeros((6, 6))
 
     def add(self, jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray) -> None:
-        """Adds residuals (M,) with rows (M, 6) of the Jacobian and weights (M,)."""
+        """Adds residuals (M,) with Jacobian rows (M, 6) and weights (M,)."""
         weighted = jacobian * weights[:, None]
         self.H += weighted.T @ jacobian
         self.b += residuals @ weighted
@@ -57,7 +57,7 @@ class NormalEquations:
         self.spurious += (jacobian * weights[:, None]).T @ jacobian
 
     def information(self, length: float) -> np.ndarray:
-        """Returns the information (6, 6) on the pose: H less its spurious part, not below zero.
+        """Returns the information (6, 6) on the pose: the positive part of H - spurious.
 
         Args:
             length: Size of the object [m], which makes rotations and translations comparable.

@@ -36,8 +36,8 @@ class _Iteration(NamedTuple):
         depth_gate: Larger depth residuals do not count [m].
         contour_gate: Larger contour residuals do not count [px].
         min_correlation: Patches that correlate less with the image do not count; 0 where patches
-            are searched instead (`add_flow_term`).
-        match_contour: Whether edges are searched. Each search costs a rendering of the model.
+            are searched for instead (`add_flow_term`).
+        match_contour: Whether edges are searched for, which costs a rendering of the model.
     """
 
     depth_gate: float
@@ -54,7 +54,7 @@ _ITERATIONS = (
     _Iteration(0.006, 4.0, 0.6),
     _Iteration(0.006, 4.0, 0.6),
 )
-_FLOW_ITERATIONS = 2  # the first ones, in which patches are searched
+_FLOW_ITERATIONS = 2  # number of first iterations, in which patches are searched for
 
 _SETTLED = (float(np.radians(0.05)), 1e-4)  # smaller steps end the alignment [rad, m]
 
@@ -63,8 +63,8 @@ _FREEDOM = 4.0
 prediction more readily (slip, pushes)."""
 
 _OPTIMISM = 5.0
-"""Factor by which the views seem to determine the pose better than they do, since errors of the
-model stay the same from frame to frame. Measured: errors over standard deviations."""
+"""Factor by which the views seem to give more information than they do, since errors of the model
+repeat from frame to frame. Measured from errors relative to standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class PoseEstimate(SharedOnCopy):
         X_WO: (4, 4) pose of the object.
         prior_covariance: (6, 6) of the error (ω [rad], v [m]) in the object's frame, as the next
             alignment assumes it. It counts the noise of the data as information, so that the pose
-            does not drift with that noise along what the data do not determine.
+            does not drift with that noise in directions that the data do not determine.
         covariance: (6, 6) of the actual error, without that information.
     """
 
@@ -101,7 +101,7 @@ def align(
     Args:
         model: The object.
         windows: The views in which it may be seen.
-        observed: Points around it in its colours.
+        observed: Points around the object, in its colours.
         predicted: Its predicted pose, where the alignment starts.
 
     Returns:
@@ -125,7 +125,7 @@ def align(
         X = move(X, step)
         if k == last:
             break
-        # Once the pose has settled, only the last iteration remains, with its gates.
+        # Once the pose has settled, skip to the last iteration, which has the narrowest gates.
         settled = np.linalg.norm(step[:3]) < _SETTLED[0] and np.linalg.norm(step[3:]) < _SETTLED[1]
         k = last if settled and k >= _FLOW_ITERATIONS else k + 1
     information = equations.information(model.radius) / _OPTIMISM
@@ -140,7 +140,7 @@ def move(X_WO: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 
 def motion_between(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:
-    """Returns the motion (6,) that takes one pose (4, 4) to another: the inverse of `move`."""
+    """Returns the motion (6,) by which `move` takes one pose (4, 4), X_from, to another, X_to."""
     R = X_from[:3, :3]
     turn = rotation_log(R.T @ X_to[:3, :3])
     return np.concatenate([turn, R.T @ (X_to[:3, 3] - X_from[:3, 3])])

@@ -1,4 +1,4 @@
-"""Where the object is predicted in a frame, and where it is located."""
+"""Predicts the object's pose in a frame, and locates the object."""
 
 from typing import NamedTuple
 
@@ -27,21 +27,21 @@ from poil_drake.perception.trackers.rigid_flow.track_quality import (
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, make_window
 
 _MAX_INNOVATION = 3.0
-"""In standard deviations. An object whose last motion differed more from the motion prior is not
-expected to follow it in the next step."""
+"""Largest innovation at which the object is expected to follow the motion prior in the next step
+[standard deviations]."""
 
 _VELOCITY_DAMPING = 0.95  # share of the velocity that continues in the next step
 _MAX_EXTRAPOLATION = 0.5  # longest time over which the velocity is extrapolated [s]
 
-_NEAR = (float(np.radians(20.0)), 0.025)  # deviation of a search [rad, m] where the object is lost
-_GROWTH = (float(np.radians(20.0)), 0.03)  # its growth while the object is lost [rad/s, m/s]
-_FAR = (float(np.radians(60.0)), 0.1)  # its limit [rad, m]
-_FOUND = (float(np.radians(10.0)), 0.01)  # deviation of a pose that was found [rad, m]
+_NEAR = (float(np.radians(20.0)), 0.025)  # initial standard deviations of a search [rad, m]
+_GROWTH = (float(np.radians(20.0)), 0.03)  # their growth while the object is lost [rad/s, m/s]
+_FAR = (float(np.radians(60.0)), 0.1)  # their limits [rad, m]
+_FOUND = (float(np.radians(10.0)), 0.01)  # standard deviations of a pose found by search [rad, m]
 _SEED_PERIOD = 1e-3  # frames this far apart draw different poses [s]
 
 
 class Location(NamedTuple):
-    """An aligned pose, how the views compare with it, and their windows."""
+    """An aligned pose, the evidence for it, and the windows of the views."""
 
     pose: PoseEstimate
     evidence: Evidence
@@ -49,7 +49,7 @@ class Location(NamedTuple):
 
 
 def spread(angular: float, linear: float) -> np.ndarray:
-    """Returns the covariance (6, 6) of standard deviations [rad, m] along each axis."""
+    """Returns the covariance (6, 6) with these standard deviations [rad, m] on all axes."""
     return np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
 
 
@@ -63,7 +63,7 @@ def predict(
 
     Args:
         state: The tracker's state.
-        elapsed: Since the last frame [s].
+        elapsed: Time since the last frame [s].
         motion_prior: (4, 4) expected motion in the world, or None.
         config: Parameters.
     """
@@ -82,12 +82,12 @@ def predict(
 
 
 def _prior_deviations(elapsed: float, config: RigidFlowConfig) -> np.ndarray:
-    """Returns the standard deviations [rad, m] of a motion from its motion prior."""
+    """Returns the standard deviations [rad, m] of a motion about its motion prior."""
     return np.array([config.prior_angular_speed, config.prior_linear_speed]) * elapsed
 
 
 def _follows_prior(state: RigidFlowState, elapsed: float, config: RigidFlowConfig) -> bool:
-    """Returns whether the last motion was about as predicted."""
+    """Returns whether the last motion was close to its prediction."""
     limits = _MAX_INNOVATION * _prior_deviations(elapsed, config)
     return bool(np.all(state.innovation <= limits))
 
@@ -142,7 +142,7 @@ def _is_certain(location: Location, max_conflict: float) -> bool:
 def _search_regions(
     state: RigidFlowState, stamp: float, predicted: PoseEstimate
 ) -> list[SearchRegion]:
-    """Returns regions around the prediction, the last pose while tracked, and the candidate."""
+    """Returns regions around the prediction, the last pose if tracked, and any candidate."""
     missed = 0.0 if state.lost_since is None else stamp - state.lost_since
     angular, linear = (
         min(near + growth * missed, far)

@@ -1,4 +1,4 @@
-"""Search for the object's pose among many, by depth and colour.
+"""Searches for the object's pose among many, by depth and colour.
 
 An object that falls, swings or is pushed may be far from its prediction. Then many poses are scored
 at a few model points each, the best of them are varied in ever smaller steps, and a few poses
@@ -28,11 +28,11 @@ _NEAREST = 0.05  # closer points are not in view [m]
 
 _POINTS = 128  # model points that are compared with depth
 _DRAWN = 640  # poses that are drawn at first
-_KEPT = 12  # the best of a round, which are varied in the next
-_VARIED = 20  # poses from each of them
+_KEPT = 12  # best poses of a round, which are varied in the next
+_VARIED = 20  # variations of each of them
 _ANGULAR, _LINEAR = float(np.radians(10.0)), 0.01  # first variation [rad, m]; then halved
 _GATES = (0.02, 0.012, 0.008)  # larger residuals do not count [m], one for each round
-_ELSEWHERE_WEIGHT = 1.5  # of observed points, against the object's own surface
+_ELSEWHERE_WEIGHT = 1.5  # of observed points, relative to the object's own surface
 
 _MAX_FOUND = 2  # poses found; each costs an alignment
 _SAME_ANGULAR, _SAME_LINEAR = float(np.radians(10.0)), 0.01  # closer poses are the same [rad, m]
@@ -40,7 +40,7 @@ _SAME_ANGULAR, _SAME_LINEAR = float(np.radians(10.0)), 0.01  # closer poses are 
 
 @dataclass(frozen=True)
 class SearchRegion:
-    """Where to search.
+    """A region of poses to search.
 
     Attributes:
         X_WO: (4, 4) pose of the object.
@@ -62,7 +62,7 @@ def search(
         model: The object.
         frame: The views.
         regions: Where to search; each gets an equal share of the poses.
-        seed: Of the random poses.
+        seed: Seed of the random poses.
     """
     rng = np.random.default_rng(seed)
     points = model.aligned.select(evenly_spaced(len(model.aligned), _POINTS))
@@ -98,7 +98,7 @@ def score_poses(
     poses: np.ndarray,
     gate: float,
 ) -> np.ndarray:
-    """Scores poses by depth and colour: the points seen less those missing.
+    """Scores poses by depth and colour: points seen minus points missing.
 
     Args:
         surface: K points of the object.
@@ -107,9 +107,10 @@ def score_poses(
         gate: Points farther than this from the measured surface count as missing [m].
 
     Returns:
-        (P,) the mean over the points that face a camera and have depth; where these are few, their
-        sum over ENOUGH_SHARE of the points. A point scores up to 1 where it is measured in its
-        place and colour, 0 where it is occluded, -1/2 behind what may touch it, and -1 otherwise.
+        (P,) the mean over the points that face a camera and have depth; if these are few, their sum
+        divided by ENOUGH_SHARE of all points. A point scores up to 1 if measured in its place and
+        colour, 0 to -1 if the colour differs, 0 if occluded, -1/2 if something just in front may
+        touch the object, and -1 if the camera sees through the point.
     """
     total, compared = np.zeros(len(poses)), np.zeros(len(poses))
     points, normals, offsets = (
@@ -121,14 +122,14 @@ def score_poses(
         eye = -np.einsum("pij,pi->pj", R, origin)
         z = R[:, 2] @ points.T + origin[:, 2:]
         facing = eye @ normals.T - offsets
-        # Most points face away. The rest is computed for the others only.
+        # Most points face away, so compute the rest only for those that do not.
         pose, point = np.nonzero((facing > np.float32(MIN_COSINE) * z) & (z > _NEAREST))
         z, facing = z[pose, point], facing[pose, point]
         shown = points[point]
         x, y = (np.einsum("mi,mi->m", R[pose, axis], shown) + origin[pose, axis] for axis in (0, 1))
         per_z = 1.0 / z
         fx, fy, cx, cy = (camera.K[i] for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        # Half a pixel more, since the conversion to integers rounds down.
+        # Add half a pixel, since the conversion to integers rounds down.
         u = (x * per_z * np.float32(fx) + np.float32(cx + 0.5)).astype(np.int32)
         v = (y * per_z * np.float32(fy) + np.float32(cy + 0.5)).astype(np.int32)
         inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
@@ -159,7 +160,7 @@ def _motions(rng: np.random.Generator, count: int, angular: float, linear: float
 
 
 def _distinct(poses: np.ndarray) -> list[np.ndarray]:
-    """Returns the first poses of (P, 4, 4) that differ from those before them."""
+    """Returns the first _MAX_FOUND poses of (P, 4, 4) that differ from one another."""
     chosen: list[np.ndarray] = []
     for X in poses:
         same = (

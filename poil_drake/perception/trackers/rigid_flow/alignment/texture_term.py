@@ -4,8 +4,8 @@ Patches, moved by the pose and projected, are compared with the current image, s
 comparable over large rotations, and errors do not accumulate from frame to frame. A plane of grey
 is subtracted on both sides and the contrast is matched, which removes the effect of shading.
 
-First each patch is searched in a neighbourhood, as in optical flow, which copes with poses that are
-several pixels off. Then grey levels are compared directly, which is more precise.
+First each patch is searched for near its projection, as in optical flow, which copes with poses
+that are several pixels off. Then grey levels are compared directly, which is more precise.
 """
 
 from dataclasses import dataclass
@@ -30,23 +30,23 @@ from poil_drake.perception.trackers.rigid_flow.view_window import PosedView
 _MAX_SHOWN = 60  # patches of a view that are used, the most trusted first
 _MAX_DEPTH_ERROR = 0.01  # where depth differs by more, a patch is occluded [m]
 
-_SEARCH_REACH = 3  # samples to each side
-_FOUND_CORRELATION = 0.7  # of a patch that counts as found
+_SEARCH_REACH = 3  # samples searched to each side
+_FOUND_CORRELATION = 0.7  # with the image, above which a patch counts as found
 _FLOW_DEVIATION = 1.0  # of the place where a patch is found [px]
-_FLOW_GATE = 6.0  # distance from the prediction [px]
+_FLOW_GATE = 6.0  # a patch found farther from its projection does not count [px]
 
 _DEVIATION = 3.0  # of a residual [grey levels]
-_CORRELATION = 10.0  # number of residuals that count as one, since they err together
+_CORRELATION = 10.0  # residuals that count as one, since their errors are correlated
 _CONTRAST_LIMITS = (0.5, 2.0)  # how much a patch's contrast may change with the light
 
 
 @dataclass(frozen=True, eq=False)
 class PatchMatches:
-    """Patches that were found in a view, K of them.
+    """K patches that were found in a view.
 
     Attributes:
         centres: (K, 3) [m, object].
-        targets: (K, 2) where each was found [px].
+        targets: (K, 2) window coordinates where each was found [px].
         tensor: (K, 2, 2) structure tensor of each in the image, of trace 1.
         trust: (K,) weights in (0, 1].
     """
@@ -58,14 +58,14 @@ class PatchMatches:
 
 
 def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | None:
-    """Searches each patch in its neighbourhood of the image.
+    """Searches for each patch near its projection in the image.
 
     Args:
         patches: Patches that the view shows.
         view: The view, with a pose that may be several pixels off.
 
     Returns:
-        The matches, or None where there are fewer than 3.
+        The matches, or None if there are fewer than 3.
     """
     if len(patches) == 0:
         return None
@@ -104,7 +104,7 @@ def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | No
 
 
 def add_flow_term(equations: NormalEquations, matches: PatchMatches, view: PosedView) -> None:
-    """Adds the distances in the image between patches and where they were found."""
+    """Adds the distances in the image from patches to where they were found."""
     places = np.stack(view.project(matches.centres), axis=1)
     residuals = matches.targets - places
     weights = tukey_weights(np.linalg.norm(residuals, axis=1), _FLOW_GATE)
@@ -142,7 +142,7 @@ def add_texture_term(
     usable = cross > min_correlation * np.sqrt(power * own_power)
     scale = usable * patches.trust / (_DEVIATION**2 * _CORRELATION)
     weights *= scale[:, None]
-    # All samples of a patch have the derivative of its centre by the pose, so sum them first.
+    # All samples of a patch share its centre's derivative by the pose, so sum them first.
     weighted_u, weighted_v = weights * gu, weights * gv
     tensor = np.empty((len(patches), 2, 2))
     tensor[:, 0, 0] = np.einsum("pk,pk->p", weighted_u, gu)
@@ -157,7 +157,7 @@ def add_texture_term(
 
 
 def select_shown(patches: TexturePatches, view: PosedView) -> TexturePatches:
-    """Returns the patches that a view shows."""
+    """Returns at most _MAX_SHOWN patches that a view shows unoccluded."""
     shown = np.flatnonzero(facing_patches(patches, view.eye))
     if len(shown) > _MAX_SHOWN:
         trusted = np.argsort(-patches.trust[shown], kind="stable")
@@ -178,7 +178,7 @@ def _add_patches(
     pull: np.ndarray,
     view: PosedView,
 ) -> None:
-    """Adds patches, each with its normal equations for a displacement in the image.
+    """Adds patches, each given by the normal equations of its displacement in the image.
 
     Args:
         equations: The sums to add to.
@@ -195,7 +195,7 @@ def _add_patches(
 
 
 def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool have about their own depth measured at nearly all samples."""
+    """Returns which patches (P,) bool have depth at most samples, with little disagreement."""
     measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     valid = measured > 0.0
     wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
