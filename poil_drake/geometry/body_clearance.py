@@ -1,4 +1,4 @@
-"""Clearance of a rigid body, known as a surface cloud, to a scene, at many poses at once."""
+"""Clearance of a rigid body, given as a surface cloud, to a scene, at many poses at once."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from poil_drake.geometry.scene_cloud import SceneCloud
 
 
 class BodyClearance:
-    """Smallest distance of a body's cloud to a scene's points, and its height above the ground.
+    """Distance of a body's cloud to a scene's points, and the body's height above the ground.
 
     Attributes:
         cloud: (Q, 3) the body's surface [m, body frame].
@@ -18,7 +18,7 @@ class BodyClearance:
         """Stores the body and the scene.
 
         Args:
-            cloud: (Q, 3) the body's surface [m], not empty; the origin should be in its middle.
+            cloud: (Q, 3) the body's surface [m], not empty, with the frame's origin in its middle.
             scene: The obstacles and the ground.
         """
         self.cloud = cloud
@@ -42,9 +42,9 @@ class BodyClearance:
         return clearance
 
     def height(self, X_WB: np.ndarray) -> np.ndarray:
-        """Returns the height (B,) of the lowest point above the ground [m], negative below it.
+        """Returns the height (B,) of the body's lowest point above the ground [m].
 
-        Without a ground it is infinite.
+        It is negative below the ground, and infinite without one.
 
         Args:
             X_WB: (B, 4, 4) poses of the body.

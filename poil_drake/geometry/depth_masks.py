@@ -10,7 +10,7 @@ from poil_drake.errors import InvalidValueError
 
 @dataclass(frozen=True, kw_only=True)
 class DepthMaskConfig:
-    """What to remove from masks: borders, depth edges and unreliable ranges.
+    """What to remove from masks: borders, depth edges and unreliable depths.
 
     Attributes:
         erosion: Width of the border removed from the mask [px]. Detectors' masks are too large by
@@ -31,7 +31,7 @@ class DepthMaskConfig:
 
 
 def erode_mask(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """Removes a border of some pixels from a mask (H, W), but not at the image's own border."""
+    """Removes a border of `pixels` pixels from a mask (H, W), but not at the image's border."""
     return cv2.erode(mask.astype(np.uint8), _disc(pixels)).astype(bool)
 
 
@@ -39,7 +39,7 @@ def depth_edges(depth: np.ndarray, relative_jump: float) -> np.ndarray:
     """Returns which pixels lie next to a jump in depth, on either side of it.
 
     Args:
-        depth: (H, W) depth [m]; 0, NaN and infinity are invalid and make no edge.
+        depth: (H, W) depth [m]; 0, NaN and infinity are invalid and cause no edge.
         relative_jump: The smallest jump, as a fraction of the smaller depth.
 
     Returns:
@@ -57,7 +57,7 @@ def depth_edges(depth: np.ndarray, relative_jump: float) -> np.ndarray:
 
 
 def clean_mask(mask: np.ndarray, depth: np.ndarray, config: DepthMaskConfig) -> np.ndarray:
-    """Returns the pixels (H, W) bool of a mask with reliable depth away from edges.
+    """Returns a mask (H, W) bool without pixels that lack reliable depth or are near an edge.
 
     Args:
         mask: (H, W) bool.

@@ -1,4 +1,4 @@
-"""Read-only, validated NumPy arrays, of which the types that pass between stages consist."""
+"""Read-only, validated NumPy arrays, for the types that are passed between stages."""
 
 from collections.abc import Sequence
 from typing import Self
@@ -38,7 +38,7 @@ def frozen_array(
     if not fits:
         raise InvalidValueError(
             f"{name} has shape {array.shape}, but ({', '.join(map(str, shape))}) is needed.",
-            remedy="Pass an array of that shape.",
+            remedy="Pass an array of the needed shape.",
         )
     if finite and array.dtype.kind == "f" and not np.all(np.isfinite(array)):
         raise InvalidValueError(
@@ -52,14 +52,14 @@ def frozen_array(
 
 
 def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int | str]) -> None:
-    """Replaces array fields of a frozen dataclass by read-only arrays of the required shapes.
+    """Replaces array fields of a frozen dataclass with read-only arrays of the required shapes.
 
-    To be called in `__post_init__`. A named dimension must have the same size in all fields.
+    Call this in `__post_init__`. A named dimension must have the same size in all fields.
 
     Args:
         value: The instance.
         finite: Whether NaN and infinity are rejected.
-        shapes: The shape of each field, see `frozen_array`.
+        shapes: The shape of each field; see `frozen_array`.
 
     Raises:
         InvalidValueError: if a shape differs or a number is not finite.
@@ -79,7 +79,7 @@ def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int 
 class SharedOnCopy:
     """Mixin for immutable values, whose copies are the values themselves.
 
-    Drake clones abstract values with `copy.deepcopy`, which is not needed for immutable values.
+    Drake clones abstract values with `copy.deepcopy`, but immutable values need no clones.
     """
 
     def __copy__(self) -> Self:

@@ -19,7 +19,7 @@ def pca_normals(
 
     Args:
         points: (P, 3) [m], at least 3.
-        viewpoint: (3,) from where the points were seen; normals face it.
+        viewpoint: (3,) position that the points were seen from [m]; normals face it.
         at: (M,) indices of the points to compute normals at; None for all.
 
     Returns:

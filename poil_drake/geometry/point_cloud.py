@@ -1,4 +1,4 @@
-"""Point clouds, their down-sampling and the removal of outliers."""
+"""Point clouds, their downsampling and the detection of outliers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class PointCloud(SharedOnCopy):
         )
 
     def transformed(self, X_AB: np.ndarray) -> "PointCloud":
-        """Returns the cloud, expressed in frame B, in frame A; X_AB is (4, 4)."""
+        """Returns this cloud, which is in frame B, expressed in frame A; X_AB is (4, 4)."""
         R = X_AB[:3, :3]
         return PointCloud(
             self.points @ R.T + X_AB[:3, 3],
@@ -114,7 +114,7 @@ def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: floa
 
     Args:
         points: (P, 3) [m].
-        neighbours: Number of neighbours; a cloud of no more points has no outliers.
+        neighbours: Number of neighbours; a cloud of at most this many points has no outliers.
         deviations: Number of standard deviations.
     """
     if len(points) <= neighbours:

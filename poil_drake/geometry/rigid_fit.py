@@ -10,12 +10,12 @@ def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = 
     """Returns X (..., 4, 4) that minimises sum_i w_i |target_i - X source_i|^2.
 
     The method of Kabsch (1976) with Umeyama's guard against reflections. If the points do not
-    determine the rotation (fewer than 3, or collinear), one of the best rotations is returned.
+    determine the rotation (fewer than 3, or collinear), any one of the best rotations is returned.
 
     Args:
         source: (..., N, 3) points.
         target: (..., N, 3) their targets.
-        weights: (..., N) non-negative, None for all equal. A point of weight zero may be NaN.
+        weights: (..., N) non-negative; None for all equal. A point of weight zero may be NaN.
 
     Raises:
         InvalidValueError: if the shapes disagree, a weight is negative or NaN, or all are zero.

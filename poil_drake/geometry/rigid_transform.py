@@ -7,7 +7,7 @@ import numpy as np
 
 
 def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Returns the (..., 4, 4) transform of rotations (..., 3, 3) and translations (..., 3) [m]."""
+    """Returns transforms (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3) [m]."""
     rotation = np.asarray(rotation, dtype=float)
     translation = np.asarray(translation, dtype=float)
     leading = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
@@ -19,7 +19,7 @@ def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
 
 
 def inverse(X: np.ndarray) -> np.ndarray:
-    """Returns the inverse of rigid transforms (..., 4, 4): X_BA of X_AB."""
+    """Returns the inverses X_BA of rigid transforms X_AB (..., 4, 4)."""
     R_transposed = X[..., :3, :3].swapaxes(-1, -2)
     X_BA = np.zeros(X.shape)
     X_BA[..., :3, :3] = R_transposed
@@ -45,7 +45,7 @@ def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def skew(v: np.ndarray) -> np.ndarray:
-    """Returns [v] (..., 3, 3) with [v] u = v x u, for v (..., 3)."""
+    """Returns the matrices [v] (..., 3, 3) with [v] u = v x u, for vectors v (..., 3)."""
     v = np.asarray(v, dtype=float)
     S = np.zeros((*v.shape, 3))
     S[..., 0, 1] = -v[..., 2]
@@ -58,7 +58,7 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 
 def vee(S: np.ndarray) -> np.ndarray:
-    """Returns the vector (..., 3) of the skew part of S (..., 3, 3), the inverse of `skew`."""
+    """Returns the vectors (..., 3) of the skew parts of S (..., 3, 3): the inverse of `skew`."""
     return 0.5 * np.stack(
         [
             S[..., 2, 1] - S[..., 1, 2],
@@ -87,8 +87,8 @@ def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
 def quaternion(rotation: np.ndarray) -> np.ndarray:
     """Returns quaternions (..., 4) (w, x, y, z), of any length and sign, of matrices (..., 3, 3).
 
-    The one with the largest divisor is used (Shepperd's method), which is accurate for all angles,
-    including pi.
+    Of the four formulas, each matrix uses the one with the largest divisor (Shepperd's method),
+    which is accurate for all angles, including pi.
     """
     R = np.asarray(rotation, dtype=float)
     # Four times the outer product q q^T.
@@ -123,7 +123,7 @@ def rotation_log(rotation: np.ndarray) -> np.ndarray:
 
 
 def rotation_angle(rotation: np.ndarray) -> np.ndarray:
-    """Returns the angles (...) in [0, pi] [rad] of rotation matrices (..., 3, 3)."""
+    """Returns the angle in [0, pi] [rad] of each rotation matrix (..., 3, 3)."""
     R = np.asarray(rotation, dtype=float)
     sine = np.linalg.norm(vee(R), axis=-1)
     cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1.0)
@@ -131,12 +131,12 @@ def rotation_angle(rotation: np.ndarray) -> np.ndarray:
 
 
 def moved_by_twist(X: np.ndarray, V: np.ndarray, origin: np.ndarray, duration: float) -> np.ndarray:
-    """Returns poses X (..., 4, 4) after a step: a turn about a point of the body, which translates.
+    """Returns poses X after a step in which the body turns about a point that moves straight.
 
     Args:
-        X: (..., 4, 4).
+        X: (..., 4, 4) poses before the step.
         V: (..., 6) (omega [rad/s], v [m/s]) at that point, in the base frame of X.
-        origin: (..., 3) the point [m].
+        origin: (..., 3) the point before the step, in the same frame [m].
         duration: Duration of the step [s].
     """
     turns = rotation_exp(V[..., :3] * duration)

@@ -8,20 +8,20 @@ from poil_drake.errors import InvalidValueError
 def farthest_point_sampling(points: np.ndarray, count: int) -> np.ndarray:
     """Returns the indices (count,) of points that cover a cloud evenly.
 
-    The first is the point farthest from the centroid, each next one the point farthest from all
-    chosen so far. Ties go to the lowest index, so the result depends only on the points.
+    The first is the point farthest from the centroid; each later one is the point farthest from all
+    those chosen before it. Ties go to the lowest index, so the result depends only on the points.
 
     Args:
         points: (P, 3) [m], finite.
         count: Number of points to choose, 1 to P.
 
     Raises:
-        InvalidValueError: if there are fewer points than that.
+        InvalidValueError: if `count` is less than 1 or more than P.
     """
     if not 1 <= count <= len(points):
         raise InvalidValueError(
             f"farthest_point_sampling() cannot choose {count} of {len(points)} points.",
-            remedy="Pass a cloud of at least that many points.",
+            remedy="Pass a count from 1 to the number of points.",
         )
     indices = np.empty(count, dtype=np.intp)
     offsets = points - points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""A scene that is known as surface points and a ground plane, for distance queries."""
+"""A scene given as surface points and a ground plane, for distance queries."""
 
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from poil_drake.geometry.frozen_array import frozen_array
 class SceneCloud:
     """Obstacle points and a ground plane, indexed for distance queries.
 
-    Distances are to the points. The surface that the points were sampled from may be nearer; see
+    Distances are to the points. The surface from which the points were sampled may be nearer; see
     `measured`.
 
     Attributes:
@@ -52,7 +52,7 @@ class SceneCloud:
         return float(np.median(self._tree.query(subset, k=2)[0][:, 1]))
 
     def measured(self, clearance: float) -> float:
-        """Returns the distance to the points that guarantees a clearance to their surface [m].
+        """Returns the distance to the points that guarantees a clearance to the surface [m].
 
         A point of a flat surface is at most spacing / sqrt(2) from a sample of a square pattern,
         so a distance d to the samples leaves at least sqrt(d^2 - spacing^2 / 2) to the surface.
@@ -60,7 +60,7 @@ class SceneCloud:
         return float(np.sqrt(clearance**2 + 0.5 * self.spacing**2))
 
     def distance_to_points(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the distances (...) of points (..., 3) to the scene's points, at most `reach`.
+        """Returns the distance from each given point to the scene's points [m], at most `reach`.
 
         Args:
             points: (..., 3) query points [m, world].
@@ -70,7 +70,7 @@ class SceneCloud:
         return np.minimum(distance, reach)
 
     def distance(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the same distances, also to the ground: negative below it."""
+        """Returns the distances to the scene's points and the ground [m], negative below it."""
         distance = self.distance_to_points(points, reach)
         if self.ground_height is None:
             return distance
@@ -81,12 +81,12 @@ class SceneCloud:
         return self._with(np.concatenate([self.points, points]))
 
     def without_points(self, points: np.ndarray, padding: float) -> "SceneCloud":
-        """Returns the scene without the points less than `padding` [m] from points (Q, 3)."""
+        """Returns the scene without its points within `padding` [m] of the given points (Q, 3)."""
         distance, _ = cKDTree(points).query(self.points, distance_upper_bound=padding)
         return self._with(self.points[np.isinf(distance)])
 
     def without_balls(self, centers: np.ndarray, radii: np.ndarray) -> "SceneCloud":
-        """Returns the scene without the points in balls with centres (S, 3) and radii (S,) [m]."""
+        """Returns the scene without its points in balls of centres (S, 3) and radii (S,) [m]."""
         inside = self._tree.query_ball_point(centers, radii)
         keep = np.ones(len(self.points), dtype=bool)
         keep[np.concatenate([np.asarray(found, dtype=int) for found in inside])] = False

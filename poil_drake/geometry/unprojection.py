@@ -1,11 +1,11 @@
-"""Points and normals of depth images, and the projection of points to pixels."""
+"""Points and normals from depth images, and the projection of points to pixels."""
 
 import cv2
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
 
-# Replaces zero divisors of quotients that are not used.
+# Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
 
 
@@ -21,7 +21,7 @@ def unproject(
 
     Returns:
         points_C: (M, 3) [m, optical frame], in row-major order of the valid pixels.
-        pixels: (M, 2) int, their (u, v).
+        pixels: (M, 2) int, (u, v) of each point.
     """
     valid = np.isfinite(depth) & (depth > 0.0)
     if mask is not None:
@@ -43,7 +43,7 @@ def project(points_W: np.ndarray, K: np.ndarray, X_WC: np.ndarray) -> tuple[np.n
 
     Returns:
         uv: (..., 2) pixel coordinates, which may be outside the image; NaN behind the camera.
-        z: (...) depth along the optical axis [m]; negative behind the camera.
+        z: Depth of each point along the optical axis [m]; negative behind the camera.
     """
     points_C = (np.asarray(points_W, dtype=float) - X_WC[:3, 3]) @ X_WC[:3, :3]
     z = points_C[..., 2]
@@ -63,14 +63,14 @@ def depth_normals(
     """Returns unit surface normals of a depth image, facing the camera.
 
     The normal is the cross product of central differences of the unprojected points, which is exact
-    for planes. With z- and z+ the depths a step s to both sides of a pixel and
+    for planes. With z- and z+ the depths at s pixels to either side of a pixel and
     g = (z+ - z-) / (z+ + z-) / s along each axis, that product is parallel to
-    (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), which needs no points.
+    (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), so the points need not be computed.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px], without skew.
-        step: Distance of the compared neighbours [px]. Larger steps average noise.
+        step: Distance s of the compared neighbours from the pixel [px]. Larger steps average noise.
         smoothing: Half width of a box over which g is averaged [px]; 0 for none. At most twice the
             step, the width of the strip without normals along a jump, so that the box never reaches
             the other surface.
@@ -82,12 +82,12 @@ def depth_normals(
         neighbour is invalid, on another surface or outside the image.
 
     Raises:
-        InvalidValueError: if the box is too wide for the step.
+        InvalidValueError: if `smoothing` is negative or more than twice the step.
     """
     if not 0 <= smoothing <= 2 * step:
         raise InvalidValueError(
             f"depth_normals() got smoothing={smoothing} px for step={step} px.",
-            remedy="Smooth over at most twice the step.",
+            remedy="Pass a smoothing from 0 to twice the step.",
         )
     z = np.where(np.isfinite(depth) & (depth > 0.0), depth, 0.0).astype(np.float32)
     height, width = z.shape
@@ -96,8 +96,8 @@ def depth_normals(
     inner = np.s_[step:-step, step:-step]
     left, right = z[step:-step, : -2 * step], z[step:-step, 2 * step :]
     above, below = z[: -2 * step, step:-step], z[2 * step :, step:-step]
-    # One surface: all five depths are within the jump of the centre. An invalid depth is zero,
-    # which is a jump.
+    # On one surface, all five depths differ from the centre's by less than the jump. An invalid
+    # depth is zero, which is a jump.
     jump = np.float32(min(relative_jump * step, 0.5))
     farthest = cv2.dilate(z, _plus(step))[inner]
     nearest = cv2.erode(z, _plus(step))[inner]
@@ -124,7 +124,7 @@ def depth_normals(
 
 
 def _plus(step: int) -> np.ndarray:
-    """Returns the mask of the centre and its four neighbours at a distance."""
+    """Returns a kernel of the centre and its four neighbours at a distance of `step` pixels."""
     kernel = np.zeros((2 * step + 1, 2 * step + 1), dtype=np.uint8)
     kernel[step, [0, step, -1]] = kernel[[0, -1], step] = 1
     return kernel

@@ -1,4 +1,4 @@
-"""Grasp candidates, their rehearsal, the motions to a grasp, and the plan. No pydrake."""
+"""Grasp candidates, grasp rehearsal, motions to a grasp, and execution plans, without pydrake."""
 
 import lazy_loader
 

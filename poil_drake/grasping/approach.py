@@ -1,4 +1,4 @@
-"""Collision-free joint paths by RRT-Connect (OMPL), reproducible for a seed."""
+"""Collision-free joint paths by RRT-Connect (OMPL), reproducible for a given seed."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from poil_drake.planning.rrt_connect import VectorSpace, rrt_connect
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _RESOLUTION = 0.05
-"""Distance between the configurations checked along an edge [rad]: 0.05 rad move the hand by 3 cm
-at full reach, within the spheres' bulge and the margin."""
+"""Distance between the configurations checked along an edge [rad]: at full reach 0.05 rad moves the
+hand by 3 cm, which the spheres' bulge and the margin cover."""
 
 _LIMIT_MARGIN = 0.03  # [rad] Distance kept from the joint limits.
 _LONGEST_EDGE = 0.6  # [rad] Of the search tree.
@@ -26,9 +26,9 @@ def plan_joint_path(
     iterations: int = 3000,
     seed: int = 0,
 ) -> np.ndarray:
-    """Returns a free, smooth path (K, 7) [rad] between two configurations.
+    """Returns a smooth, collision-free path (K, 7) [rad] between two configurations.
 
-    The path is straight where that is free; otherwise RRT-Connect finds it, and it is then
+    The straight path is used if it is free. Otherwise RRT-Connect finds a path, which is then
     shortened and rounded off.
 
     Args:
@@ -48,9 +48,8 @@ def plan_joint_path(
         if not is_free(q[None])[0]:
             raise PlanningError(
                 f"The {name} of the approach, q = {np.round(q, 3).tolist()}, is in collision with "
-                "the scene cloud.",
-                remedy="Clear the space around the robot, check the cameras' poses, or lower "
-                "CollisionConfig.robot_margin.",
+                "the scene or with the robot itself.",
+                remedy="Clear the space around the robot, and check the cameras' poses.",
             )
     if edges.is_free(q_start, q_goal):
         return edges.samples(q_start, q_goal)
@@ -69,7 +68,7 @@ def plan_joint_path(
     )
     if found is None:
         raise PlanningError(
-            f"No free path to the pre-grasp was found in {iterations} rounds of search.",
+            f"No collision-free path to the pre-grasp was found in {iterations} rounds of search.",
             remedy="Clear the space between the arm and the object, or widen the arm's workspace "
             "box (poil.safety.posture).",
         )

@@ -1,4 +1,4 @@
-"""The input of an execution, as one value and one file."""
+"""The plan of an execution: everything that an execution needs, which one file can store."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ _PARTS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExecutionPlan(SharedOnCopy):
-    """The result of transfer and grasp selection, which can be executed elsewhere and later.
+    """The result of transfer and grasp selection, which can be stored and executed later.
 
     Attributes:
         object_label: The object's label.
@@ -40,12 +40,12 @@ class ExecutionPlan(SharedOnCopy):
         reference: The reference of the target points.
         grasp: The grasp.
         approach: Joint motion from the robot's configuration at planning time to the pre-grasp.
-        descent: Joint motion from there to the grasp.
+        descent: Joint motion from the pre-grasp to the grasp.
         lift_height: Height of the lift before the field takes over [m].
         retreat_distance: Length of the retreat after release [m].
-        nominal_posture: (7,) posture towards which the redundancy pulled in the rehearsal [rad].
+        nominal_posture: (7,) posture towards which the rehearsal pulled in the null space [rad].
         metadata: Origin of the plan: versions, seed, scenario, costs. JSON must be able to
-            represent the values.
+            represent all values.
     """
 
     object_label: str
@@ -75,7 +75,7 @@ class ExecutionPlan(SharedOnCopy):
             joints = getattr(self, name).positions.shape[1]
             if joints != self.nominal_posture.size:
                 raise InvalidValueError(
-                    f"{name}.positions has {joints} joints, nominal_posture "
+                    f"{name}.positions has {joints} joints, but nominal_posture has "
                     f"{self.nominal_posture.size}.",
                     remedy="Pass both for the same arm.",
                 )
@@ -83,7 +83,7 @@ class ExecutionPlan(SharedOnCopy):
         if gap > 1e-6:
             raise InvalidValueError(
                 f"ExecutionPlan.descent begins {gap} rad away from the end of the approach.",
-                remedy="Plan both to and from the same pre-grasp configuration.",
+                remedy="Plan the approach to, and the descent from, the same configuration.",
             )
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
@@ -115,7 +115,7 @@ class ExecutionPlan(SharedOnCopy):
         """Reads a plan that `save` wrote.
 
         Raises:
-            PlanFileError: The file is missing, damaged, incomplete or of another version.
+            PlanFileError: The file is missing, damaged, incomplete or of another format version.
         """
         if not Path(path).is_file():
             raise PlanFileError(f"There is no plan '{path}'.", remedy=MAKE_ANOTHER)
@@ -123,7 +123,8 @@ class ExecutionPlan(SharedOnCopy):
             data = Path(path).read_bytes()
         except OSError as error:
             raise PlanFileError(
-                f"The plan '{path}' cannot be read: {error.strerror}.", remedy=MAKE_ANOTHER
+                f"The plan '{path}' cannot be read: {error.strerror}.",
+                remedy="Check the file's permissions.",
             ) from error
         return cls.from_bytes(data, name=str(path))
 
@@ -151,7 +152,7 @@ class ExecutionPlan(SharedOnCopy):
             name: Name of the plan for errors.
 
         Raises:
-            PlanFileError: The data is damaged, incomplete or of another version.
+            PlanFileError: The data is damaged, incomplete or of another format version.
         """
         values = unpack(data, name=name)
         try:
@@ -168,7 +169,7 @@ class ExecutionPlan(SharedOnCopy):
                 error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
             )
             raise PlanFileError(
-                f"The plan '{name}' holds values that do not fit together: {problem}",
+                f"The plan '{name}' holds an invalid value: {problem}",
                 remedy=MAKE_ANOTHER,
             ) from error
 
@@ -184,7 +185,7 @@ def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str
         if entry.type is float and not (_is_number(value) and math.isfinite(value)):
             raise TypeError(f"{name} is {value!r}, but a finite number is needed.")
         if entry.type is str and not isinstance(value, str):
-            raise TypeError(f"{name} is {value!r}, but a text is needed.")
+            raise TypeError(f"{name} is {value!r}, but a string is needed.")
         if entry.name == "metadata" and not isinstance(value, dict):
             raise TypeError(f"{name} is {value!r}, but a mapping is needed.")
         found[entry.name] = value

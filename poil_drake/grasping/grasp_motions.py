@@ -1,4 +1,4 @@
-"""The arm's motions to a grasp: a free path to the pre-grasp, then a straight line."""
+"""The arm's motions to a grasp: a collision-free path to the pre-grasp, then a straight line."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def plan_descent(
     Args:
         model: The arm.
         grasp: The grasp.
-        q_grasp: (7,) the arm at the grasp [rad].
+        q_grasp: (7,) the arm's configuration at the grasp [rad].
         distance: Distance between pre-grasp and grasp [m].
     """
     steps = max(int(np.ceil(distance / _DESCENT_STEP)), 1)
@@ -44,7 +44,7 @@ def plan_approach(
     *,
     seed: int,
 ) -> JointTrajectory:
-    """Returns a free motion to the pre-grasp.
+    """Returns a collision-free motion to the pre-grasp.
 
     Args:
         model: The arm.

@@ -1,4 +1,4 @@
-"""Plan files: a NumPy archive of arrays and one JSON text, without pickle."""
+"""Plan files: NumPy archives of arrays and one JSON header, without pickle."""
 
 import io
 import json
@@ -11,25 +11,25 @@ import numpy as np
 from poil_drake.errors import PoilError
 
 FORMAT_VERSION = 1
-"""Raised whenever plans of the old format become unreadable."""
+"""Incremented by changes that make older plans unreadable."""
 
 LARGEST_PLAN = 1 << 28
 """Upper bound on the unpacked size of a plan [bytes]."""
 
-MAKE_ANOTHER = "Make the plan again: poil transfer DEMO SCENARIO -o PLAN"
+MAKE_ANOTHER = "Create the plan again: poil transfer DEMO SCENARIO -o PLAN"
 
 _HEADER = "header"
 
 
 class PlanFileError(PoilError):
-    """A plan file is missing, damaged, incomplete or of another version."""
+    """A plan file is missing, unreadable, damaged, incomplete or of another format version."""
 
 
 def pack(values: Mapping[str, Any]) -> bytes:
     """Packs named arrays and named values that JSON can represent.
 
     Raises:
-        PlanFileError: A value is neither.
+        PlanFileError: A value is neither an array nor representable in JSON.
     """
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     rest = {name: value for name, value in values.items() if name not in arrays}
@@ -53,7 +53,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
         name: Name of the plan for errors.
 
     Raises:
-        PlanFileError: The data is damaged or of another version.
+        PlanFileError: The data is damaged or of another format version.
     """
     stream = io.BytesIO(data)
     try:
@@ -69,7 +69,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
         for entry, value in values.items():
             if not isinstance(value, np.ndarray):  # NumPy returns unknown entries as bytes.
                 raise TypeError(f"its entry '{entry}' is not an array")
-    # Damage makes zip, zlib, NumPy or Python's tokenizer fail, each with its own errors.
+    # Damage makes zipfile, zlib, NumPy or Python's tokenizer fail, each with its own exceptions.
     except Exception as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise PlanFileError(
@@ -86,7 +86,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
         ) from error
     if version != FORMAT_VERSION:
         raise PlanFileError(
-            f"The plan '{name}' has format version {version}; this program reads {FORMAT_VERSION}.",
+            f"The plan '{name}' has format version {version}; version {FORMAT_VERSION} is needed.",
             remedy=MAKE_ANOTHER,
         )
     return values | header

@@ -103,7 +103,7 @@ def _animate(scene: meshcat.Visualizer, result: PlanningResult) -> None:
     robot.loadViewerModel("robot", visual_color=[0.9, 0.9, 0.92, 1.0])
     plan, path, finding = result.plan, result.choice.path, result.choice.feasibility
     carry_times, X_carry = path.times[path.samples], path.X_W[path.samples]
-    retreat_times = np.linspace(0.0, 1.0, len(finding.q_retreat))  # Nominal: a plan has none.
+    retreat_times = np.linspace(0.0, 1.0, len(finding.q_retreat))  # Arbitrary: a plan has none.
     animation, start = Animation(default_framerate=1), 0.0  # One frame per second: keys are times.
     for times, q, opening, X_W in (
         (plan.approach.times, plan.approach.positions, plan.pregrasp_width, X_carry[:1]),

@@ -1,4 +1,4 @@
-"""From matchings and clouds to an execution plan."""
+"""Plans an execution from matchings and point clouds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
 
 _OBJECT_PADDING = 0.012
-"""Scene points this close to the object's belong to it [m]: its mask left out their pixels."""
+"""Scene points this close to the object's cloud belong to it [m]: its mask missed their pixels."""
 
 _TABLE_THICKNESS = 0.008
 """Scene points less than this above the table belong to it [m]."""
@@ -38,7 +38,7 @@ _ROBOT_PADDING = 0.03
 """Scene points this close to the robot's spheres belong to it [m]: errors of calibration and depth
 are that large."""
 
-_APPROACH_ATTEMPTS = 4  # Number of the best grasps for which an approach is searched.
+_APPROACH_ATTEMPTS = 4  # How many of the best grasps to plan an approach for.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ class PlanningResult:
     Attributes:
         plan: The plan.
         choice: The pair of grasp and matching that it executes.
-        feasible: The sampled grasps that are feasible under a matching.
+        feasible: The sampled grasps that are feasible under at least one matching.
         rejected: The other sampled grasps.
         scene_points: (Q, 3) the obstacles, without table, object and robot [m, world].
     """
@@ -90,25 +90,25 @@ def plan_execution(
     metadata: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> PlanningResult:
-    """Samples grasps, selects grasp and matching, and plans the motion to the grasp.
+    """Samples grasps, selects a grasp and a matching, and plans the motion to the grasp.
 
     Args:
         matchings: The ways in which the part matches.
         object_label: The object's label, for the plan.
         part_label: The functional part's label, for the plan.
         object_cloud: The whole object [m, world].
-        part_points: (M, 3) the visible surface of its functional part [m, world].
+        part_points: (M, 3) the visible surface of the object's functional part [m, world].
         scene_points: (Q, 3) all points that the cameras see [m, world]; those on the object and on
             the robot are removed here.
         q_start: (7,) the arm's present configuration [rad].
         model: The arm.
-        config: Parameters, None for the defaults.
-        seed: Seed of the choice of surface points and of the search of the approach.
+        config: Parameters; None for the defaults.
+        seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
         progress: Receives the progress.
 
     Raises:
-        NoFeasibleGraspError: No grasp is feasible; the message counts the reasons.
+        NoFeasibleGraspError: No grasp is feasible; the message says how many fail for each reason.
         PlanningError: No approach to the best grasps was found, or the arm is outside its boxes.
     """
     config = config or PlannerConfig()
@@ -204,7 +204,7 @@ def _first_reachable(
     seed: int,
     progress: Progress | None,
 ) -> tuple[GraspChoice, JointTrajectory, JointTrajectory]:
-    """Returns the first choice with an approach, its approach and its descent."""
+    """Returns the first choice for which an approach is found, the approach and the descent."""
     failure: PlanningError | None = None
     for number, choice in enumerate(choices):
         if progress:
@@ -220,7 +220,7 @@ def _first_reachable(
         )
         try:
             if workspace is not None:
-                workspace.require(descent.positions, "The way to the grasp")
+                workspace.require(descent.positions, "The descent to the grasp")
             approach = plan_approach(
                 model, checker, workspace, q_start, descent.positions[0], seed=seed
             )

@@ -10,19 +10,19 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""Motions to a rehearsed grasp may come this much closer than the margin [m]: their steps differ
-from those of the rehearsal, and so do their postures, slightly."""
+"""Motions to a rehearsed grasp may come this much closer than the margin [m]: their samples differ
+from those of the rehearsal, so their postures differ slightly, too."""
 
 _SAG = 0.001
-"""The arm may start this far outside [m], where a box has stopped it."""
+"""The arm may start this far outside its boxes [m], as it may after a stop at one of the faces."""
 
 _ROUNDING = 1e-9
 
 
 class WorkspaceCheck:
-    """Keeps motions to a grasp inside the boxes, by a margin.
+    """Checks that motions to a grasp keep a margin to the faces of the boxes.
 
-    A motion may stay as close to a face as it starts.
+    A motion that starts closer to a face than the margin only must not come any closer.
     """
 
     def __init__(self, *, guard: PostureGuard, margin: float, q_start: np.ndarray):
@@ -30,18 +30,18 @@ class WorkspaceCheck:
 
         Args:
             guard: The boxes.
-            margin: Distance from their faces [m].
+            margin: Required distance from their faces [m].
             q_start: (7,) the arm's present configuration [rad].
 
         Raises:
-            PlanningError: The arm is outside.
+            PlanningError: The arm is outside its boxes.
         """
         self._guard = guard
         start = guard.face_distances(q_start[None])[0]
         if start.min() < -_SAG:
             raise PlanningError(
                 f"The arm is outside its workspace box: {guard.tightest_face(q_start[None])}.",
-                remedy="Move it inside, or widen the box (poil.safety.posture).",
+                remedy="Move the arm inside, or widen the box (poil.safety.posture).",
             )
         self._least = np.minimum(margin - _SLACK, start) - _ROUNDING
 
@@ -52,7 +52,7 @@ class WorkspaceCheck:
         """Returns the check for motions from `q_start` (7,) [rad]; None where there are no boxes.
 
         Raises:
-            PlanningError: The arm is outside.
+            PlanningError: The arm is outside its boxes.
         """
         if feasibility.posture is None:
             return None
@@ -78,6 +78,6 @@ class WorkspaceCheck:
             raise PlanningError(
                 f"{what} comes too close to a face of the workspace box: "
                 f"{self._guard.tightest_face(q[~within])}.",
-                remedy="Widen the box (poil.safety.posture), move the object away from that face, "
-                "or lower FeasibilityConfig.workspace_margin.",
+                remedy="Widen the box (poil.safety.posture), or move the object away from that "
+                "face.",
             )

@@ -1,4 +1,4 @@
-"""Timing of joint paths."""
+"""Time parameterization of joint paths."""
 
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ class JointTimingConfig:
     """Speed limits of motions along joint paths.
 
     Attributes:
-        velocity_scale: Fraction of the joint velocity limits; brisk, and leaves the feedback that
-            follows the trajectory room to correct.
+        velocity_scale: Fraction of the joint velocity limits that is used; the rest is left for the
+            feedback that tracks the trajectory.
         acceleration: (7,) joint acceleration limits [rad/s^2].
-        acceleration_scale: Fraction of them.
+        acceleration_scale: Fraction of the acceleration limits that is used.
         smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
             Panda stops with a reflex when commands step.
         path_samples: Samples of the path at which its speed is bounded.
@@ -51,20 +51,20 @@ def time_joint_path(
     motion; averages of velocities and accelerations keep their bounds.
 
     Args:
-        path: (K, 7) joint positions [rad], K >= 2, successive ones distinct.
+        path: (K, 7) joint positions [rad], K >= 2, each different from the one before.
         velocity_limits: (7,) joint velocity limits [rad/s].
         config: Fractions of the limits to use.
         min_duration: Shortest duration of the motion [s].
 
     Raises:
-        InvalidValueError: if the path has fewer than two samples, or equal successive ones.
+        InvalidValueError: if the path has fewer than two samples, or two successive equal ones.
     """
     config = config or JointTimingConfig()
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if len(path) < 2 or np.any(lengths == 0.0):
         raise InvalidValueError(
-            f"The joint path of {len(path)} samples does not move between some of them.",
-            remedy="Pass at least two samples, with successive ones distinct.",
+            f"The joint path has {len(path)} samples and {sum(lengths == 0.0)} steps of length 0.",
+            remedy="Pass at least two samples, each different from the one before.",
         )
     spline = CubicSpline(np.concatenate([[0.0], np.cumsum(lengths)]), path)
     s = np.linspace(0.0, lengths.sum(), config.path_samples)
@@ -90,7 +90,7 @@ def time_joint_path(
 def _passing_times(
     s: np.ndarray, spline: CubicSpline, velocity_limits: np.ndarray, config: JointTimingConfig
 ) -> np.ndarray:
-    """Returns the times [s] at which the path lengths s (M,) are passed."""
+    """Returns the times (M,) [s] at which the motion passes the path lengths s (M,) [rad]."""
     tiny = 1e-9
     first, second = np.abs(spline(s, 1)) + tiny, np.abs(spline(s, 2)) + tiny
     half = 0.5 * config.acceleration_scale * np.array(config.acceleration)

@@ -12,7 +12,7 @@ class EdgeChecker:
     """Checks straight edges between configurations.
 
     Attributes:
-        resolution: Distance between the checked configurations, in their unit.
+        resolution: Distance between the checked configurations, in the configurations' unit.
     """
 
     def __init__(self, is_free: IsFree, resolution: float):
@@ -26,7 +26,7 @@ class EdgeChecker:
         return first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
 
     def is_free(self, first: np.ndarray, last: np.ndarray) -> bool:
-        """Returns whether an edge is free. Its middle is checked first, because it seldom is."""
+        """Returns whether an edge is free. The middle, where most collisions are, comes first."""
         samples = self.samples(first, last)
         middle = len(samples) // 2
         return bool(self._is_free(samples[middle : middle + 1])[0] and self._is_free(samples).all())
@@ -42,10 +42,10 @@ def shorten_path(
     """Shortens a path by joining random pairs of points on it, and returns its corners (K, D).
 
     Args:
-        corners: (K, D) of a free path.
+        corners: (K, D) corners of a free path.
         edges: The check of edges.
-        attempts: Number of pairs.
-        rng: Source of the pairs.
+        attempts: Number of pairs to try.
+        rng: Draws the pairs.
     """
     for _ in range(attempts):
         lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -73,8 +73,8 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
     """Returns an evenly sampled path (K, D) with corners rounded as far as there is room.
 
     Args:
-        corners: (K, D) of a free path.
-        edges: The check of edges, whose resolution is that of the returned path.
+        corners: (K, D) corners of a free path.
+        edges: The check of edges; its resolution is also that of the returned path.
         width: Length over which corners are rounded, if there is room.
     """
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -90,7 +90,7 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
 
 
 def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
-    """Returns the mean of the path over a window around each length, narrower near the ends."""
+    """Returns the path's means over windows about the lengths `even`, narrower near the ends."""
     halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
     offsets = np.linspace(-1.0, 1.0, 21)
     at = np.clip(even[:, None] + halves[:, None] * offsets, 0.0, along[-1])

@@ -14,8 +14,8 @@ from poil_drake.planning.rrt_connect import State, make_bounds
 def poses_of(vectors: np.ndarray) -> np.ndarray:
     """Returns the poses (B, 4, 4) of vectors (B, 7): position [m] and quaternion of any length.
 
-    The quaternion is (w, x, y, z). Along the straight line between two of equal length and
-    non-negative product the pose turns about one axis by the smaller angle between the ends.
+    The quaternion is (w, x, y, z). Between two quaternions of equal length with a non-negative dot
+    product, the straight line turns the pose about one axis, by the smaller angle.
     """
     R = Rotation.from_quat(vectors[:, 3:], scalar_first=True).as_matrix()
     return make_transform(R, vectors[:, :3])
@@ -24,8 +24,8 @@ def poses_of(vectors: np.ndarray) -> np.ndarray:
 def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
     """Returns the vectors (B, 7) of poses (B, 4, 4), with signs as in `same_side`.
 
-    Quaternions have twice the radius [m] as length. Then a small distance between vectors is about
-    the motion of a point at that radius, and at least 1 / sqrt(2) of it.
+    Each quaternion is twice the radius [m] long. A small distance between vectors then approximates
+    the motion of a point at that radius, and is at least 1 / sqrt(2) of that motion.
     """
     q = quaternion(X[:, :3, :3])
     q *= 2.0 * radius / np.linalg.norm(q, axis=1)[:, None]
@@ -33,7 +33,7 @@ def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
 
 
 def same_side(vectors: np.ndarray) -> np.ndarray:
-    """Returns vectors (B, 7) whose quaternions have the sign that is nearer to the previous one."""
+    """Returns the vectors (B, 7) with each quaternion's sign chosen nearest to its predecessor."""
     products = np.einsum("bi,bi->b", vectors[1:, 3:], vectors[:-1, 3:])
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
     vectors = vectors.copy()
@@ -43,7 +43,7 @@ def same_side(vectors: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PoseSpace:
-    """Poses as vectors (7,) in OMPL, with their origin in a box.
+    """OMPL's space of the poses with positions in a box, read and written as vectors (7,).
 
     Attributes:
         lower: (3,) lowest position [m].
@@ -64,14 +64,14 @@ class PoseSpace:
         return space
 
     def read(self, state: State) -> np.ndarray:
-        """Returns the vector (7,)."""
+        """Returns the vector (7,) of a state."""
         q = state.rotation()
         vector = np.array([state.getX(), state.getY(), state.getZ(), q.w, q.x, q.y, q.z])
         vector[3:] *= 2.0 * self.radius
         return vector
 
     def write(self, state: State, values: np.ndarray) -> None:
-        """Sets the pose of a vector (7,)."""
+        """Sets a state to the pose of a vector (7,)."""
         x, y, z = values[:3].tolist()
         state.setXYZ(x, y, z)
         q = state.rotation()

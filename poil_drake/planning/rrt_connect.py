@@ -44,17 +44,17 @@ class VectorSpace:
         return space
 
     def read(self, state: State) -> np.ndarray:
-        """Returns the vector (D,)."""
+        """Returns the vector (D,) of a state."""
         return np.array([state[k] for k in range(len(self.lower))])
 
     def write(self, state: State, values: np.ndarray) -> None:
-        """Sets the vector (D,)."""
+        """Sets a state to a vector (D,)."""
         for k, value in enumerate(values.tolist()):
             state[k] = value
 
 
 def make_bounds(lower: np.ndarray, upper: np.ndarray) -> Any:
-    """Returns the OMPL bounds of a box with two given corners (D,)."""
+    """Returns the OMPL bounds of the box between two corners (D,)."""
     bounds = base.RealVectorBounds(len(lower))
     for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
         bounds.setLow(k, low)
@@ -73,7 +73,7 @@ def rrt_connect(
     iterations: int,
     seed: int,
 ) -> np.ndarray | None:
-    """Returns the corners (K, D) of a free path from the start to the goal, None if none is found.
+    """Returns the corners (K, D) of a free path from start to goal; None if no path is found.
 
     The outcome depends only on the arguments, not on the machine's speed.
 
@@ -84,7 +84,7 @@ def rrt_connect(
         is_free: Returns which configurations are free.
         edge_is_free: Returns whether the straight edge between two configurations (D,) is free.
         max_edge: Longest edge of the search trees, in the space's metric.
-        iterations: Rounds of tree growth. Counted, not timed.
+        iterations: Largest number of rounds of tree growth.
         seed: Seed of the samples.
     """
     util.noOutputHandler()

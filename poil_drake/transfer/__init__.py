@@ -1,1 +1,1 @@
-"""Transfer of a demonstration to a target scene: matchings and their references. No pydrake."""
+"""Transfer of a demonstration to a target scene: matchings and references, without pydrake."""

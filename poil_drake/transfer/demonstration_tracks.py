@@ -1,4 +1,4 @@
-"""How the part's points move in a demonstration."""
+"""Tracks the part's points through a demonstration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class DemonstrationTracks:
     Attributes:
         times: (T,) capture times since the first frame [s].
         positions: (T, N, 3) [m, world]; NaN where a point was not observed.
-        confidence: (T, N) in [0, 1].
+        confidence: (T, N) the tracker's confidence in each point, in [0, 1].
     """
 
     times: np.ndarray
@@ -42,10 +42,10 @@ def track_demonstration(
     Args:
         frames: The demonstration, in order of time. Each frame is read once.
         query_points: (N, 3) the points in the first frame [m, world].
-        object_masks: V arrays (H, W) bool: where the object is in the first frame.
+        object_masks: Each camera's mask (H, W) bool of the object in the first frame.
         tracker: Tracks the points.
-        max_gap: Longest time for which the tracker may lose the object [s]. It must not be lost in
-            the last frame.
+        max_gap: Longest time for which the tracker may lose the object [s]. In the last frame the
+            object must not be lost.
         progress: Receives the progress.
 
     Raises:
@@ -65,9 +65,9 @@ def track_demonstration(
         elif frame.stamp - seen_at > max_gap or k == len(frames) - 1:
             raise TrackingError(
                 f"The tracker lost the object {seen_at - first.stamp:.2f} s into the "
-                f"demonstration of {frames[-1].stamp - first.stamp:.2f} s.",
-                remedy="Move the object more slowly and keep it in view of a camera, or choose "
-                "another tracker.",
+                f"demonstration, which lasts {frames[-1].stamp - first.stamp:.2f} s.",
+                remedy="Move the object more slowly and keep it in view of a camera, or change "
+                "poil.tracker.",
             )
         samples.append((frame.stamp, points.positions, points.confidence))
         if progress is not None:

@@ -1,4 +1,4 @@
-"""One way in which the target's part matches the demonstrated one, and its reference."""
+"""Matchings of the demonstrated part with the target's, and the references that they give."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ from poil_drake.transfer.demonstration_tracks import DemonstrationTracks
 
 @dataclass(frozen=True, eq=False)
 class Matching:
-    """One matching of the demonstrated part with the target's.
+    """One way in which the demonstrated part matches the target's.
 
     Attributes:
         target_points: (N, 3) the points on the target's part, before it moves [m, world].
-        reference: Their reference.
+        reference: The reference of the target points.
         cost: Cost of the coarse alignment; likelier matchings cost less.
     """
 
@@ -67,8 +67,8 @@ def make_matching_reference(
     usable = np.isfinite(positions).all(axis=(1, 2))
     if np.count_nonzero(usable) < 2:
         raise TransferError(
-            f"Only {np.count_nonzero(usable)} of {len(usable)} frames of the demonstration show "
-            "three tracked points.",
-            remedy="Record the demonstration with the part in view, or choose another tracker.",
+            f"Only {np.count_nonzero(usable)} of {len(usable)} frames of the demonstration have at "
+            "least three tracked points; two such frames are needed.",
+            remedy="Record the demonstration with the part in view, or change poil.tracker.",
         )
     return make_reference(tracks.times[usable], positions[usable])

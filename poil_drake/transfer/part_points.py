@@ -14,7 +14,7 @@ from poil_drake.perception.images import MultiViewFrame
 
 _PART_FUSION = FusionConfig(voxel_size=0.002)  # Fine enough for the shape of a small handle.
 _OBJECT_FUSION = FusionConfig(voxel_size=0.004)  # The object has ten times the surface.
-_MIN_CONTEXT_POINTS = 100  # With fewer points the rest of the object counts as not seen.
+_MIN_CONTEXT_POINTS = 100  # With fewer points, the rest of the object counts as unseen.
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class PartView(SharedOnCopy):
     """A functional part and its object at one instant.
 
     Attributes:
-        masks: Where they are in the images.
+        masks: Masks of the part and the object in the images.
         part: The part's cloud [m, world].
         whole: The whole object's cloud [m, world].
         context: The cloud of the object without the part; None where too little of it is seen.
@@ -37,7 +37,7 @@ class PartView(SharedOnCopy):
 def view_part(
     frame: MultiViewFrame, *, detector: Detector, object_label: str, part_label: str
 ) -> PartView:
-    """Detects the part in one frame and fuses all views of it.
+    """Detects the part and its object in one frame and fuses all views of each.
 
     Masks are eroded and pixels near depth edges dropped before the views are unprojected.
 
@@ -56,14 +56,14 @@ def view_part(
 
 
 def sample_part_points(part: PointCloud, count: int) -> np.ndarray:
-    """Returns (count, 3) points [m] that spread over the part by farthest-point sampling.
+    """Returns points (count, 3) [m] spread over the part by farthest-point sampling.
 
     Raises:
-        TransferError: if the part has fewer points than that.
+        TransferError: if the part has fewer than `count` points.
     """
     if len(part) < count:
         raise TransferError(
-            f"The part is seen with {len(part)} points; {count} are needed to represent it.",
-            remedy="Bring a camera nearer, lower the voxel size, or ask for fewer points.",
+            f"The part's cloud has {len(part)} points; {count} are needed to represent the part.",
+            remedy="Move a camera nearer to the part, or lower poil.num_points.",
         )
     return part.points[farthest_point_sampling(part.points, count)]

@@ -1,4 +1,4 @@
-"""From a demonstration and a view of the target to the target's reference (POIL section III-A)."""
+"""Transfers a demonstration to the object in a view of the target scene (POIL section III-A)."""
 
 from dataclasses import dataclass, field
 
@@ -25,8 +25,8 @@ class TransferConfig:
     Attributes:
         num_points: N_k, the number of points that represent the part (POIL: 10).
         alignment: The coarse alignment.
-        pose_by_deformed_points: Whether the deformed points are aligned with the tracks, as in the
-            paper. By default the coarsely aligned points are, and the deformed ones move along
+        pose_by_deformed_points: Whether to align the deformed points with the tracks, as the paper
+            does. By default the coarsely aligned points are used, and the deformed ones move along
             rigidly: the deformation fits the part alone, and turns it towards the visible side.
     """
 
@@ -37,8 +37,8 @@ class TransferConfig:
     def __post_init__(self) -> None:
         if self.num_points < 3:
             raise InvalidValueError(
-                f"TransferConfig.num_points is {self.num_points}.",
-                remedy="At least 3 points determine a pose; POIL uses 10.",
+                f"TransferConfig.num_points is {self.num_points}, which does not determine a pose.",
+                remedy="Use at least 3 points; POIL uses 10.",
             )
 
 
@@ -73,18 +73,18 @@ def transfer(
 
     The part is detected in both scenes, and points are sampled on the demonstrated one. Coarse
     alignment and non-rigid registration map them to the target's part; the tracker follows them
-    through the demonstration; and at each of its times the target's points are rigidly aligned with
-    the tracked ones.
+    through the demonstration; and in each of its frames the target's points are rigidly aligned
+    with the tracked ones.
 
     Args:
         demonstration: The demonstration. The detector must find the part in its first frame.
         target_frame: The scene with the target object.
-        detector: Finds object and part in both.
+        detector: Finds object and part in both scenes.
         tracker: Tracks the demonstrated points.
         object_label: Label of the target object.
         part_label: Label of the functional part of both objects.
-        demonstration_object_label: Label of the demonstrated object, if it is a different one.
-        config: Parameters, None for the defaults.
+        demonstration_object_label: Label of the demonstrated object; None for `object_label`.
+        config: Parameters; None for the defaults.
         progress: Receives the progress.
 
     Raises:

@@ -7,7 +7,7 @@ SYMMETRY_TOLERANCE = 0.15
 """Largest Chamfer distance between a symmetric part and its turned copy, relative to its root mean
 square radius. A handle seen from one side only, 25 mm large and 8 mm thick, has about 0.15."""
 
-_KEPT = 0.8  # Share of the points, nearest first, that count: the others may have no counterpart.
+_KEPT = 0.8  # Fraction of the points that count, nearest first; the rest may have no counterpart.
 
 
 def half_turns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -17,8 +17,8 @@ def half_turns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points: (P, 3) the part [m].
 
     Returns:
-        The half turns (3, 3, 3), that about the axis of the largest extent first, and the trimmed
-        mean distances (3,) between the part and its turned copies, relative to the part's root mean
+        The half turns (3, 3, 3), starting with the axis of the largest extent, and the trimmed mean
+        distances (3,) between the part and its turned copies, relative to the part's root mean
         square radius.
     """
     arms = points - points.mean(axis=0)

@@ -146,7 +146,7 @@ def test_wrong_entries_are_named(data, changes, says):
     ("changes", "says"),
     [
         ({"format_version": FORMAT_VERSION + 1}, f"format version {FORMAT_VERSION + 1}"),
-        ({"object_label": 3}, "object_label is 3, but a text"),
+        ({"object_label": 3}, "object_label is 3, but a string"),
         ({"lift_height": "high"}, "lift_height is 'high', but a finite number"),
         ({"retreat_distance": float("nan")}, "retreat_distance is nan"),
         ({"grasp.width": None}, "grasp.width is None"),

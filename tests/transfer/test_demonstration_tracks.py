@@ -62,7 +62,7 @@ def test_a_short_gap_is_tolerated() -> None:
 @pytest.mark.parametrize(
     ("lost", "says"),
     [
-        pytest.param((2, 3, 4), r"0\.50 s into the demonstration of 2\.50 s", id="too long"),
+        pytest.param((2, 3, 4), r"0\.50 s into the .* lasts 2\.50 s", id="too long"),
         pytest.param((5,), r"2\.00 s into", id="in the last frame"),
     ],
 )

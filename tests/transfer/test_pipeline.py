@@ -159,7 +159,7 @@ def test_errors_name_the_images_in_which_a_detection_failed(
 
 
 def test_rejects_more_points_than_are_visible() -> None:
-    with pytest.raises(TransferError, match="seen with 3 points; 10 are needed"):
+    with pytest.raises(TransferError, match="has 3 points; 10 are needed"):
         sample_part_points(PointCloud(np.eye(3)), 10)
 
 

@@ -15,11 +15,11 @@ TOLERANCE = 0.002
 their points do not locate contacts better."""
 
 _CONTACT_FLOOR = 0.003
-"""Around a demonstrated contact the required clearance first grows to this [m]. At less, clouds
+"""Around a demonstrated contact the required clearance first grows to this [m]. Below it, clouds
 with 4 to 6 mm between their points do not distinguish touching from crossing."""
 
 _GROWTH = 0.5
-"""Growth of the required clearance per distance from the demonstration."""
+"""Growth of the required clearance with the distance from the demonstration [m/m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +29,8 @@ class EntryClearanceConfig:
     Attributes:
         margin: Clearance kept unless the demonstration itself comes closer [m]. A tracker's noise
             of 3 mm moves the far side of an object of 10 cm by about 5 mm; this is twice that.
-        tube_radius: Up to this distance from the demonstration, or from the start, its clearance
-            is enough [m, farthest point], so that narrow places may be passed a little aside.
+        tube_radius: Up to this distance from a demonstrated pose, or from the start, the clearance
+            there is enough [m, farthest point], so narrow places may be passed slightly off-path.
         deformation: Mean distance of the points from one rigid shape because the object deforms
             [m]. Without it, the pose of a bag that bends looks uncertain, and the bag may come
             closer to the scene by as much.
@@ -49,13 +49,13 @@ class EntryClearanceConfig:
 
 
 class EntryStart(NamedTuple):
-    """The start of a motion.
+    """The object at the start of a motion.
 
     Attributes:
         X_WB: (4, 4) pose of the object.
-        clearance: Distance of the object to the scene's points, at most the model's `reach` [m].
+        clearance: Distance from the object to the scene's points, at most the model's `reach` [m].
         height: Height of the object above the ground [m]; infinite without a ground.
-        uncertainty: Of both [m], at most the margin.
+        uncertainty: Uncertainty of clearance and height [m], at most the margin.
     """
 
     X_WB: np.ndarray
@@ -71,16 +71,16 @@ def required_clearance(
     tolerance: float,
     tube_radius: float,
 ) -> np.ndarray:
-    """Returns the clearance required at distances from poses whose clearance is known (...) [m].
+    """Returns the clearances [m] required at given distances from poses of known clearance.
 
     Within the tube it is the known clearance less the tolerance, or the contact floor; beyond, it
     grows. It is infinite around poses whose clearance reaches the limit, because they allow
     nothing less than the margin.
 
     Args:
-        known: Clearances at the known poses [m].
-        distances: (...) distances from them [m, farthest point]; broadcast against `known`.
-        limit: The clearance that makes sure of the margin [m].
+        known: Clearances at the known poses [m], of any shape.
+        distances: Distances from these poses [m, farthest point]; broadcast against `known`.
+        limit: The clearance that guarantees the margin [m].
         tolerance: How much less than the known clearance is enough [m].
         tube_radius: See `EntryClearanceConfig` [m].
     """

@@ -24,19 +24,19 @@ from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.planning.pose_vectors import poses_of
 
 _RIGIDITY = RigidConsensusConfig(inlier_distance=0.012)
-"""Outliers do not count for the object's pose. 12 mm exceeds 3 mm of noise on each axis and the
-bending of a bag's handle."""
+"""Excludes outliers from the fit of the object's pose. 12 mm exceeds 3 mm of noise on each axis and
+the bending of a bag's handle."""
 
 _CLOUD_SPACING = 0.006
 """The object's cloud is thinned to one point for each cell of this size [m]."""
 
 _DEVIATIONS = 2.0
-"""Standard deviations of the object's pose that the required clearance is reduced by. Otherwise
-noise in a hole narrower than the noise looks like a collision."""
+"""How many standard deviations of the object's pose to subtract from the required clearance.
+Otherwise noise in a hole narrower than the noise looks like a collision."""
 
 
 class EntryModel:
-    """The object, the scene and the reference between them.
+    """The object, the scene, and the object's poses and clearances along the reference.
 
     The body frame B has its origin in the middle of the object's cloud and the world's axes at the
     time the cloud was observed.
@@ -47,13 +47,13 @@ class EntryModel:
         points: (N, 3) the points [m, B].
         radius: Largest distance of the cloud's points from B's origin [m].
         poses: (T, 4, 4) X_WB along the reference.
-        clearances: (T,) distances of the object to the scene's points along the reference, at most
-            `reach` [m].
+        clearances: (T,) distances from the object to the scene's points along the reference, at
+            most `reach` [m].
         heights: (T,) heights of the object above the ground along the reference [m].
         free: (T,) bool, where the reference keeps the margin.
         contact: First sample of the last stretch that does not keep the margin; T if the end keeps
             it.
-        reach: Distance to the scene's points that makes sure of the margin [m].
+        reach: Distance to the scene's points that guarantees the margin [m].
     """
 
     def __init__(
@@ -98,19 +98,19 @@ class EntryModel:
         self.contact = int(free[-1]) + 1 if free.size else 0
 
     def is_contact(self, remaining: float) -> bool:
-        """Returns whether the reference is past its first lasting contact.
+        """Returns whether the reference has reached the sample `contact`.
 
         Args:
-            remaining: Time to the end of the reference, or of one with the same end [s].
+            remaining: Time left until the end of the reference, or of one with the same end [s].
         """
         times = self.reference.times
         return self.contact < len(times) and remaining <= times[-1] - times[self.contact]
 
     def pose(self, points: np.ndarray) -> np.ndarray:
-        """Returns the pose X_WB (4, 4) of the object at points (N, 3) [m, world].
+        """Returns the pose X_WB (4, 4) of the object, fitted to its points.
 
         Args:
-            points: (N, 3); NaN where not observed.
+            points: (N, 3) [m, world]; NaN where not observed.
 
         Raises:
             TrackingError: if fewer than three points are observed.
@@ -118,7 +118,7 @@ class EntryModel:
         return _fit_pose(self.points, points, None)[0]
 
     def start(self, points: np.ndarray, confidence: np.ndarray | None = None) -> EntryStart:
-        """Returns the start of a motion of the object from its points.
+        """Returns the object's pose, clearance and uncertainty, for a motion from given points.
 
         With residuals of standard deviation s along each axis and the points' inertia A, the pose
         has the variances s^2 A^-1 in rotation and s^2 / N in translation (least squares).
@@ -149,18 +149,18 @@ class EntryModel:
         )
 
     def clearance(self, X_WB: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the clearance (B,) at poses (B, 4, 4) to points and ground, at most `reach` [m].
+        """Returns the object's clearances (B,) to points and ground at poses (B, 4, 4) [m].
 
-        It is negative below the ground.
+        They are negative below the ground, and at most `reach`.
         """
         return np.minimum(self._body.clearance(X_WB, reach), self._body.height(X_WB))
 
     def bounds(self, start: EntryStart, room: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns corners (3,) of a box in which a motion can pass all obstacles [m, world].
+        """Returns two corners (3,) of a box in which a motion can pass all obstacles [m, world].
 
         Args:
             start: Start of the motion.
-            room: Space around the object at the start, scene and reference [m].
+            room: Space left for the object around the start, the scene and the reference [m].
         """
         origins = np.concatenate([start.X_WB[None, :3, 3], self.poses[:, :3, 3]])
         known = np.concatenate([origins, self.scene.points])
@@ -187,9 +187,9 @@ class EntryModel:
     def is_free(self, X_WB: np.ndarray, start: EntryStart) -> np.ndarray:
         """Returns which poses (B, 4, 4) keep the clearance required of a motion: (B,) bool.
 
-        Required is the margin, or less near poses of the demonstration, or near the start, whose
-        own clearance is less; see `required_clearance`. Over the ground, through which nothing
-        passes unnoticed, an object that starts low may stay low.
+        The margin is required, or less near the start and near poses of the demonstration if their
+        own clearance is less; see `required_clearance`. Above the ground, which no motion crosses
+        undetected, an object that starts low may stay low.
         """
         margin = self._config.margin
         clearance, height = self._body.clearance(X_WB, self.reach), self._body.height(X_WB)
@@ -215,7 +215,7 @@ class EntryModel:
         return free
 
     def edges(self, start: EntryStart) -> EdgeChecker:
-        """Returns the check of straight edges between pose vectors, for a motion from `start`."""
+        """Returns the checker of straight edges between pose vectors, for a motion from `start`."""
         # A step ds along an edge shifts the origin by dp and turns the quaternion by dq, with
         # dp^2 + dq^2 <= ds^2. Where the edge cuts across, the quaternion is as short as 1 / sqrt(2)
         # of its length at the ends, so a point moves by dp + sqrt(2) dq <= sqrt(3) ds.
@@ -227,15 +227,15 @@ class EntryModel:
 def _fit_pose(
     shape: np.ndarray, points: np.ndarray, confidence: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the pose (4, 4) of a shape at observed points, and its inliers (N,) bool."""
+    """Returns the pose (4, 4) that fits a shape to observed points, and the inliers (N,) bool."""
     weights = np.isfinite(points).all(axis=1).astype(float)
     if confidence is not None:
         weights *= np.where(np.isfinite(confidence), confidence, 0.0)
     (seen,) = np.nonzero(weights > 0.0)
     if seen.size < 3:
         raise TrackingError(
-            f"Only {seen.size} of {len(points)} points are observed.",
-            remedy="Wait for three points that are not collinear.",
+            f"Only {seen.size} of {len(points)} points are observed; a pose needs 3.",
+            remedy="Wait until three points that are not collinear are observed.",
         )
     weights[seen] *= rigid_inliers(shape[seen], points[seen], weights[seen], config=_RIGIDITY)
     return kabsch(shape, points, weights), weights > 0.0

@@ -31,13 +31,13 @@ def safe_entry_step(
 ) -> EntryState:
     """Returns the next state; its `output` is the field at the points, None to stand still.
 
-    It plans at the first step with three points, after the object has been off its path for longer
-    than the patience, during which it stands still, and when the object is blocked. Otherwise it
-    keeps the plan. If no path is found, it tries again. Points that do not determine a motion
-    change nothing but the output, whose status becomes LOST unless the object should stand still.
+    A step plans when three points are first observed, when the object is blocked, and when it has
+    been off its path for longer than the patience, during which the object stands still. Other
+    steps keep the plan. If no path is found, later steps try again. Points that do not determine a
+    motion leave the plan as it is; the output is then LOST, unless the object should stand still.
 
     Args:
-        state: The last step's state; `EntryState()` at first. It is not changed.
+        state: The last step's state, which is not changed; `EntryState()` at first.
         points: (N, 3) [m, world]; NaN where not observed.
         time: The present time [s].
         planner: The planner, which also provides the field.
@@ -78,7 +78,7 @@ class _Inputs(NamedTuple):
 
 
 def _attempt_is_due(state: EntryState, now: _Inputs) -> bool:
-    """Returns whether to plan if there is no plan."""
+    """Returns whether it is time to try to plan, for a state without a plan."""
     waited = now.time - state.attempt_time
     if state.status is EntryStatus.FAILED and not _have_moved(state, now):
         return waited >= now.config.failed_period
@@ -95,7 +95,7 @@ def _have_moved(state: EntryState, now: _Inputs) -> bool:
 
 
 def _followed(state: EntryState, now: _Inputs) -> EntryState:
-    """Returns the state with the field at the points and the progress on the plan."""
+    """Returns the state with the field at the points and the progress along the plan."""
     assert state.plan is not None
     output = point_set_bcsdm(
         now.points, state.plan.reference, state.plan.field, now.confidence, state.tau
@@ -124,7 +124,7 @@ def _followed(state: EntryState, now: _Inputs) -> EntryState:
 
 
 def _is_blocked(state: EntryState, now: _Inputs) -> bool:
-    """Returns whether the object makes no progress and has not arrived."""
+    """Returns whether the object has made no progress for too long without having arrived."""
     assert state.plan is not None and state.output is not None  # noqa: PT018
     left = state.plan.reference.times[-1] - state.tau
     near_end = left <= state.plan.field.goal_window
@@ -161,7 +161,7 @@ def _planned(state: EntryState, now: _Inputs, *, avoid_field: bool = False) -> E
         plan = now.planner.plan(now.points, now.confidence, seed=seed, avoid_field=avoid_field)
     except PlanningError:
         if avoid_field:
-            # The present plan is still the best known.
+            # The present plan is still the best one known.
             return replace(state, progress_time=now.time)
         return _without_path(state, now)
     begun = EntryState(

@@ -12,8 +12,8 @@ from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
-# The field depends on the pose alone, so a speed limit that keeps its direction does not change the
-# path, and steps may be as long as the path is straight.
+# The field depends on the pose alone, so a speed limit that keeps the field's direction does not
+# change the path, and steps may be long where the path is nearly straight.
 _STEP_LENGTH = 0.01
 """Largest motion of a point of the object in a step [m]."""
 
@@ -21,17 +21,17 @@ _STEP_TIME = 0.1
 """Longest step [s]; with eta = 3 / s it removes a third of the error."""
 
 _CONTACT_TUBE = 0.04
-"""From its first contact on, the reference may be the field's target only while no point of the
-object is farther from it than this [m]. Where the demonstration touches the scene, clouds do not
-tell whether a loop is around a rod or below it, or a strap bent by the rod; only the path there
-does."""
+"""Where the reference is in contact, a rollout counts as clear only if no point of the object is
+farther from the reference than this [m]. Where the demonstration touches the scene, clouds do not
+show whether a loop is around a rod or below it, or whether the rod bends a strap; only the path
+shows it."""
 
 _JOINED = 0.002
-"""Once no point of the object is farther from the reference than this [m], it is joined."""
+"""The object has joined the reference once none of its points is farther from it than this [m]."""
 
 _MAX_STEPS = 300
-"""2 m of path and the time to converge. A field that has not joined the reference by then, for
-example close to a saddle, does not count as clear."""
+"""Enough for 2 m of path and the time to converge. A field that has not joined the reference by
+then, for example close to a saddle, does not count as clear."""
 
 _BATCH = 12
 """Steps between two checks for collisions."""
@@ -41,8 +41,8 @@ class EntryRollout(NamedTuple):
     """The path of the object under the field.
 
     Attributes:
-        poses: (K, 4, 4) X_WB until the reference is joined.
-        clear: Whether it is joined and the required clearance is kept on the whole path.
+        poses: (K, 4, 4) X_WB until the object joins the reference.
+        clear: Whether the object joins it and keeps the required clearance on the whole path.
     """
 
     poses: np.ndarray
@@ -62,7 +62,7 @@ def roll_out_entry(
     Args:
         model: Object and scene.
         start: Pose of the object.
-        reference: The reference of the field.
+        reference: The reference that the field follows.
         field: Parameters of the field.
         tau: Time of the last closest configuration, for the progress window [s].
     """
@@ -92,7 +92,7 @@ def roll_out_entry(
 
 
 def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
-    """Returns X after a step: a turn about the points' centroid, which moves straight."""
+    """Returns X after a step in which the body turns about the centroid, which moves straight."""
     omega, arm = output.omega, X[:3, 3] - output.centroid
     speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
     duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))

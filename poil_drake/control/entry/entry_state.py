@@ -33,22 +33,22 @@ class EntryMonitorConfig:
             of the points by this much triggers another attempt [m, median].
         patience: Time that the object must be off its path, standing still, before another plan
             [s]; one bad frame of a tracker is not enough.
-        patience_step: Increase of the patience with each such plan [s], so that a track which is
-            bad for longer than the first patience does not cause plans forever.
+        patience_step: Increase of the patience with each such plan [s], so that tracking errors
+            that outlast the first patience do not trigger plans forever.
         max_patience: Longest patience [s].
-        stall_time: Without progress for this time the object is blocked [s]. Time in which it
-            should stand still, or in which the points are lost, does not count.
+        stall_time: The object is blocked if it makes no progress for this time [s]. Time in which
+            it should stand still, or in which the points are lost, does not count.
         stall_error: Within this distance of the reference's end the object has arrived and is not
             blocked [m, mean].
-        max_recoveries: Number of other plans for a blocked object. The obstacle is not in the
+        max_recoveries: Largest number of new plans for a blocked object. The obstacle is not in the
             scene's cloud, so more plans do not help.
         retry_period: Time between attempts to plan if no path was found [s].
         max_attempts: Number of successive attempts without a path after which planning has failed.
-        failed_period: Time between attempts then, unless the points have moved by `jump` [s]. An
-            attempt that fails takes a few seconds of processor time.
+        failed_period: Time between attempts after that, unless the points have moved by `jump` [s].
+            An attempt that fails takes a few seconds of processor time.
         fallback: Behaviour after planning has failed. "hold" stands still. "field" follows the
             paper's field, which converges from almost everywhere but ignores obstacles, and plans
-            again only if that is blocked.
+            again only if the object is blocked.
     """
 
     jump: float = 0.01
@@ -72,7 +72,7 @@ class EntryMonitorConfig:
             )
 
     def patience_after(self, returns: int) -> float:
-        """Returns the patience [s] after a number of plans for an object that was off its path."""
+        """Returns the patience [s] after `returns` plans for an object that was off its path."""
         return min(self.patience + returns * self.patience_step, self.max_patience)
 
 
@@ -95,8 +95,8 @@ class EntryState(SharedOnCopy):
         best_error: Least mean error on this plan [m].
         progress_time: Time of the last progress [s], shifted by the time that does not count.
         attempts: Number of successive attempts that found no path.
-        attempt_time: Time of the last of them [s].
-        attempt_points: (N, 3) the points then [m, world]; None before the first.
+        attempt_time: Time of the last of these attempts [s].
+        attempt_points: (N, 3) the points at that time [m, world]; None if there was no attempt.
         replans: Number of plans, including the first.
         recoveries: Number of attempts to plan because the object was blocked.
         returns: Number of attempts to plan because the object was off its path.

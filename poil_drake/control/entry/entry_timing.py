@@ -1,4 +1,4 @@
-"""Joins a transit and the rest of the demonstration to one reference that starts at the object."""
+"""Joins a transit and the rest of the demonstration into a reference that starts at the object."""
 
 import numpy as np
 
@@ -12,10 +12,10 @@ SPEED = 0.15
 """Cruising speed [m/s]; a demonstration's is 0.1 to 0.25."""
 
 ANGULAR_SPEED = 1.0
-"""Limit of the angular velocity [rad/s], which points close to each other hardly bound."""
+"""Limit of the angular speed [rad/s]. If points are close together, `SPEED` hardly bounds it."""
 
 ACCELERATION = 0.3
-"""Of the points [m/s^2]; reaches the cruising speed in half a second."""
+"""Acceleration of the points [m/s^2], which reaches the cruising speed in half a second."""
 
 _INITIAL_SPEED = 0.02
 """Speed at the start [m/s]. Zero would be an equilibrium of the field."""
@@ -29,15 +29,14 @@ def extended_reference(
 ) -> PointTrajectory:
     """Returns the reference that follows a transit and then the demonstration from a sample on.
 
-    The transit moves the reference's own shape at that sample, so that nothing jumps there. It
-    arrives at the reference's speed, or at the cruising speed if that is less. Its velocities are
-    rigid motions and not zero, so the field advances everywhere; the end is the demonstration's, at
-    rest.
+    The transit moves the reference's shape at that sample, so that nothing jumps there. It arrives
+    at the reference's speed, or at the cruising speed if that is less. Its velocities are those of
+    rigid motions and never zero, so the field advances everywhere up to the end, which is at rest.
 
     Args:
         reference: The demonstration.
-        poses: (K, 4, 4) poses of the object; the last is that of the sample [m, world].
-        index: Sample of the reference.
+        poses: (K, 4, 4) poses of the object on the transit; the last is the sample's [m, world].
+        index: Sample of the reference at which the transit ends.
     """
     shape = reference.positions[index]
     motions = poses @ inverse(poses[-1])
@@ -68,9 +67,9 @@ def extended_reference(
 
 
 def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Returns the lengths of the steps (K - 1,) [m]: of the points, or of the turn if it is slower.
+    """Returns the lengths (K - 1,) [m] of the steps: the points' motion, or the turn's if longer.
 
-    The length of a turn is the distance covered in the same time at the cruising speed.
+    The length of a turn is what the cruising speed covers in the time that the turn takes.
     """
     moved = rms_length(np.diff(transform_points(motions, shape), axis=0))
     turns = rotation_log(motions[1:, :3, :3] @ motions[:-1, :3, :3].swapaxes(-1, -2))
@@ -78,9 +77,9 @@ def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 
 def _passing_times(along: np.ndarray, end_speed: float) -> np.ndarray:
-    """Returns the times (M,) [s] at which lengths (M,) [m] are passed at bounded acceleration.
+    """Returns the times (M,) [s] at which the motion passes lengths (M,) [m].
 
-    v^2 grows by 2 a s: forwards from the initial speed, and backwards from the speed at the end.
+    Over a length s, v^2 grows by at most 2 a s, forwards from the start and backwards from the end.
     """
     growth = 2.0 * ACCELERATION
     squares = np.minimum(_INITIAL_SPEED**2 + growth * along, SPEED**2)

@@ -19,10 +19,10 @@ _MAX_EDGE = 0.3
 """Longest edge of the search trees [m, of a point at the object's radius]."""
 
 _OPEN_CLEARANCE = 0.03
-"""A goal with this clearance is open [m], that is, easy to reach."""
+"""A goal with at least this clearance is open, that is, easy to reach [m]."""
 
 _SHORTCUTS = 30
-"""Attempts to shorten a path that was searched."""
+"""Attempts to shorten a path that the search found."""
 
 _SMOOTHING = 0.1
 """Length over which corners are rounded, if there is room [m]."""
@@ -36,10 +36,10 @@ class TransitConfig:
     """Effort of the search for a path.
 
     Attributes:
-        goals: Number of samples to search a path to; the last one is drawn at random. More than
-            one, because the object may be locked in at some of them, such as a ring on a rod.
-        iterations: Rounds of tree growth for each goal. Counted, not timed, so that the outcome
-            does not depend on the machine's speed.
+        goals: Number of samples to search a path to; the last one is drawn at random. Several are
+            tried because the object may be locked in at some, such as a ring on a rod.
+        iterations: Number of rounds of tree growth for each goal. Rounds, unlike time, make the
+            outcome independent of the machine's speed.
     """
 
     goals: int = 4
@@ -51,7 +51,7 @@ class Transit(NamedTuple):
 
     Attributes:
         poses: (K, 4, 4) X_WB from the start to the reference's pose at `sample`.
-        sample: The sample of the reference at its end.
+        sample: The sample of the reference at which the path ends.
     """
 
     poses: np.ndarray
@@ -61,9 +61,9 @@ class Transit(NamedTuple):
 def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
     """Returns samples (C,) at which the reference may be entered, the nearest to the start first.
 
-    They are spread evenly over the length of the stretches that keep the margin, and include their
-    last sample and the nearest. If none keeps it, they are spread over the whole reference; then
-    the path there has to keep only the clearance of the reference itself.
+    They are spread evenly over the length of the stretches that keep the margin, and include the
+    last and the nearest sample of these. If no sample keeps the margin, they are spread over the
+    whole reference; the path then only has to keep the reference's own clearance there.
 
     Args:
         model: Object, scene and reference.
@@ -90,10 +90,10 @@ def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
 def straight_transit(
     model: EntryModel, start: EntryStart, candidates: np.ndarray
 ) -> Transit | None:
-    """Returns the first straight path that is free, None if there is none.
+    """Returns the first straight path that is free; None if there is none.
 
-    The nearest sample of the whole reference comes last: an object that was pushed just before it
-    arrived returns by the shortest path, even in contact.
+    The nearest sample of the whole reference is tried last: an object that was pushed just before
+    its arrival returns by the shortest path, even in contact.
 
     Args:
         model: Object, scene and reference.
@@ -116,10 +116,10 @@ def searched_transit(
     config: TransitConfig,
     seed: int,
 ) -> Transit | None:
-    """Returns a path found by RRT-Connect, shortened and with rounded corners, None without one.
+    """Returns a path found by RRT-Connect, shortened and with rounded corners; None without one.
 
-    Goals are searched in the order of their clearance up to an open one, the nearest first among
-    equals. The last goal is drawn from all others, so that with enough seeds each is tried.
+    Goals are tried in order of decreasing clearance, capped at that of an open one, and the nearest
+    first among equals. The last goal is drawn from all others, so that enough seeds try each.
 
     Args:
         model: Object, scene and reference.
@@ -162,7 +162,7 @@ def _turned_evenly(corners: np.ndarray, edges: EdgeChecker) -> np.ndarray:
     The search rotates the object at random, which takes time and is useless where there is room.
 
     Args:
-        corners: (K, 7) pose vectors, each on the side of the one before.
+        corners: (K, 7) pose vectors with signs as in `same_side`.
         edges: The check of edges.
     """
     lengths = np.linalg.norm(np.diff(corners[:, :3], axis=0), axis=1)

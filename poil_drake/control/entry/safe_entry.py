@@ -33,7 +33,7 @@ class EntryKind(enum.Enum):
     """How the reference is entered."""
 
     OFF = enum.auto()
-    """Safe entry is switched off: the field of the paper."""
+    """Safe entry is switched off: the paper's field alone."""
 
     FIELD = enum.auto()
     """By the field itself, whose path is clear."""
@@ -71,11 +71,12 @@ class EntryPlan(SharedOnCopy):
     """A reference that is safe to follow from the object's present pose.
 
     Attributes:
-        reference: The reference to follow. Each plan has its own object, whose identity shows to
-            which plan a remembered time on the reference belongs.
-        field: The field that follows it: the planner's, or, if the kind is OFF, the given one.
+        reference: The reference to follow. Each plan has its own instance, whose identity shows
+            which plan a stored tau belongs to.
+        field: The field that follows the reference: the planner's `field`, or, if the kind is OFF,
+            the field that was passed to the planner.
         kind: How the demonstration is entered.
-        guide: (K, 4, 4) poses X_WB that the object will pass until it is on the reference. K = 0 if
+        guide: (K, 4, 4) poses X_WB that the object passes until it is on the reference. Empty if
             the reference begins at the object, and once the object is on the reference.
     """
 
@@ -89,9 +90,9 @@ class EntryPlan(SharedOnCopy):
 
 
 class SafeEntryPlanner:
-    """Plans paths onto the reference that keep their clearance to the scene.
+    """Plans paths onto the reference that keep the required clearance to the scene.
 
-    The first of these that is free is used:
+    The planner uses the first of these paths that is free:
 
     1. the field itself, rolled out;
     2. a straight motion to a sample of the reference that keeps the margin, the nearest first, or
@@ -100,8 +101,8 @@ class SafeEntryPlanner:
 
     Attributes:
         model: Object, scene and reference.
-        field: The field that follows the plans: the given one, with a progress window unless safe
-            entry is switched off.
+        field: The field that follows the plans: the one passed to the constructor, with a progress
+            window unless safe entry is switched off.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class SafeEntryPlanner:
             )
 
     def unguarded(self) -> EntryPlan:
-        """Returns the unchanged demonstration, to be followed by the given field."""
+        """Returns the plan to follow the unchanged demonstration with the unchanged field."""
         return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NO_GUIDE)
 
     def plan(
@@ -153,7 +154,7 @@ class SafeEntryPlanner:
         seed: int = 0,
         avoid_field: bool = False,
     ) -> EntryPlan:
-        """Returns a reference that leads from the points to the demonstration's end.
+        """Returns a plan that leads from the points to the demonstration's end.
 
         Args:
             points: (N, 3) [m, world]; NaN where not observed.
@@ -162,7 +163,7 @@ class SafeEntryPlanner:
             avoid_field: Whether to skip the field itself, because it turned out to be blocked.
 
         Raises:
-            PlanningError: if no path was found.
+            PlanningError: if no path is found.
             TrackingError: if fewer than three points are observed.
         """
         if not self._config.enabled:
@@ -182,11 +183,10 @@ class SafeEntryPlanner:
             transit = searched_transit(model, start, candidates, config.transit, seed)
         if transit is None:
             raise PlanningError(
-                f"No path onto the reference was found from {np.round(start.X_WB[:3, 3], 3)} m, "
-                f"where the object's clearance is "
-                f"{1e3 * min(start.clearance, start.height):.0f} mm, in "
-                f"{config.transit.iterations} rounds of search to each of "
-                f"{config.transit.goals} samples.",
+                "No path onto the reference was found for the object at "
+                f"{np.round(start.X_WB[:3, 3], 3).tolist()} m with a clearance of "
+                f"{1e3 * min(start.clearance, start.height):.0f} mm; the search took "
+                f"{config.transit.iterations} rounds for each of {config.transit.goals} goals.",
                 remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
                 "raise TransitConfig.iterations.",
             )
@@ -200,18 +200,18 @@ class SafeEntryPlanner:
         tau: float,
         confidence: np.ndarray | None = None,
     ) -> EntryPlan | None:
-        """Returns the plan to continue with, None if it is no longer safe.
+        """Returns the plan to continue with; None if the given plan is no longer safe.
 
         The planned path consists of the reference's pose at tau and the rest of the guide. Within
-        `on_way` of it, or within the uncertainty of the pose, the plan is kept, without the guide's
-        poses that are behind; nothing is rolled out. Within `tube_radius` the field is rolled out
-        from the present pose; if it leads back without a collision, the plan is kept with the
-        rolled-out path as its guide. Farther away the plan is not safe.
+        `on_way` of it, or within the uncertainty of the pose, the plan is kept, less the guide's
+        poses that the object has passed; nothing is rolled out. Within `tube_radius` the field is
+        rolled out from the present pose; if it leads back without a collision, the plan is kept
+        with the rolled-out path as its guide. Farther away the plan is not safe.
 
         Args:
             plan: The plan being followed.
             points: (N, 3) [m, world]; NaN where not observed.
-            tau: Time of the field's closest configuration on the plan's reference [s].
+            tau: Time of the closest configuration on the plan's reference [s].
             confidence: (N,) weights in [0, 1]; None for all equal.
 
         Raises:
@@ -226,7 +226,7 @@ class SafeEntryPlanner:
         deviations = model.displacement(start.X_WB[None], path)[0]
         (passed,) = np.nonzero(deviations <= max(config.on_way, start.uncertainty))
         if passed.size:
-            # The first of them, because a guide may come near itself.
+            # The first pose that is close enough, because a guide may come near itself.
             guide = plan.guide[passed[0] - 1 :] if passed[0] > 0 else _NO_GUIDE
             return plan if len(guide) == len(plan.guide) else replace(plan, guide=guide)
         if deviations.min() > config.tube_radius:

@@ -18,7 +18,7 @@ circle of nearly critical rotations."""
 
 
 class PointSetShape(enum.Enum):
-    """The dimensions of a set of points, in ascending order."""
+    """How many dimensions a set of points spans, in ascending order."""
 
     COINCIDENT = enum.auto()
     """One point: no rotation is determined. The field is LOST."""
@@ -43,15 +43,15 @@ class PointSetCondition(NamedTuple):
         axis_distances: (3,) root mean square distance of the points from each axis [m]:
             sqrt((l_i + l_j) / sum_i w_i) about axis k.
         condition: Ratio of the largest to the smallest eigenvalue of A = tr(W) I - W,
-            (l_2 + l_3) / (l_1 + l_2); infinite on a line. At least 1, and at most 2 for points
-            spread evenly in a plane.
+            (l_2 + l_3) / (l_1 + l_2); infinite on a line. At least 1; 2 for points spread evenly
+            in a plane.
         noise_per_error: (3,) ratio of the standard deviation of the fitted small rotation about
             each axis to that of each coordinate of each point [rad/m]: 1 / sqrt(l_i + l_j) if all
             weights are 1; infinite for undetermined rotations.
         gaps: (2,) relative differences of successive eigenvalues.
         shape: See `PointSetShape`.
-        symmetric: Whether two eigenvalues agree, so that the critical rotations are not isolated.
-            The field still converges from almost everywhere.
+        symmetric: Whether two eigenvalues nearly agree, so that the critical rotations are nearly
+            a circle. The field still converges from almost everywhere.
     """
 
     eigenvalues: np.ndarray
@@ -89,7 +89,7 @@ def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -
     determined = inertia > rounding
     noise = np.where(determined, spread / np.where(determined, inertia, 1.0), np.inf)
     thickness = np.sqrt(np.cumsum(eigenvalues) / w.sum())
-    # From a plane, a line and a point, in ascending order.
+    # Root mean square distances from a plane, a line and a point, in ascending order.
     dimensions = np.count_nonzero(thickness >= _MIN_SPREAD)
     gaps = np.diff(eigenvalues) / np.maximum(eigenvalues[1:] + eigenvalues[:-1], 1e-300)
     return PointSetCondition(

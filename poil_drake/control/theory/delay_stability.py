@@ -12,10 +12,10 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 
 LARGEST_DELAY_GAIN = np.pi / 2.0
-"""The largest eta d for which e'(t) = -eta e(t - d) is stable: at it, e = cos(eta t)."""
+"""The largest eta d for which e'(t) = -eta e(t - d) is stable; there, e = cos(eta t)."""
 
 LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT = 1.0 / np.e
-"""The largest eta d for which e' = -eta e(t - d) falls without passing the goal. Up to there
+"""The largest eta d for which e' = -eta e(t - d) decays without overshooting the goal. Up to it,
 z + eta e^(-z d) has a real root: its minimum over z is (1 + log(eta d)) / d."""
 
 
@@ -23,7 +23,7 @@ def delayed_loop_roots(gain: float, periods: float) -> np.ndarray:
     """Returns the roots z of the sampled and delayed loop, which is stable if all |z| < 1.
 
     Points are sampled every dt and arrive d = (k + f) dt later, 0 <= f < 1; their twist is held
-    until the next points arrive. In each period the first f dt pass with the twist before last:
+    until the next points arrive. In the first f dt of each period the previous twist still acts:
 
         e_{n+1} = e_n - h ((1 - f) e_{n-k} + f e_{n-k-1}),    h = eta dt.
 
@@ -33,7 +33,7 @@ def delayed_loop_roots(gain: float, periods: float) -> np.ndarray:
     """
     if not periods >= 0.0:
         raise InvalidValueError(
-            f"The delay is {periods} periods.", remedy="Pass a non-negative delay."
+            f"The delay is {periods} sampling periods.", remedy="Pass a non-negative delay."
         )
     k = int(periods)
     fraction = periods - k

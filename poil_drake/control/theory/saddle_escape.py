@@ -48,7 +48,7 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
 
 
 def escape_time(rate: float, start: float | np.ndarray, end: float) -> np.ndarray:
-    """Returns the time in which the flow turns from one angle off a saddle to another [s].
+    """Returns the time that the flow takes from one angle off a saddle to another [s].
 
     The turns about a principal axis through a saddle are a trajectory of the flow, on which the
     angle s off the saddle obeys s' = rate sin s exactly, hence
@@ -57,7 +57,7 @@ def escape_time(rate: float, start: float | np.ndarray, end: float) -> np.ndarra
 
     about (log(1 / start) + log(2 tan(end / 2))) / rate for a small start, that is, logarithmic in
     the distance. About axis k from R*_k the trajectory ends at the goal, about another axis i at
-    the saddle R*_j. In any other direction the part about axis k outgrows the others.
+    the saddle R*_j. In any other direction the component about axis k outgrows the others.
 
     Args:
         rate: One of `escape_rates`, positive [1/s].

@@ -1,4 +1,4 @@
-"""How long the field's twist may be held until the potential rises.
+"""How long the field's twist may be held before the potential rises.
 
 A controller holds its twist for a period dt. The object then turns by h omega(R) (the exponential
 map; h = eta dt, omega at eta = 1) about its centroid, and the centroid moves straight, so that its
@@ -13,14 +13,14 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 WORST_SAMPLING_GAIN = np.pi / 2.0
-"""The smallest `largest_sampling_gain` of any points, in the limit of collinear points. Found by
-search and not proven; the proven `proven_sampling_gain` is never below 1.351."""
+"""The smallest `largest_sampling_gain` of any points, in the limit of collinear points. This value
+was found by search; the proven bound, `proven_sampling_gain`, is never below 1.351."""
 
 
 def sampling_gain_limit(W: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Returns the h (...) below which holding the twist of R (..., 3, 3) lowers the potential.
+    """Returns the h below which holding the twist at each R (..., 3, 3) lowers the potential.
 
-    Exact. A turn by s about the axis u of omega, the direction kept, changes D to
+    This is exact. A turn by s about the fixed axis u of omega changes D to
 
         D(s) = c - p cos s - q sin s,    p = tr(W R) - u^T W R u,    q = |omega| u^T A u,
 
@@ -39,7 +39,7 @@ def sampling_gain_limit(W: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 def largest_speed(W: np.ndarray) -> float:
-    """Returns the largest |omega| of all rotations at eta = 1 [rad/s], which is below sqrt(2).
+    """Returns the largest |omega| over all rotations at eta = 1 [rad/s], which is below sqrt(2).
 
     A component d^T omega, |d| = 1, is tr(W R [y]) with y = A^-1 d, which is largest over rotations
     at the sum of the singular values of [y] W, a matrix of rank two:
@@ -72,11 +72,11 @@ def proven_sampling_gain(W: np.ndarray) -> float:
 
 
 def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
-    """Searches the largest eta dt for which D falls from every rotation.
+    """Searches for the largest eta dt for which D falls from every rotation.
 
     It is the smallest `sampling_gain_limit` of random rotations, improved by a random search around
-    the best of them. Next to the goal it is 2, which is the result if the condition of A is at most
-    4; for elongated sets it is less, and goes to pi / 2 for points near a line.
+    the best of them. Next to the goal the limit is 2, which is the result if the condition number
+    of A is at most 4. For elongated sets it is less, down to pi / 2 for points near a line.
 
     Args:
         W: (3, 3) moments of points that are not collinear [m^2].

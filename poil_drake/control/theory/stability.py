@@ -1,6 +1,6 @@
 """The stability analysis of POIL, section III-B: the field around its goal.
 
-The setting of the paper: a rigid object whose points x_i = R x_i^b are centred, the target is
+The setting is the paper's: the points x_i = R x_i^b of a rigid object are centred, the target is
 R = I, the reference is at rest, and eta = 1. Angular velocities are in the body's frame, so that
 R' = R [omega].
 """
@@ -19,7 +19,7 @@ def moment_matrix(points: np.ndarray, weights: np.ndarray | None = None) -> np.n
 
 
 def point_inertia(W: np.ndarray) -> np.ndarray:
-    """Returns A = tr(W) I - W (3, 3) [m^2], the inertia of the points with unit mass each."""
+    """Returns A = tr(W) I - W (3, 3) [m^2], the inertia of points with masses w_i."""
     return np.trace(W) * np.eye(3) - W
 
 
@@ -47,13 +47,13 @@ def critical_rotations(W: np.ndarray) -> np.ndarray:
     """Returns the rotations (3, 3, 3) other than the goal where omega vanishes: turns by pi.
 
     The k-th turns about the k-th principal axis of W, in ascending order of the eigenvalues. For
-    distinct eigenvalues there are no others (theorem 1 of POIL).
+    distinct eigenvalues there are no others (theorem 1 of POIL); equal ones raise an error.
     """
     eigenvalues, axes = np.linalg.eigh(W)
     if np.min(np.diff(eigenvalues)) <= 1e-9 * eigenvalues[-1]:
         raise InvalidValueError(
-            f"Two eigenvalues of W are equal, {eigenvalues}, so its critical rotations are not "
-            "isolated.",
+            f"W has the eigenvalues {eigenvalues}, of which two are equal: its critical rotations "
+            "are not isolated.",
             remedy="Pass the moments of points without rotational symmetry.",
         )
     outer = np.einsum("ik,jk->kij", axes, axes)

@@ -21,10 +21,10 @@ absorbs the errors of cameras and arm."""
 
 _INSERTION_DEPTHS = (0.016, 0.012)
 """How far the fingertips reach past the edge of a thin wall [m]. The pads are 18 mm long; less than
-12 mm holds poorly, and more brings the hand near the edge."""
+12 mm holds poorly, and more than 16 mm brings the hand near the edge."""
 
 _BODY_DEPTHS = (0.036, 0.026)
-"""The same for other bodies [m], all of the fingers' reach: round bodies are widest deep down."""
+"""How far they reach past the edge of other bodies [m]: round bodies are widest deep down."""
 
 _THIN_WALL = 0.015  # [m] Nothing wider than this is a thin wall.
 _GAP = 0.009  # [m] Wider gaps in the points along the closing axis separate two walls.
@@ -41,7 +41,7 @@ class Grip(NamedTuple):
 
     Attributes:
         X_WG: (4, 4) gripper pose, centred on the surfaces [m, world].
-        width: Their extent along the closing axis [m].
+        width: Extent of the surfaces along the closing axis [m].
         contact_points: (2, 3) the fingers' contacts [m, world].
         alignment: Mean cosine between closing axis and surface normals at the contacts.
         points: Number of points between the pads.
@@ -65,13 +65,13 @@ def find_grips(
 
     The points in the finger's column at the seed give the first edge along the approach: a rim, or
     the top of a body. Behind that edge, gaps in the points along the closing axis separate walls;
-    every run of walls that contains the seed and fits into the hand is a grip. A wall of which only
-    one face was seen is a very thin run.
+    every run of walls that contains the seed and fits into the hand is a possible grip. A wall seen
+    from one side only is a very thin run.
 
     Args:
         seed: (3,) a point on the surface [m, world].
         closing_axis: (3,) unit axis along which the fingers close.
-        approach: (3,) unit direction of approach, orthogonal to it.
+        approach: (3,) unit direction of approach, orthogonal to the closing axis.
         points: (P, 3) the object [m, world].
         normals: (P, 3) surface normals up to their sign.
     """
@@ -101,10 +101,10 @@ def find_grips(
 
 
 def _edge(own: np.ndarray) -> tuple[float, float] | None:
-    """Returns the z of the first edge along the approach at the seed's wall, and its y, or None.
+    """Returns z and y of the first edge of the seed's wall along the approach, or None.
 
-    A wall that leans against the approach leaves the column on its way to the edge, so the column
-    follows it until the edge comes no nearer.
+    A wall that is tilted from the approach direction leaves the column before its edge, so the
+    column follows the wall until the edge comes no nearer.
 
     Args:
         own: (K, 3) points of the finger's column in the seed's frame [m].
@@ -161,7 +161,7 @@ def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
 
     Args:
         own: (K, 3) points between the fingers, by increasing y [m].
-        cosines: (K,) between closing axis and their normals.
+        cosines: (K,) cosines of the angles between the closing axis and the points' normals.
     """
     y = own[:, 1]
     worst = 1.0

@@ -1,4 +1,4 @@
-"""Reduces grasps to the best of similar ones, distributed around the object."""
+"""Reduces grasps to a diverse set from all around the object."""
 
 import numpy as np
 
@@ -13,14 +13,14 @@ _MAX_CANDIDATES = 48
 
 
 def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[GraspCandidate]:
-    """Keeps the best of similar grasps, and takes the best of each sector of the object in turn.
+    """Keeps the best of similar grasps, and interleaves the sectors around the object.
 
     Args:
         candidates: Grasps of one object.
         center: (3,) the object's centre [m, world].
 
     Returns:
-        A limited number of grasps; those with a better rank within their sector come first.
+        At most `_MAX_CANDIDATES` grasps: the best of each sector, then the second best, and so on.
     """
     if not candidates:
         return []
@@ -50,8 +50,8 @@ def dissimilar(
     Args:
         poses: (K, 4, 4) gripper poses [m].
         merits: (K,) larger is better; ties go to the lower index.
-        same_position: Poses closer than this ... [m]
-        same_angle: ... and turned by less than this are similar [rad].
+        same_position: Similar poses are closer than this [m].
+        same_angle: Similar poses also differ by less than this angle [rad].
     """
     left = np.ones(len(poses), dtype=bool)
     kept = []

@@ -1,4 +1,4 @@
-"""Grasps of the parallel-jaw hand, and parameters of their sampling."""
+"""Grasps of the parallel-jaw hand, and the parameters of grasp sampling."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.robots.panda_hand import GripperGeometry
 
 GRIPPER = GripperGeometry()
-"""The hand that grasps."""
+"""The geometry of the hand that grasps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +19,8 @@ class GraspCandidate(SharedOnCopy):
     Attributes:
         X_WG: (4, 4) gripper frame (+z approach, fingers close along y) at the grasp [m, world].
         width: Visible extent of the grasped surface between the pads, along y [m].
-        pregrasp_width: Finger opening while approaching and after releasing [m]; small enough that
-            a finger inside the object fits there.
+        pregrasp_width: Finger opening while approaching and after releasing [m]; small enough for a
+            finger that reaches into a hollow object.
         score: Quality in [0, 1]; larger is better.
         contact_points: (2, 3) contacts of the +y and the -y finger [m, world].
     """
@@ -36,13 +36,13 @@ class GraspCandidate(SharedOnCopy):
         R = self.X_WG[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
             raise InvalidValueError(
-                "GraspCandidate.X_WG does not hold a rotation matrix.",
-                remedy="Pass a rigid transform with an orthonormal, right-handed rotation.",
+                f"The rotation part of GraspCandidate.X_WG, {R.tolist()}, is not a rotation.",
+                remedy="Pass a rigid transform with an orthonormal, right-handed rotation matrix.",
             )
         if not 0.0 <= self.width <= self.pregrasp_width:
             raise InvalidValueError(
-                f"GraspCandidate has width {self.width} and pregrasp_width {self.pregrasp_width}.",
-                remedy="The fingers must open at least to the width of the grasped surface.",
+                f"GraspCandidate has width={self.width} and pregrasp_width={self.pregrasp_width}.",
+                remedy="Pass 0 <= width <= pregrasp_width.",
             )
 
     @property
@@ -52,7 +52,7 @@ class GraspCandidate(SharedOnCopy):
 
     @property
     def closing_axis(self) -> np.ndarray:
-        """The direction (3,) along which the fingers close, in the world."""
+        """The axis (3,) along which the fingers close, in the world."""
         return self.X_WG[:3, 1]
 
 
@@ -62,8 +62,8 @@ class GraspSamplingConfig:
 
     Attributes:
         seed_points: Number of surface points at which grasps are tried.
-        approach_angle: Largest angle between approach direction and straight down [rad]. Where too
-            few grasps are found, larger angles are tried, too.
+        approach_angle: Largest angle between approach direction and straight down [rad]. If it
+            yields too few grasps, larger angles are tried, too.
         part_clearance: Distance that the gripper keeps from the functional part [m], which must
             stay free to meet the fixture.
     """

@@ -11,13 +11,13 @@ _MAX_STRAY_POINTS = 1  # Points inside the gripper's volume that count as noise.
 
 
 class GraspScene:
-    """The points around one object, which a gripper must not touch.
+    """The points of an object and its surroundings, which the open gripper must not touch.
 
     Attributes:
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        obstacle_points: (Q, 3) all obstacles near it [m, world].
-        ground_height: Height of the table [m], or None.
+        obstacle_points: (Q, 3) all obstacles near the object [m, world].
+        ground_height: Height of the table [m]; None without a table.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class GraspScene:
             object_points: (P, 3) the whole object [m, world].
             part_points: (M, 3) its functional part [m, world].
             obstacle_points: (Q, 3) all obstacles [m, world].
-            ground_height: Height of the table [m], or None; its points are not obstacles.
+            ground_height: Height of the table [m], whose points are left out; None without a table.
             part_clearance: Distance that the gripper keeps from the part [m].
         """
         self._part_clearance = part_clearance
@@ -51,7 +51,7 @@ class GraspScene:
         self.obstacle_points = obstacle_points[near]
 
     def is_clear(self, X_WG: np.ndarray, opening: float) -> bool:
-        """Returns whether an open gripper and its approach are free of collisions.
+        """Returns whether the open gripper is free of collisions at a grasp and on its approach.
 
         Args:
             X_WG: (4, 4) gripper pose at the grasp [m, world].
@@ -69,7 +69,7 @@ class GraspScene:
                 return False
         if len(self.part_points):
             part_G = transform_points(X_GW, self.part_points)
-            # Closing, the fingers sweep the space between them.
+            # While closing, the fingers sweep the space between them.
             distance = _distance_to_boxes(part_G, *_with_closing_space(lower, upper))
             return distance >= self._part_clearance
         return True
@@ -77,7 +77,7 @@ class GraspScene:
     def _is_above_ground(self, X_WG: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
         if self.ground_height is None:
             return True
-        corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest of each box.
+        corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
         lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
         return bool(lowest > self.ground_height + _GROUND_CLEARANCE)
 

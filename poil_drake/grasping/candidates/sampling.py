@@ -34,7 +34,7 @@ faces of a thin, noisy wall, so that the normal is the wall's."""
 
 _WIDE_APPROACH_ANGLE = 1.4
 """Largest angle between approach direction and straight down [rad] where steeper approaches yield
-fewer than `_FEW_CANDIDATES`: a mug that lies on its side shows its rim to the front."""
+fewer than `_FEW_CANDIDATES`: the rim of a mug that lies on its side faces sideways."""
 
 _FEW_CANDIDATES = 16
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -51,25 +51,25 @@ def sample_antipodal_grasps(
 ) -> list[GraspCandidate]:
     """Samples antipodal grasps that approach roughly from above and leave the part free.
 
-    The closing axes are surface normals at random points, both those of the neighbourhood, which
-    spans both faces of a thin wall, and those of the cloud; the approach directions are spun about
-    them. The surfaces between the fingers determine the grip (`find_grips`), and the open gripper's
-    boxes must be clear of object, part, obstacles and table. A grasp and its half turn about the
-    approach direction are the same for the object but not for the arm, so both are returned.
+    The closing axes are surface normals at random points: that of the neighbourhood, which spans
+    both faces of a thin wall, and the cloud's own if it differs. Approach directions are tried all
+    around each axis. The surfaces between the fingers determine the grip (`find_grips`), and the
+    open gripper's boxes must be clear of object, part, obstacles and table. A grasp and its half
+    turn about the approach direction differ only for the arm, so both are returned.
 
     Args:
         object_cloud: The whole object [m, world], with or without normals.
         part_points: (M, 3) its functional part [m, world].
         obstacle_points: (Q, 3) all other obstacles [m, world].
-        ground_height: Height of the table [m], or None where there is none.
-        config: Parameters, None for the defaults.
-        seed: Seed of the choice of surface points.
+        ground_height: Height of the table [m]; None without a table.
+        config: Parameters; None for the defaults.
+        seed: Seed for choosing the surface points.
 
     Returns:
-        The candidates, best first; none where the object cannot be grasped.
+        The candidates, best first; empty if the object cannot be grasped.
 
     Raises:
-        InvalidValueError: The cloud holds too few points.
+        InvalidValueError: The cloud has too few points.
     """
     config = config or GraspSamplingConfig()
     object_cloud = voxel_downsample(object_cloud, _CLOUD_VOXEL)
@@ -77,7 +77,7 @@ def sample_antipodal_grasps(
     if len(points) < MIN_POINTS:
         raise InvalidValueError(
             f"The object cloud has {len(points)} points; {MIN_POINTS} are needed.",
-            remedy="Check the object's mask and depth, or move the cameras nearer.",
+            remedy="Check the object's mask and depth, or move the cameras nearer to the object.",
         )
     scene = GraspScene(
         object_points=points,
@@ -141,8 +141,8 @@ def approach_directions(closing_axis: np.ndarray, spins: int, largest_angle: flo
 
     Args:
         closing_axis: (3,) unit axis along which the fingers close.
-        spins: Number of directions over the full turn, before the limit.
-        largest_angle: Largest angle from straight down [rad].
+        spins: Number of directions tried over the full turn.
+        largest_angle: Directions farther than this from straight down are left out [rad].
     """
     steepest = _DOWN - (_DOWN @ closing_axis) * closing_axis
     length = np.linalg.norm(steepest)
@@ -182,7 +182,7 @@ def _thinned(grips: list[Grip]) -> list[Grip]:
 
 
 def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> list[GraspCandidate]:
-    """Returns the grasp with the widest opening that fits and its half turn, if there is one."""
+    """Returns the grasp with the widest opening that fits and its half turn; none if none fits."""
     for clearance in OPENING_CLEARANCES:
         opening = grip.width + 2.0 * clearance
         if opening <= GRIPPER.max_width and scene.is_clear(grip.X_WG, opening):

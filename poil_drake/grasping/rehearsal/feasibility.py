@@ -15,12 +15,12 @@ STRAIGHT_SPEED = 0.1
 
 
 class Failure(enum.Enum):
-    """Why a grasp is not feasible; the value completes "n grasps ..."."""
+    """Why a grasp is not feasible; the value completes a sentence that begins with "n grasps"."""
 
     OUT_OF_REACH = "are out of the arm's reach"
     APPROACH = "cannot be approached along a straight line"
     PATH = "leave the arm's reach or joint limits on the way to the goal"
-    RETREAT = "cannot be left at the goal along a straight line"
+    RETREAT = "do not allow a straight retreat at the goal"
     SINGULAR = "pass too close to a singularity"
     WORKSPACE = "come too close to a face of the workspace box"
     ROBOT_COLLISION = "bring the robot into collision"
@@ -33,12 +33,12 @@ class FeasibilityConfig:
     """Requirements on a feasible grasp.
 
     Attributes:
-        collision: Margins.
+        collision: Margins of the collision checks.
         posture: The boxes that the supervisor keeps the arm in; None for no boxes.
-        workspace_margin: Distance from the faces of the boxes that plans keep [m], since the arm
-            does not follow them exactly.
+        workspace_margin: Distance that plans keep from the faces of the boxes [m], since the arm
+            does not follow plans exactly.
         pregrasp_distance: Length of the gripper's straight motion to the grasp [m].
-        retreat_distance: Length of its straight motion away from the released object [m].
+        retreat_distance: Length of the gripper's straight motion away from the released object [m].
     """
 
     collision: CollisionConfig = field(default_factory=CollisionConfig)
@@ -51,13 +51,13 @@ class FeasibilityConfig:
         if not 0.0 <= self.workspace_margin < math.inf:
             raise InvalidValueError(
                 f"FeasibilityConfig.workspace_margin is {self.workspace_margin} m.",
-                remedy="It must be finite, and not negative.",
+                remedy="Pass a finite, non-negative distance.",
             )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Feasibility:
-    """Result of the rehearsal of one grasp from one arm configuration.
+    """Result of rehearsing one grasp with one arm configuration at the grasp.
 
     Attributes:
         candidate: Index of the grasp.
@@ -66,13 +66,13 @@ class Feasibility:
         q_retreat: (R, 7) configurations from the goal to the end of the retreat [rad].
         limit_margin: Smallest distance to a joint limit [rad].
         singular_value: Smallest singular value of the Jacobian while carrying.
-        clearance: Smallest clearance of the robot [m]; NaN where the arm cannot follow.
-        failure: Why the grasp is not feasible, or None.
-        cost: Smaller is better; infinite where not feasible.
-        workspace_clearance: How far the arm stays inside its boxes [m]; NaN where there are none,
-            or the arm cannot follow.
-        tightest_face: The face that the arm comes too close to, as a clause; empty if it does
-            not.
+        clearance: Smallest clearance of the robot [m]; NaN if an earlier check failed.
+        failure: Why the grasp is not feasible; None if it is feasible.
+        cost: Smaller is better; infinite if the grasp is not feasible.
+        workspace_clearance: How far the arm stays inside its boxes [m]; NaN without boxes, or if an
+            earlier check failed.
+        tightest_face: A clause on the face of the boxes that the arm comes too close to; empty for
+            any other outcome.
     """
 
     candidate: int

@@ -31,8 +31,8 @@ _PART_ALLOWANCE = 0.012
 part is meant to meet the fixture."""
 
 _GOAL_RADIUS, _GOAL_MARGIN = 0.05, 0.002
-"""Where the part's points are closer to their goal than the radius [m], the task brings the object
-close to the fixture, and it must only keep this margin [m]."""
+"""While the part's points are within this mean distance of their goal [m], the object only has to
+keep this margin [m], because the task brings it close to the fixture."""
 
 _STRAY_POINTS = 3
 """This many of the object's points may be too close to the scene: camera noise leaves some points
@@ -46,8 +46,8 @@ class ObjectPathConfig:
     Attributes:
         field: The controller's velocity field, which will lead the object.
         max_time: Longest simulated motion along the field [s].
-        max_angular_speed: The controller's limit [rad/s].
-        max_linear_speed: The controller's limit [m/s].
+        max_angular_speed: The controller's limit of the angular speed [rad/s].
+        max_linear_speed: The controller's limit of the linear speed [m/s].
     """
 
     field: BcsdmConfig = field(default_factory=BcsdmConfig)
@@ -66,8 +66,8 @@ class ObjectPath:
         samples: (S,) indices of the samples at which the arm is checked, first and last included.
         lift_end: Index of the sample at which the lift ends.
         converged: Whether the motion reaches the end of the reference.
-        excess: Largest amount by which the object comes closer to the scene than it may [m]; 0
-            where it keeps its distance.
+        excess: Largest amount by which the object falls short of its required clearance to the
+            scene [m]; 0 if it always keeps that clearance.
     """
 
     times: np.ndarray
@@ -87,7 +87,7 @@ def predict_object_path(
     config: ObjectPathConfig,
     collision: CollisionConfig,
 ) -> ObjectPath:
-    """Simulates the object under the field and checks the whole object against the scene.
+    """Simulates the object's motion under the field, and its clearance to the scene.
 
     Args:
         matching: The part's points before the grasp and their reference.
@@ -95,7 +95,7 @@ def predict_object_path(
         part_points: (M, 3) its functional part [m, world].
         scene: The obstacles, without the object.
         config: The field and its limits.
-        collision: Clearance that the object keeps away from the goal.
+        collision: Margins. The object keeps `object_margin` except near the goal.
     """
     lift_steps = max(int(np.ceil(LIFT_HEIGHT / _LIFT_SPEED / _TIME_STEP)), 1)
     lift = make_transform(
@@ -136,10 +136,10 @@ def predict_object_path(
 
 
 def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> float:
-    """Returns `ObjectPath.excess` for clearances (T, P) of the points; (T,) are required."""
+    """Returns `ObjectPath.excess`, given the points' clearances (T, P) and those required (T,)."""
     if clearance.shape[1] <= _STRAY_POINTS:
         return 0.0
-    # During the lift only approached obstacles count, not the surface that the object stands on.
+    # During the lift, only clearances that shrink count: the object starts on a surface.
     lift = clearance[:lift_steps]
     lift[lift >= clearance[0]] = np.inf
     near = np.partition(clearance, _STRAY_POINTS, axis=1)[:, _STRAY_POINTS]
@@ -147,7 +147,7 @@ def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> flo
 
 
 def _spread_samples(X_W: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns indices between which no point moves farther than about `PATH_STEP`."""
+    """Returns indices of poses between which no point moves farther than about `PATH_STEP`."""
     low, high = points.min(axis=0), points.max(axis=0)
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), -1)
     moved = transform_points(X_W, corners.reshape(-1, 3))

@@ -12,14 +12,14 @@ from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
 
 LIMIT_MARGIN = 0.07
-"""Distance kept from the joint limits [rad]: a little more than the controller keeps, so that it
-can follow the plan."""
+"""Distance kept from the joint limits [rad]: a little more than the controller keeps, so that the
+controller can follow the plan."""
 
 POSITION_TOLERANCE, ROTATION_TOLERANCE = 1e-3, 5e-3
-"""Largest accepted errors [m], [rad]."""
+"""Largest accepted errors of the gripper's pose [m], [rad]."""
 
 _ITERATIONS = 6  # At most, for each sample of the path.
-_CENTERING_GAIN, _CENTERING_SPEED = 1.0, 0.3  # [1/s], [rad/s] Those of the controller.
+_CENTERING_GAIN, _CENTERING_SPEED = 1.0, 0.3  # [1/s], [rad/s] The controller's values.
 _STEP = InverseKinematicsConfig(
     damping=0.005,
     largest_step=0.25,  # A larger step would be a jump of the arm.
@@ -31,16 +31,16 @@ _STEP = InverseKinematicsConfig(
 def follow_path(
     model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follows a path of gripper poses from each start, sample by sample, as differential IK does.
+    """Follows gripper paths sample by sample, as differential IK does, each from its own start.
 
-    The redundancy pulls the arm towards its nominal posture. Where a sample cannot be reached, the
-    arm stays as close as possible and continues.
+    Motion in the null space pulls the arm towards its nominal posture. Where the arm cannot reach a
+    sample, it gets as close as possible and continues with the next one.
 
     Args:
         model: The arm.
         q_start: (B, 7) configurations near the first samples [rad].
         X_WG: (B, T, 4, 4) gripper poses to pass through, in the world.
-        times: (T,) their times [s], increasing or decreasing.
+        times: (T,) times of the poses [s], increasing or decreasing.
 
     Returns:
         The configurations (B, T, 7) [rad] and the errors (B, T, 2): position [m] and rotation
@@ -65,9 +65,9 @@ def follow_path(
 
 
 def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
-    """Returns the smallest singular value (...) of the Jacobian: 0 at a singularity.
+    """Returns the smallest singular value of each configuration's Jacobian: 0 at a singularity.
 
-    Rotations are scaled to lengths with the hand's size.
+    Rotations are converted to lengths with a radius of about the hand's size.
 
     Args:
         model: The arm.
@@ -84,7 +84,7 @@ def backed_off_poses(X_WG: np.ndarray, distances: np.ndarray) -> np.ndarray:
 
     Args:
         X_WG: (B, 4, 4) gripper poses.
-        distances: (S,) how far [m].
+        distances: (S,) how far each returned pose is from the grasp [m].
     """
     X = np.repeat(X_WG[:, None], len(distances), axis=1)
     X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]

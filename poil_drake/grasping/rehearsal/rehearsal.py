@@ -1,4 +1,4 @@
-"""Rehearses grasps: approach, motion of the object along its path, retreat at the goal."""
+"""Rehearses grasps: the approach, the object's motion along its path, the retreat at the goal."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,11 +33,11 @@ _SMALLEST_SINGULAR_VALUE = 0.01
 """Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
 
 _OBJECT_CONTACT = 0.004
-"""The object collides where it comes nearer to the scene than it may by more than this [m]; less
-only costs. Away from the goal it may come within 6 mm, so it collides within 2 mm: two clouds with
-a point every 3 to 5 mm come that near where their surfaces intersect."""
+"""The object collides if it falls short of its required clearance by more than this [m]; falling
+short by less only adds cost. Away from the goal 6 mm are required, so closer than 2 mm is a
+collision: two clouds with a point every 3 to 5 mm come that near where their surfaces intersect."""
 
-# More than these margins brings no further advantage.
+# Exceeding these margins brings no further advantage.
 _COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
 _COMFORTABLE_CLEARANCE = 0.04  # [m] Of the robot.
 _COMFORTABLE_SINGULAR_VALUE = 0.05
@@ -75,7 +75,7 @@ class FeasibilityChecker:
         self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the arm configurations (R, 7) at the grasps [rad] and their grasps (R,)."""
+        """Returns arm configurations (R, 7) at the grasps [rad] and the grasps' indices (R,)."""
         return distinct_solutions(
             self._model, np.array([candidate.X_WG for candidate in candidates])
         )
@@ -90,7 +90,7 @@ class FeasibilityChecker:
 
         Args:
             candidates: The grasps.
-            configurations: The result of `configurations` for them.
+            configurations: The result of `configurations` for these grasps.
             path: The object's predicted motion.
 
         Returns:
@@ -166,7 +166,7 @@ class FeasibilityChecker:
         return float(min(low.min(), high.min()))
 
     def _checker(self, opening: float | None) -> RobotCollisionChecker:
-        """Returns the check for a finger opening, rounded up so that few are needed."""
+        """Returns the checker for a finger opening, which is rounded up to limit their number."""
         if opening is not None:
             opening = min(np.ceil(opening / 0.01) * 0.01, GRIPPER.max_width)
         if opening not in self._checkers:

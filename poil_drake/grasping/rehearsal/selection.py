@@ -1,4 +1,4 @@
-"""Selects the grasp, and the matching where the part is symmetric (POIL section III-B)."""
+"""Selects the grasp and, if the part is symmetric, one of its matchings (POIL section III-B)."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class GraspChoice:
     Attributes:
         candidate: The grasp.
         matching: Index of the matching.
-        feasibility: Result of its rehearsal.
+        feasibility: Result of the pair's rehearsal.
         path: The object's predicted motion.
     """
 
@@ -52,21 +52,21 @@ def rank_grasps(
     feasibility: FeasibilityConfig | None = None,
     progress: Progress | None = None,
 ) -> list[GraspChoice]:
-    """Rehearses grasps under every matching and returns the feasible pairs by cost.
+    """Rehearses grasps under every matching and returns the feasible pairs, cheapest first.
 
     Args:
         candidates: Grasps, best first.
-        matchings: The ways in which the part matches: several where it is symmetric.
+        matchings: The ways in which the part matches; several if it is symmetric.
         model: The arm.
         scene: The obstacles, without the object and the robot.
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        path: How the object's motion is predicted, None for the defaults.
-        feasibility: Requirements, None for the defaults.
+        path: How the object's motion is predicted; None for the defaults.
+        feasibility: Requirements; None for the defaults.
         progress: Receives the progress.
 
     Raises:
-        NoFeasibleGraspError: No pair is feasible; the message counts the reasons.
+        NoFeasibleGraspError: No pair is feasible; the message says how many fail for each reason.
     """
     path, feasibility = path or ObjectPathConfig(), feasibility or FeasibilityConfig()
     paths = [
@@ -104,24 +104,26 @@ def rank_grasps(
 
 
 _FAILURES = list(Failure)
+_NEARER = "move the fixture nearer to the robot and record the demonstration again"
 _REMEDIES = {
     Failure.OUT_OF_REACH: "Move the object to about 0.35 to 0.6 m in front of the robot.",
-    Failure.APPROACH: "Move the object nearer to the robot, or shorten pregrasp_distance.",
-    Failure.PATH: "Turn or move the object, or move the fixture nearer to the robot.",
-    Failure.RETREAT: "Move the fixture nearer to the robot, or shorten retreat_distance.",
-    Failure.SINGULAR: "Move the object or the fixture away from the edge of the arm's reach.",
-    Failure.WORKSPACE: "Widen the box (poil.safety.posture), move object and fixture away from "
-    "that face, or lower FeasibilityConfig.workspace_margin.",
-    Failure.ROBOT_COLLISION: "Clear the space around object and fixture, check that the cameras' "
-    "poses are right, or lower CollisionConfig.robot_margin.",
-    Failure.OBJECT_COLLISION: "Check that the fixture is where it was in the demonstration "
-    "(or adapt the reference to it), and that the object is not there already.",
-    Failure.NOT_CONVERGED: "Raise ObjectPathConfig.max_time, or check the reference.",
+    Failure.APPROACH: "Move the object nearer to the robot.",
+    Failure.PATH: f"Turn or move the object, or {_NEARER}.",
+    Failure.RETREAT: "Move the fixture nearer to the robot and record the demonstration again.",
+    Failure.SINGULAR: f"Move the object away from the edge of the arm's reach, or {_NEARER}.",
+    Failure.WORKSPACE: "Widen the box (poil.safety.posture), or move object and fixture away from "
+    "that face, and record the demonstration again if the fixture has moved.",
+    Failure.ROBOT_COLLISION: "Clear the space around the object and the fixture, and check the "
+    "cameras' poses.",
+    Failure.OBJECT_COLLISION: "Check that the fixture is where it was in the demonstration, and "
+    "that the goal is not occupied.",
+    Failure.NOT_CONVERGED: "Raise poil.max_linear_speed or poil.max_angular_speed, or record a "
+    "shorter demonstration.",
 }
 
 
 def _rank(finding: Feasibility) -> tuple[float, int, float]:
-    """Sort key: the cost; for infeasible findings, how late in the checks they failed."""
+    """Returns the sort key: the cost; infeasible findings that passed more checks come first."""
     passed = -_FAILURES.index(finding.failure) if finding.failure else 0
     outside = finding.failure is Failure.WORKSPACE
     return finding.cost, passed, -finding.workspace_clearance if outside else 0.0
@@ -132,10 +134,9 @@ def _no_feasible_grasp(
 ) -> NoFeasibleGraspError:
     if not candidates:
         return NoFeasibleGraspError(
-            "No grasp was found on the object: nowhere do the fingers fit around it from above, "
-            "clear of the functional part and of the scene.",
-            remedy="Check the object's and the part's masks, clear the space around the object, "
-            "or widen GraspSamplingConfig.approach_angle.",
+            "No grasp was found on the object: there is no place where the fingers fit around it "
+            "without touching the functional part or the scene.",
+            remedy="Check the masks of object and part, and clear the space around the object.",
         )
     failures = Counter(
         Failure.OUT_OF_REACH if f is None or f.failure is None else f.failure for f in findings

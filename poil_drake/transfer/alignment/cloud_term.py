@@ -12,7 +12,7 @@ from poil_drake.transfer.alignment.nearest_neighbours import NearestNeighbours, 
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
 
 PART_CLOUD, CONTEXT_CLOUD = 0, 1
-"""Which scales and translation of an AlignmentState a term uses."""
+"""Selects the scales and the translation of an `AlignmentState` that a term uses."""
 
 _OWN_COLUMNS = (np.r_[0:3, 3:9], np.r_[0:3, 9:15])
 _MAX_POINTS = 1500  # Of each cloud.
@@ -52,17 +52,17 @@ class CloudTerm:
     The energy is the mean over both directions of 1 - exp(-d^2 / 2 w^2), where d is the distance to
     the nearest neighbour. In this Chamfer distance, points without a counterpart, which only one of
     the scenes shows, cost a constant. With normals, d also grows with the difference between two
-    points' normals, so that the inside of a wall is not taken for its outside.
+    points' normals, so that the inside of a wall is not mistaken for its outside.
 
     Attributes:
         frame: Makes the clouds comparable.
         source: (n, 3) demonstrated points in the frame's units; the first k are spread evenly over
             the cloud, for every k.
         target: (m, 3) target points, likewise.
-        source_normals: (n, 3) unit normals times their weight; zeros if they do not count.
+        source_normals: (n, 3) unit normals times their weight; zeros if normals do not count.
         target_normals: (m, 3) likewise.
-        metric: (m, 3, 3) weights of the offset from a target point in the descent: full across its
-            surface, small along it, so that clouds can slide along each other.
+        metric: (m, 3, 3) square roots of the weights of offsets from the target points in the
+            descent: full across the surface, small along it, so that clouds can slide.
         cloud: PART_CLOUD or CONTEXT_CLOUD.
     """
 
@@ -90,8 +90,8 @@ class CloudTerm:
             source: The demonstrated cloud.
             target: The target cloud.
             cloud: PART_CLOUD or CONTEXT_CLOUD.
-            normal_weight: Distance of opposite normals, over twice the unit of length; 0 ignores
-                normals.
+            normal_weight: Half the distance that opposite normals add, in units of length; 0
+                ignores normals.
             tangential_weight: Weight of offsets along the surface in the descent, relative to those
                 across it.
         """
@@ -113,7 +113,7 @@ class CloudTerm:
         )
 
     def thinned(self, count: int) -> "CloudTerm":
-        """Returns the term of `count` points of both clouds, spread evenly."""
+        """Returns the term with at most `count` evenly spread points of each cloud."""
         return replace(
             self,
             source=self.source[:count],
@@ -124,7 +124,7 @@ class CloudTerm:
         )
 
     def place(self, state: AlignmentState, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places source points by K candidates.
+        """Returns where each of K candidates places source points.
 
         Args:
             state: K candidates.
@@ -132,7 +132,7 @@ class CloudTerm:
 
         Returns:
             The points (K, n, 3) in the frame's units about the target's centre, and their Jacobian
-            (K, n, 3, 9) by rotation, logarithmic scales and translation.
+            (K, n, 3, 9) in rotation, logarithmic scales and translation.
         """
         turned_axes = state.R @ self.frame.axes
         scaled = np.exp(state.log_scales[:, self.cloud])[:, None, :] * (points @ self.frame.axes)
@@ -153,7 +153,7 @@ class CloudTerm:
     def linearize(
         self, state: AlignmentState, width: float, weight: float, equations: NormalEquations
     ) -> None:
-        """Adds the Gauss-Newton approximation of weight times the energy."""
+        """Adds the Gauss-Newton approximation of `weight` times the energy to `equations`."""
         points, jacobian = self.place(state, self.source)
         nearest = self._match(state, points)
         j, i = nearest.target_of_source, nearest.source_of_target
@@ -183,7 +183,7 @@ class CloudTerm:
 
 
 def _surface_metric(points: np.ndarray, cloud: np.ndarray, tangential: float) -> np.ndarray:
-    """Returns (m, 3, 3) square roots of the weights of offsets from points, by the local spread."""
+    """Returns `CloudTerm.metric` (m, 3, 3) of points (m, 3), from the local spread of the cloud."""
     _, nearest = cKDTree(cloud).query(points, k=min(20, len(cloud)))
     arms = cloud[nearest] - cloud[nearest].mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.swapaxes(arms, 1, 2) @ arms)

@@ -13,11 +13,11 @@ from poil_drake.transfer.alignment.state import AlignmentState
 from poil_drake.transfer.progress import Progress
 
 MODE_ANGLE = np.deg2rad(30.0)
-"""Alignments closer than this are the same mode [rad]."""
+"""Alignments whose rotations differ by less than this are the same mode [rad]."""
 
-_ROTATIONS = 720  # The descent converges from the 25 degrees at most to the nearest of them.
+_ROTATIONS = 720  # Each orientation is within 25 degrees of one, where the descent converges.
 _SEARCH_ANGLE = np.deg2rad(20.0)  # Rotations closer than this are one candidate.
-_CANDIDATES, _FINALISTS = 32, 8  # How many rotations descend, with few and with more points.
+_CANDIDATES, _FINALISTS = 32, 8  # How many rotations are refined, with few and with more points.
 _SEARCH_POINTS, _DESCENT_POINTS = 60, 100  # Of each cloud, for all rotations and for candidates.
 _PART_POINTS, _CONTEXT_POINTS = 200, 300  # For finalists.
 _DESCENT_STEPS, _FINAL_STEPS = 12, 30  # Of candidates and of finalists.
@@ -28,7 +28,7 @@ search, and at the start, between the two stages and at the end of the descent. 
 wide at first, so that distant parts find each other, and about the sensor's noise at the end (2 to
 3 mm on a handle)."""
 
-_CONTEXT_WIDTH = 0.1  # For the rest of the object in the final score.
+_CONTEXT_WIDTH = 0.1  # Width for the rest of the object in the final score.
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class CoarseAlignment:
 
     Attributes:
         rotation: (3, 3) R, from the demonstration's to the target's world.
-        axes: (3, 3) U, columns are the principal axes.
+        axes: (3, 3) U, whose columns are the principal axes.
         scales: (3,) s.
         source_center: (3,) c [m].
         target_center: (3,) c' [m].
@@ -72,14 +72,14 @@ def align_parts(
 ) -> list[CoarseAlignment]:
     """Returns the distinct ways in which a demonstrated part fits the target's, best first.
 
-    Rotations are scored with the parts' centroids on each other. The best ones descend in rotation,
-    translation and logarithmic scales together, with a truncated Chamfer distance, since each scene
-    shows only one side of its part. Of those that end in the same orientation the best remains;
-    different orientations are kept, so that symmetric parts have several.
+    Rotations are scored with the parts' centroids aligned. Gauss-Newton descent then refines the
+    best ones in rotation, translation and logarithmic scales. Its Chamfer distance is truncated,
+    since each scene shows only one side of its part. Of the results with the same orientation only
+    the best is kept, so a symmetric part has several results of different orientations.
 
     Args:
         problem: The clouds.
-        rotations: (K, 3, 3) where to start; None for a grid over all orientations.
+        rotations: (K, 3, 3) rotations to start from; None for a grid over all orientations.
         progress: Receives the progress.
     """
 
@@ -101,7 +101,7 @@ def align_parts(
     thin = problem.thinned(_PART_POINTS, _CONTEXT_POINTS)
     state = thin.descend(state, np.geomspace(_MIDDLE_WIDTH, _LAST_WIDTH, _FINAL_STEPS))
     report(0.9)
-    # One at a time: all points of all finalists together would take much memory.
+    # One finalist at a time: all points of all finalists would need too much memory.
     costs = np.concatenate(
         [
             problem.cost(state.select(np.array([k])), _LAST_WIDTH, _CONTEXT_WIDTH)

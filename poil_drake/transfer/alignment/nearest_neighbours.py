@@ -9,10 +9,10 @@ class NearestNeighbours(NamedTuple):
     """Nearest neighbours in both directions.
 
     Attributes:
-        target_of_source: (K, n) index of the target nearest to each source point.
-        source_squares: (K, n) the squared distance to it.
-        source_of_target: (K, m) index of the source point nearest to each target.
-        target_squares: (K, m) the squared distance to it.
+        target_of_source: (K, n) index of the target point nearest to each source point.
+        source_squares: (K, n) squared distance from each source point to that target point.
+        source_of_target: (K, m) index of the source point nearest to each target point.
+        target_squares: (K, m) squared distance from each target point to that source point.
     """
 
     target_of_source: np.ndarray
@@ -47,6 +47,6 @@ def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbo
 
 
 def _with(points: np.ndarray, last: np.ndarray | float) -> np.ndarray:
-    """Returns the points (..., d + 1) with one more coordinate."""
+    """Returns the points with `last` appended as one more coordinate, in single precision."""
     column = np.broadcast_to(np.float32(last), points.shape[:-1])[..., None]
     return np.concatenate([points, column.astype(np.float32)], axis=-1)

@@ -1,4 +1,4 @@
-"""The cost of a coarse alignment, and its descent."""
+"""The cost of a coarse alignment, and its minimisation."""
 
 from dataclasses import dataclass, replace
 
@@ -21,16 +21,16 @@ _MIN_POINTS = 12  # Fewer points have no shape to align.
 
 @dataclass(frozen=True, eq=False)
 class AlignmentProblem:
-    """Aligns a demonstrated part, and the object it belongs to, with a target's.
+    """Aligns a demonstrated part, and the rest of its object, with those of the target.
 
     The cost is E_part + context_weight E_rest + join_weight E_join + priors, with the truncated
-    Chamfer energies of `CloudTerm`. Without the rest of the object it is that of the paper: the
+    Chamfer energies of `CloudTerm`. Without the rest of the object it is the paper's cost: the
     part's Chamfer distance over rotation, translation and scales along the principal axes.
 
     Attributes:
         part: The part's term.
-        context: The term of the rest of the object; None where it is unknown or does not count.
-        join: Keeps the two together; None without a context or a visible joint.
+        context: The term of the rest of the object; None if the rest is unknown or has no weight.
+        join: Keeps part and rest together; None without a context or a visible joint.
         config: Weights.
     """
 
@@ -49,25 +49,25 @@ class AlignmentProblem:
         target_context: PointCloud | None = None,
         config: CoarseAlignmentConfig,
     ) -> "AlignmentProblem":
-        """Returns the problem of two parts, with the rest of their objects where it is known.
+        """Returns the problem of aligning two parts, with the rest of their objects if it is known.
 
         Args:
             source_part: The demonstrated part.
             target_part: The target's part.
-            source_context: The rest of the demonstrated object, with normals. It counts only
-                together with the target's; its transform shares the part's rotation only.
+            source_context: The rest of the demonstrated object, with normals. It counts only if the
+                target's is given, too. Its transform shares only the rotation with the part's.
             target_context: The rest of the target object, with normals.
             config: Weights.
 
         Raises:
             TransferError: if a part has too few points to align.
         """
-        for name, cloud in (("demonstration", source_part), ("target", target_part)):
+        for name, cloud in (("demonstrated", source_part), ("target", target_part)):
             if len(cloud) < _MIN_POINTS:
                 raise TransferError(
-                    f"The part is seen with only {len(cloud)} points in the {name}; "
+                    f"The cloud of the {name} part has only {len(cloud)} points; "
                     f"{_MIN_POINTS} are needed to align it.",
-                    remedy="Turn the object so that a camera sees more of the part, or bring a "
+                    remedy="Turn the object so that a camera sees more of the part, or move a "
                     "camera nearer.",
                 )
         part = CloudTerm.between(source_part, target_part, cloud=PART_CLOUD)
@@ -80,7 +80,7 @@ class AlignmentProblem:
         return cls(part, context, join, config)
 
     def thinned(self, part_points: int, context_points: int) -> "AlignmentProblem":
-        """Returns the problem with at most these numbers of points, which is cheaper."""
+        """Returns the problem with at most these numbers of points, which is cheaper to solve."""
         context = self.context and self.context.thinned(context_points)
         return replace(self, part=self.part.thinned(part_points), context=context)
 
@@ -92,7 +92,7 @@ class AlignmentProblem:
         Args:
             state: K candidates.
             width: Width of the truncation, in units of length.
-            context_width: That of the rest of the object; None for the same.
+            context_width: Width for the rest of the object; None for `width`.
         """
         config = self.config
         squares = np.sum(state.log_scales**2, axis=(1, 2))

@@ -32,8 +32,8 @@ def distinct_rotations(
     """Returns the indices of the cheapest rotations that differ pairwise by more than an angle.
 
     Args:
-        rotations: (K, 3, 3).
-        costs: (K,).
+        rotations: (K, 3, 3) rotation matrices.
+        costs: (K,) their costs.
         angle: Rotations closer than this count as the same [rad].
         count: Largest number of indices.
 

@@ -7,8 +7,8 @@ import numpy as np
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 UNKNOWNS = 15
-"""A rotation of both clouds (3) [rad, world], then the logarithmic scales (3) and the translation
-(3) of the part, then those of the context."""
+"""Number of unknowns: a rotation of both clouds (3) [rad, world], then the logarithmic scales (3)
+and the translation (3) of the part, then those of the context."""
 
 _MAX_TURN = 0.4  # [rad] Largest rotation about an axis in one step.
 _LOG_SCALE_BOUNDS = np.log([0.6, 1.7])  # Of the scale along a principal axis.
@@ -70,19 +70,19 @@ class NormalEquations:
 
     @classmethod
     def zero(cls, count: int) -> "NormalEquations":
-        """Returns equations without any term."""
+        """Returns the equations of `count` candidates, without any term."""
         return cls(np.zeros((count, UNKNOWNS, UNKNOWNS)), np.zeros((count, UNKNOWNS)))
 
     def add(
         self, columns: np.ndarray, jacobian: np.ndarray, residual: np.ndarray, weight: np.ndarray
     ) -> None:
-        """Adds sum_i w_i |r_i|^2 / 2.
+        """Adds the term sum_i w_i |r_i|^2 / 2.
 
         Args:
-            columns: (c,) the unknowns that the Jacobian refers to.
-            jacobian: (K, n, d, c).
-            residual: (K, n, d).
-            weight: (K, n).
+            columns: (c,) indices of the unknowns that the Jacobian refers to.
+            jacobian: (K, n, d, c) derivatives of the residuals.
+            residual: (K, n, d) residuals r_i.
+            weight: (K, n) weights w_i.
         """
         K, c = len(self.g), len(columns)
         J = jacobian.reshape(K, -1, c)
@@ -91,6 +91,6 @@ class NormalEquations:
         self.g[:, columns] += (weighted @ residual.reshape(K, -1, 1))[..., 0]
 
     def solve(self, damping: float) -> np.ndarray:
-        """Returns the step (K, UNKNOWNS); damping leaves undetermined unknowns unchanged."""
+        """Returns the steps (K, UNKNOWNS); damping leaves undetermined unknowns unchanged."""
         H = self.H + damping * np.eye(UNKNOWNS)
         return -np.linalg.solve(H, self.g[..., None])[..., 0]

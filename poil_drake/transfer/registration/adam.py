@@ -9,15 +9,15 @@ from collections.abc import Iterable
 import torch
 
 _BETA_1, _BETA_2 = 0.9, 0.999  # Decay rates of the moments.
-_EPSILON = 1e-8  # Keeps the denominator from zero.
+_EPSILON = 1e-8  # Keeps the denominator above zero.
 
 
 class Adam:
     """Adam (Kingma and Ba, ICLR 2015, algorithm 1), with the defaults of `torch.optim.Adam`.
 
-    Constructing an optimiser of PyTorch loads `torch._dynamo` and, where PyTorch is built for CUDA,
-    Triton with its LLVM. In a process that has rendered with Mesa, which brings another LLVM, this
-    crashes.
+    Constructing a PyTorch optimiser loads `torch._dynamo` and, where PyTorch is built for CUDA,
+    Triton with its LLVM. That crashes a process that has rendered with Mesa, which brings another
+    LLVM.
 
     Args:
         parameters: The parameters, with gradients.
@@ -38,7 +38,7 @@ class Adam:
 
     @torch.no_grad()
     def step(self) -> None:
-        """Moves the parameters along their gradients; those without a gradient stay."""
+        """Moves the parameters down their gradients; those without a gradient stay."""
         self._steps += 1
         rate = self._learning_rate / (1.0 - _BETA_1**self._steps)
         correction = math.sqrt(1.0 - _BETA_2**self._steps)

@@ -18,7 +18,7 @@ class DisplacementNetwork(nn.Module):
 
     Args:
         hidden_units: Width of the layers.
-        hidden_layers: Number of sine layers after the first.
+        hidden_layers: Number of sine layers after the first one.
         frequency: omega_0: activations are sin(omega_0 (W x + b)).
         seed: Seed of the initial weights; they do not depend on the global generator.
     """

@@ -10,11 +10,11 @@ from poil_drake.transfer.alignment.cloud_term import CloudFrame, CloudTerm
 from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
 
 _REACH = 0.4
-"""Part and rest join where they are this close, in units of the part's length. Masks of detectors
-are eroded, which leaves a gap."""
+"""Part and rest join where they are this close, in units of the part's length. Detectors' masks are
+eroded, which leaves a gap."""
 
 _MAX_POINTS = 40
-_CAP = 3.0  # Offset, in standard deviations, beyond which the pull decreases.
+_CAP = 3.0  # Offset, in standard deviations, at which the cost reaches half of its limit.
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +88,13 @@ class JoinTerm:
         )
 
     def energy(self, state: AlignmentState) -> np.ndarray:
-        """Returns half the mean robust squared offset (K,), in standard deviations."""
+        """Returns half of the mean robust squared offset in standard deviations, (K,)."""
         residual, _ = self._residual(state)
         squares = np.sum(residual**2, axis=2)
         return 0.5 * np.mean(squares / (1.0 + squares / _CAP**2), axis=1)
 
     def linearize(self, state: AlignmentState, weight: float, equations: NormalEquations) -> None:
-        """Adds the Gauss-Newton approximation of weight times the energy."""
+        """Adds the Gauss-Newton approximation of `weight` times the energy to `equations`."""
         residual, jacobian = self._residual(state)
         squares = np.sum(residual**2, axis=2)
         robust = weight / residual.shape[1] / (1.0 + squares / _CAP**2) ** 2

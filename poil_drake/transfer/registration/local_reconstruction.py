@@ -1,4 +1,4 @@
-"""Each point of a cloud as a linear combination of its neighbours."""
+"""Reconstruction of each point of a cloud as a linear combination of its neighbours."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,7 +13,7 @@ def local_reconstruction_weights(
     with sum_j w_ij = 1. The weights are invariant to affine maps of the cloud.
 
     Args:
-        points: (P, 3), at least 2.
+        points: (P, 3), P >= 2.
         neighbours: Number of neighbours, without the point itself; at most P - 1 are used.
         regularization: Ridge relative to the trace of the neighbourhood's Gram matrix.
 

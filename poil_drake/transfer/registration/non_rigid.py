@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from poil_drake.transfer.registration.displacement_network import DisplacementNetwork
 
 # Lengths are in units of the larger part's largest radius.
-_NEIGHBOURS = 30  # From which a point is reconstructed, as in OAReg's paper.
+_NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's paper.
 _REGULARIZATION = 1e-3  # Ridge of the reconstruction weights, relative to their Gram matrix.
 _TRUNCATION = 0.2  # Pairs farther apart than this have no counterpart and do not pull.
 _SMOOTHING = 0.003
@@ -42,8 +42,8 @@ class NonRigidConfig:
     """Effort of the non-rigid registration.
 
     Attributes:
-        max_points: Largest number of points used of each cloud, spread evenly; the time grows with
-            their product.
+        max_points: Largest number of points used from each cloud, spread evenly; the computing time
+            grows with the square of this number.
         max_steps: Largest number of optimisation steps.
     """
 
@@ -65,16 +65,16 @@ def register_non_rigid(
     a network with sine activations, maximises the correntropy of nearest neighbours in both
     directions, truncated so that surfaces seen in one view only do not pull. Each point stays the
     same linear combination of its neighbours (locally linear reconstruction), which affine maps
-    preserve exactly. Three things differ: both clouds share one normalisation, since the coarse
-    alignment has placed them; the network starts at the identity; and the regulariser counts the
-    reconstruction error of the displacements. That of the displaced points is large from sensor
-    noise alone, and reducing it would contract a noisy cloud.
+    preserve exactly. Three things differ from OAReg: both clouds share one normalisation, since the
+    coarse alignment has placed them; the deformation starts at the identity; and the regulariser
+    penalises the reconstruction error of the displacements. The error of the displaced points is
+    large from sensor noise alone, and reducing it would contract a noisy cloud.
 
     Args:
         source: (P, 3) the part to deform, coarsely aligned [m].
         target: (Q, 3) the other part [m].
-        carried: (M, 3) points that will be carried [m]; they join the source in the regulariser.
-        config: Effort, None for the defaults.
+        carried: (M, 3) points to be deformed with the part [m]; they count in the regulariser.
+        config: Effort; None for the defaults.
         progress: Receives the progress.
 
     Returns:
@@ -88,8 +88,8 @@ def register_non_rigid(
     for name, cloud in (("demonstrated", source), ("target", target)):
         if len(cloud) < 4:
             raise TransferError(
-                f"The {name} part has {len(cloud)} points; 4 are needed to deform it.",
-                remedy="Bring a camera nearer, or lower the voxel size.",
+                f"The cloud of the {name} part has {len(cloud)} points; 4 are needed to deform it.",
+                remedy="Move a camera nearer to the part.",
             )
     center = target.mean(axis=0)
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
@@ -148,7 +148,7 @@ def _optimize(
             progress("deforming the part", (step + 1) / max_steps)
     if not np.isfinite(losses[-1]):
         raise TransferError(
-            "The non-rigid registration diverged.",
+            f"The non-rigid registration diverged: its loss is {losses[-1]}.",
             remedy="Check the part's mask and depth in the demonstration and in the scene.",
         )
     network.load_state_dict(best)
@@ -158,7 +158,7 @@ def _optimize(
 
 
 def _data_term(y: "torch.Tensor", target: "torch.Tensor") -> "torch.Tensor":
-    """Returns minus the mean correntropy of nearest neighbours, truncated, in both directions."""
+    """Returns the negative truncated mean correntropy of nearest neighbours, in both directions."""
     import torch
 
     with torch.no_grad():

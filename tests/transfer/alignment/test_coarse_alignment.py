@@ -125,5 +125,5 @@ def test_of_equal_fits_the_upright_one_is_best(make_handle: Maker) -> None:
 def test_rejects_too_few_points(make_handle: Maker) -> None:
     few = make_handle(count=5)
 
-    with pytest.raises(TransferError, match="only 5 points in the target"):
+    with pytest.raises(TransferError, match="target part has only 5 points"):
         align(make_handle(), few)
