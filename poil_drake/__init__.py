@@ -1,6 +1,6 @@
 """Point-based one-shot imitation learning with stable dynamical systems, in Drake.
 
-The names that users type, each loaded when it is first used: `import poil_drake as poil`.
+`import poil_drake as poil` gives access to the public names. Each is loaded on its first use.
 """
 
 import lazy_loader

@@ -15,7 +15,7 @@ class PoilError(Exception):
         super().__init__(f"{problem} {remedy}")
 
     def __reduce__(self) -> tuple:
-        """Pickles both parts, for errors of worker processes."""
+        """Pickles both parts, so that worker processes can pass errors on."""
         return (_rebuild, (type(self), self.problem, self.remedy))
 
 
@@ -64,7 +64,7 @@ class CaptureError(PoilError):
 
 
 class NoImageError(CaptureError):
-    """A camera stays open, but an image is unusable, or no more images will come."""
+    """A camera that is open delivers an unusable image, or has no more images."""
 
 
 class StationError(PoilError):

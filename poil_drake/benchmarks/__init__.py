@@ -1,4 +1,4 @@
-"""Published studies and measurements; each prints a table and writes JSON."""
+"""The studies and measurements of `poil bench`. Each writes its results as JSON."""
 
 import lazy_loader
 

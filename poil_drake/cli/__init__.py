@@ -21,7 +21,7 @@ _VERBS = ("doctor", "run", "demo", "transfer", "execute", "replay", "driver", "b
 
 
 class _OrderOfWork(TyperGroup):
-    """Lists the verbs in the order of a user's work."""
+    """Lists the verbs in the order in which a user needs them."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(super().list_commands(ctx), key=_VERBS.index)
@@ -46,7 +46,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         try:
             drake = version("drake")
-        except PackageNotFoundError:  # It was not installed by pip.
+        except PackageNotFoundError:  # Drake was not installed with pip.
             drake = "of unknown version"
         typer.echo(f"poil_drake {__version__}, Drake {drake}")
         raise typer.Exit
@@ -95,7 +95,7 @@ class Stopped(BaseException):
 
 
 def main() -> None:
-    """Runs the command line; every deliberate error ends in one line and a non-zero status."""
+    """Runs the command line; a deliberate error prints one line and gives a non-zero status."""
     before = {n: signal.signal(n, _stop) for n in ENDING}
     try:
         sys.exit(app(standalone_mode=False) or 0)
@@ -103,7 +103,7 @@ def main() -> None:
         _fail(str(error), 1)
     except OSError as error:
         where = "" if error.filename is None else f"'{error.filename}': "
-        _fail(f"{where}{error.strerror or error}. Choose a path that can be used.", 1)
+        _fail(f"{where}{error.strerror or error}.{' Use another path.' if where else ''}", 1)
     except TyperException as error:
         _fail(error.format_message(), error.exit_code)
     except Stopped as stop:

@@ -11,10 +11,10 @@ from poil_drake.runtime.output_files import require_writable
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
 
 Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of trials in parallel.")]
-Json = Annotated[Path, typer.Option("--json", help="All figures.")]
+Json = Annotated[Path, typer.Option("--json", help="File for all results (JSON).")]
 Pictures = Annotated[
     Path | None,
-    typer.Option("--pictures", help="Folder of the pictures. Default: that of the figures."),
+    typer.Option("--pictures", help="Folder for the pictures. Default: that of the JSON file."),
 ]
 Ray = Annotated[
     str | None,
@@ -40,7 +40,7 @@ def bench_pipeline(
     tracker: Tracker = None,
     json: Json = Path("out/bench_pipeline.json"),
 ) -> None:
-    """Run the whole job in randomized trials: object, pose, texture and noise."""
+    """Run the whole job in trials with random object, pose, texture and noise."""
     from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
     from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
     from poil_drake.diagrams.scenario.load import ChooseScenario
@@ -78,7 +78,7 @@ def bench_control(
         int, typer.Option("--trials", min=1, help="Trials in each region of each task.")
     ] = 100,
     hard: Annotated[
-        bool, typer.Option(help="Add trials with any orientation, a slow tracker, a slip.")
+        bool, typer.Option(help="Add trials with any orientation, a slow tracker and a slip.")
     ] = True,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, slips, noise.")] = 0,
     jobs: Jobs = 1,
@@ -88,7 +88,7 @@ def bench_control(
 ) -> None:
     """Compare controllers on four tasks with contact, from near and far (POIL, table II).
 
-    The first call trains the learned baselines, which takes some minutes, and keeps them.
+    The first run trains the learned baselines, which takes some minutes, and caches them.
     """
     from poil_drake.benchmarks.control.study import ControlStudyConfig, run_control_study
 
@@ -129,7 +129,7 @@ def bench_latency(
     ] = False,
     duration: Annotated[
         float,
-        typer.Option("--duration", min=10.0, help="With --hardware: its duration (seconds)."),
+        typer.Option("--duration", min=10.0, help="With --hardware: length of the run (seconds)."),
     ] = 60.0,
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
@@ -154,7 +154,7 @@ def bench_hardware(
     ] = 1.0,
     json: Json = Path("out/bench_hardware.json"),
 ) -> None:
-    """Run `poil run --hardware` against `poil driver`, seed after seed, over LCM."""
+    """Run `poil run --hardware` against `poil driver` over LCM, for one seed after another."""
     from poil_drake.benchmarks.hardware.hardware import run_hardware_benchmark
     from poil_drake.diagrams.scenario.load import ChooseScenario
 

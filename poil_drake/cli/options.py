@@ -22,7 +22,7 @@ def finite(value: float | None) -> float | None:
 def positive(value: float) -> float:
     """Rejects non-positive values; allows infinity."""
     if not value > 0.0:
-        raise typer.BadParameter(f"{value} is not above 0.")
+        raise typer.BadParameter(f"{value} is not a positive number.")
     return value
 
 
@@ -32,10 +32,10 @@ ScenarioArgument = Annotated[
 ]
 ScenarioFile = Annotated[
     Path | None,
-    typer.Option("--scenario_file", help="The same, under the name of Drake's hardware_sim."),
+    typer.Option("--scenario_file", help="The same as SCENARIO, as in Drake's hardware_sim."),
 ]
 ScenarioName = Annotated[
-    str | None, typer.Option("--scenario_name", help="The scenario of the file to load.")
+    str | None, typer.Option("--scenario_name", help="Name of the scenario in the file.")
 ]
 ScenarioText = Annotated[
     str | None,
@@ -48,7 +48,7 @@ Tracker = Annotated[
     str | None,
     typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
 ]
-Detector = Annotated[str | None, typer.Option("--detector", help="label_image.")]
+Detector = Annotated[str | None, typer.Option("--detector", help="label_image (default).")]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")]
 Html = Annotated[
     Path | None, typer.Option("--html", help="Meshcat recording. Default: out/run.html.")
@@ -57,7 +57,7 @@ Mcap = Annotated[
     Path | None, typer.Option("--mcap", help="Log, with the plan in it. Default: out/run.mcap.")
 ]
 Png = Annotated[Path | None, typer.Option("--png", help="Summary picture. Default: out/run.png.")]
-Json = Annotated[Path | None, typer.Option("--json", help="All figures. Default: out/run.json.")]
+Json = Annotated[Path | None, typer.Option("--json", help="All results. Default: out/run.json.")]
 NoMeshcat = Annotated[bool, typer.Option("--no-meshcat", help="No live page and no recording.")]
 RealtimeRate = Annotated[
     float | None,
@@ -70,7 +70,7 @@ RealtimeRate = Annotated[
 ]
 TimeScale = Annotated[
     float | None,
-    typer.Option("--time-scale", help="Robot's seconds per second; for run and driver the same."),
+    typer.Option("--time-scale", help="Robot seconds per second; the same for run and driver."),
 ]
 Speed = Annotated[
     float | None,
@@ -83,12 +83,12 @@ DryRun = Annotated[
 
 
 def require_hardware(hardware: bool, realtime_rate: float | None = None, **options: object) -> None:
-    """Rejects options that apply only to hardware, or only to a simulation."""
+    """Rejects --realtime-rate with --hardware, and the other options without --hardware."""
     if hardware and realtime_rate is not None:
-        raise typer.BadParameter("--realtime-rate is for simulations; hardware has --speed.")
+        raise typer.BadParameter("--realtime-rate slows only simulations; use --speed.")
     for name, value in options.items():
         if value and not hardware:
-            raise typer.BadParameter(f"--{name.replace('_', '-')} is for --hardware only.")
+            raise typer.BadParameter(f"--{name.replace('_', '-')} works only with --hardware.")
 
 
 def choose_scenario(
@@ -99,7 +99,7 @@ def choose_scenario(
     file: Path | None = None,
     **changes: Any,
 ) -> "Scenario":
-    """Returns the scenario of a verb's options; `changes` are those of `ChooseScenario`."""
+    """Returns the scenario that a verb's options choose; `changes` go to `ChooseScenario`."""
     from poil_drake.diagrams.scenario.load import ChooseScenario
 
     if argument is not None and file is not None:

@@ -11,12 +11,12 @@ from poil_drake.errors import PoilError
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")],
-    json: Annotated[Path | None, typer.Option("--json", help="All figures.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="All results.")] = None,
     png: Annotated[Path | None, typer.Option("--png", help="Summary picture.")] = None,
     mcap: Annotated[Path | None, typer.Option("--mcap", help="Log of the replay.")] = None,
     tracker: Annotated[
         str | None,
-        typer.Option("--tracker", help="Another tracker, or recorded: the run's own tracks."),
+        typer.Option("--tracker", help="Another tracker, or 'recorded' for the run's own tracks."),
     ] = None,
     scenario_text: Annotated[
         str | None,

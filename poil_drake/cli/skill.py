@@ -88,7 +88,7 @@ def demo_show(
     demonstration: Annotated[Path, typer.Argument(help="A demonstration (MCAP).")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Default: its name under out/, ending in .png."),
+        typer.Option("-o", "--output", help="Default: out/<name of the demonstration>.png."),
     ] = None,
 ) -> None:
     """Draw a demonstration's contact sheet as PNG."""
@@ -178,7 +178,7 @@ def execute(
 
 
 def _end(summary: "RunSummary") -> None:
-    """Prints where a run's outputs are, then its outcome, which is also the exit status."""
+    """Prints where a run's outputs are, then its outcome, and exits with status 0 on success."""
     titles = {"html": "recording", "mcap": "log", "png": "picture", "json": "figures"}
     for kind, title in titles.items():
         if kind in summary.outputs:

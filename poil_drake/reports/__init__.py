@@ -1,1 +1,1 @@
-"""The reports of runs and replays (figures and picture), progress bars, the doctor: no diagrams."""
+"""Reports of runs and replays, progress bars, and the doctor. Nothing here builds diagrams."""

@@ -19,7 +19,7 @@ _DPI = 100
 """Dots per inch, which sets the size of the text relative to the images."""
 
 _DEPTH_PERCENTILES = (2.0, 98.0)
-"""The depths at the ends of the colour scale, so that a few far pixels do not stretch it."""
+"""Percentiles of depth at the ends of the colour scale, which a few far pixels must not stretch."""
 
 
 def contact_sheet(
@@ -40,7 +40,7 @@ def contact_sheet(
 
     if Path(path).suffix != ".png":
         raise InvalidValueError(
-            f"The picture '{path}' ends in '{Path(path).suffix}'.", remedy="Use the suffix .png."
+            f"The picture's path '{path}' does not end in .png.", remedy="Use the suffix .png."
         )
     count = len(demonstration.frames)
     indices = np.rint(np.linspace(0, count - 1, min(columns, count))).astype(int).tolist()

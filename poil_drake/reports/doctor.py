@@ -52,7 +52,7 @@ def _apt(*packages: str) -> str:
     return f"sudo apt-get install {' '.join(packages)}"
 
 
-# System libraries that Python packages load: library -> package of Debian and Ubuntu.
+# System libraries that Python packages load: library -> Debian and Ubuntu package.
 _LIBRARIES = {
     "libusb-1.0.so.0": "libusb-1.0-0",
     "libEGL.so.1": "libegl1",

@@ -32,13 +32,13 @@ class OneLineTqdm(tqdm):
 
 
 class ProgressBar:
-    """A progress bar for one step after the other; use it in a `with` block.
+    """A progress bar for successive steps; use it in a `with` block.
 
-    A call with (step, fraction in [0, 1]) moves the bar; the name of another step begins a new bar.
+    A call with (step, fraction in [0, 1]) moves the bar; the name of a new step begins a new bar.
     """
 
     def __init__(self, *, disable: bool = False):
-        """Prepares; the first call draws.
+        """Prepares the bar; the first call draws it.
 
         Args:
             disable: Whether to draw nothing.
@@ -78,7 +78,7 @@ class ProgressBar:
 
 
 def _default_size() -> tuple[int | None, int | None]:
-    """Returns columns and lines for a terminal that reports a size of 0; else None, for tqdm."""
+    """Returns columns and lines to assume where the terminal reports 0; None lets tqdm ask it."""
     try:
         size = os.get_terminal_size(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -87,7 +87,7 @@ def _draw_header(figure: Any, summary: ReplaySummary) -> None:
     figure.text(right, 0.965, reason, fontsize=12, weight="bold", va="top", wrap=True)
     about = f"{summary.station} run, tracker {summary.tracker}"
     if summary.changed:
-        about += ", with other settings than it was run with"
+        about += ", with settings other than those of the run"
     about = "; ".join([about, *summary.notes])
     figure.text(0.025, 0.905, about, fontsize=9.5, color=COLORS["muted"], va="top", wrap=True)
 

@@ -33,12 +33,12 @@ class ReplaySummary:
     Attributes:
         log: The log that was replayed.
         station: The station that wrote it: simulated, hardware or dry_run.
-        tracker: The tracker of the replay; "recorded" repeats the tracks of the log.
+        tracker: The tracker of the replay; "recorded" if it repeats the tracks of the log.
         changed: Whether the settings of the replay differ from those of the run.
         comparison: How the replay differs from the run.
         replayed: The replayed time [s].
         wall: Wall-clock time of the replay [s].
-        notes: Remarks about the log, a clause each.
+        notes: Remarks about the log, one clause each.
         outputs: Kind -> path of the files written.
         versions: Library -> version.
     """
@@ -67,13 +67,13 @@ class ReplaySummary:
             if self.same:
                 return f"the same {len(self.comparison.phases)} phases"
             if self.comparison.commands:
-                return "no command of the log is of a time of the replay's"
-            return "the log holds no commands to compare with"
+                return "the commands of the log and of the replay have no times in common"
+            return "the log holds no commands to compare"
         when = f"from {first.time:.2f} s on, in phase '{first.phase}'"
         if first.began is not None:
             return f"{when}, the phases differ: {_phase_difference(first.began)}"
         if first.what == TRACKS:
-            return f"{when}, {100.0 * first.size:.2g} % of the tracks show no point that both saw"
+            return f"{when}, {100.0 * first.size:.2g} % of the tracks have no point seen by both"
         name, unit, scale = _SIGNALS[first.what]
         return f"{when}, {name} differ by more than {scale * first.tolerance:g} {unit}"
 
@@ -91,7 +91,7 @@ class ReplaySummary:
         tracks = self.comparison.tracks
         clauses.append(
             f"{tracks.unmatched} of {len(tracks.pairs)} tracks and {tracks.visibility} of "
-            f"{tracks.points} points in one of the two only"
+            f"{tracks.points} points occur only in the run or only in the replay"
         )
         clauses += self.notes
         clauses.append(f"{self.replayed:.1f} s replayed in {self.wall:.1f} s")
@@ -147,4 +147,4 @@ def _phase_difference(phase: PhaseComparison) -> str:
         return f"'{phase.name}' began in the run only"
     if math.isnan(phase.recorded):
         return f"'{phase.name}' began in the replay only"
-    return f"'{phase.name}' began at {phase.recorded:.2f} s and again at {phase.replayed:.2f} s"
+    return f"'{phase.name}' began at {phase.recorded:.2f} s (replay: {phase.replayed:.2f} s)"

@@ -70,9 +70,9 @@ class RunTiming:
         simulated: Simulated time [s].
         wall: Wall-clock time of the simulation [s].
         parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" includes the
-            rendering of images, unless the cameras delay them; "waiting" is for concurrent work;
-            "physics" is the rest, which includes the sleep of a run at a real-time rate.
-        concurrent: Wall-clock time of the work of other processes [s]: "rendering" of cameras that
+            rendering of images, unless the cameras delay them; "waiting" is the wait for concurrent
+            work; "physics" is the rest, including the sleep of a run at a real-time rate.
+        concurrent: Wall-clock time that other processes work [s]: "rendering" for cameras that
             delay their images, and "tracking".
         stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
             (building the loop and simulating it), report (finishing log, recording, picture).
@@ -96,7 +96,7 @@ class RunSummary:
 
     Attributes:
         success: Whether the task succeeded.
-        reason: Why, in one clause, e.g. "the mug hung for 2.0 s".
+        reason: Why it succeeded or failed, in one clause, e.g. "the mug hung for 2.0 s".
         scenario: The scenario's name.
         scenario_file: The file it was read from.
         seed: The seed of all randomness.
@@ -113,7 +113,7 @@ class RunSummary:
         versions: Library -> version.
         tracker: The tracker's name.
         final_state_digest: SHA-256 of the simulated plant's final positions and velocities. Two
-            runs of one scenario with one seed have the same.
+            runs of the same scenario with the same seed have the same digest.
         figures: Further measurements, name (with its unit) -> value.
     """
 
@@ -171,8 +171,8 @@ def phase_spans(
 
     Args:
         times: (T,) sample times [s].
-        phases: (T,) indices of phases.
-        names: The phases' names, by index.
+        phases: (T,) index of the phase at each time.
+        names: Names of the phases, by index.
     """
     times, indices = np.asarray(times), np.asarray(phases).astype(int).ravel()
     if times.size == 0:

@@ -16,7 +16,7 @@ class SummaryData:
     Attributes:
         title: The run's name, e.g. "Hang a mug".
         success: Whether the task succeeded.
-        reason: Why, in one clause.
+        reason: Why it succeeded or failed, in one clause.
         subtitle: One line of further figures.
         times: (T,) times [s] of the samples below.
         point_errors: (T, N) distance of each point from its target [m]; NaN where unknown.
@@ -24,11 +24,11 @@ class SummaryData:
         tau: (T,) time of the reference's closest sample [s].
         reference_duration: The reference's last time [s]; NaN if unknown.
         joint_velocities: (T, J) commanded or measured joint velocities [rad/s].
-        velocity_limits: (J,) their limits [rad/s].
+        velocity_limits: (J,) velocity limits of the joints [rad/s].
         phases: The skill's phases.
         tracking_times: (S,) times [s] of the tracker's samples.
         tracking_errors: (S, N) distance of each tracked point from the truth [m].
-        snapshots: Four to six camera pictures in order.
+        snapshots: Camera pictures in order of time.
     """
 
     title: str

@@ -47,7 +47,7 @@ _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
 
 
 def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
-    """Writes the verdict in its colour at a corner [figure], and returns its right edge."""
+    """Draws the verdict at its top left corner, and returns its right edge [figure coordinates]."""
     verdict = figure.text(
         left,
         top,
@@ -106,12 +106,12 @@ def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
 
 
 def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
-    """Moves ascending places apart to a least distance, in two sweeps.
+    """Returns ascending places moved apart to a minimum distance, in two sweeps.
 
     Args:
         places: (P,) ascending places.
-        gap: The least distance.
-        upper: Largest place after the move, if there is room.
+        gap: The minimum distance.
+        upper: Upper bound of the moved places, unless the last place already exceeds it.
     """
     moved = np.array(places, dtype=float)
     for i in range(1, len(moved)):

@@ -16,7 +16,8 @@ def test_the_closing_line_sums_up_a_replay_without_differences():
         "SAME: the same 2 phases; "
         "joint velocities differ by 0.02 rad/s (median), 0.02 rad/s (max); "
         "tracked points differ by 0.87 mm (median), 0.87 mm (max); "
-        "0 of 12 tracks and 0 of 36 points in one of the two only; the log is cut off; "
+        "0 of 12 tracks and 0 of 36 points occur only in the run or only in the replay; "
+        "the log is cut off; "
         "2.0 s replayed in 0.2 s."
     )
 
@@ -63,14 +64,14 @@ def test_tracks_with_other_visible_points_are_a_difference():
 
     # Of the seven tracks that were logged before 1 s.
     assert dut.reason == (
-        "from 0.20 s on, in phase 'wait', 86 % of the tracks show no point that both saw"
+        "from 0.20 s on, in phase 'wait', 86 % of the tracks have no point seen by both"
     )
-    assert "; 6 of 12 tracks and 0 of 18 points in one of the two only; " in dut.closing_line()
+    assert "; 6 of 12 tracks and 0 of 18 points occur only in the run" in dut.closing_line()
 
 
 @pytest.mark.parametrize(
     ("recorded", "said"),
-    [(True, "no command of the log is of a time of the replay's"), (False, "holds no commands")],
+    [(True, "have no times in common"), (False, "holds no commands")],
 )
 def test_a_log_without_comparable_commands_is_not_the_same(recorded, said):
     run = make_run()

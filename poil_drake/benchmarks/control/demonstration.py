@@ -22,21 +22,21 @@ RECORDING_PERIOD = 1 / 16
 """Time between two samples of a demonstration [s]."""
 
 _SETTLING_TIME = 1.0  # A hanging strap comes to rest within this time [s].
-_RIGID = 0.001  # An object that deforms less than this is rigid [m].
-_TURNING_SPEED, _MOVING_SPEED = 1.2, 0.1  # Mean speeds to a demonstration's start [rad/s, m/s].
+_RIGID = 0.001  # An object that deforms less than this counts as rigid [m].
+_TURNING_SPEED, _MOVING_SPEED = 1.2, 0.1  # Mean speeds on the way to the start [rad/s, m/s].
 _BLEND = 0.2  # Blending time between keyframes [s]; people hardly stop in between.
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedDemonstration:
-    """The record of a demonstration.
+    """A recorded demonstration.
 
     Attributes:
-        times: (T,) [s], from 0.
+        times: (T,) sample times from 0 [s].
         points: (T, N, 3) the points [m, world].
         X_WO: (T, 4, 4) poses of the driven body.
         touching: (T,) bool, whether the object touched the scene.
-        shape: Positions of the object's other joints at the start, at rest.
+        shape: Joint positions of the object, without its pose, at rest before the motion.
     """
 
     times: np.ndarray
@@ -57,7 +57,7 @@ def TaskDemonstration(name: str) -> RecordedDemonstration:
 def TaskDeformation(name: str) -> float:
     """Returns how far the points deform from their shape at the start of the demonstration [m].
 
-    It is the largest mean distance of the points from their best rigid motion.
+    It is the largest mean distance, over all samples, of the points from the best rigid motion.
     """
     points = TaskDemonstration(name).points
     start = np.broadcast_to(points[0], points.shape)
@@ -72,9 +72,9 @@ def TaskReference(name: str) -> PointTrajectory:
 
 
 def ReferenceAlong(name: str, positions: np.ndarray) -> PointTrajectory:
-    """Returns the reference along the positions (T, M, 3) [m] of a task's one demonstration.
+    """Returns a reference through positions (T, M, 3) [m], sampled in a task's one demonstration.
 
-    One shape is fitted to the points of a rigid object; those of a deforming one are kept.
+    For a rigid object, one shape is fitted to all samples; those of a deforming object are kept.
     """
     times = TaskDemonstration(name).times
     if TaskDeformation(name) < _RIGID:
@@ -91,7 +91,7 @@ def Demonstrate(
 
     Args:
         task: The object and the scene.
-        times: (K,) [s].
+        times: (K,) times of the keyframes [s].
         keyframes: (K, 4, 4) poses of the driven body.
     """
     motion = KeyframeMotion(times, keyframes, blend=_BLEND)
@@ -120,9 +120,9 @@ def Demonstrate(
 
 @cache
 def NearDemonstrations(name: str, count: int) -> tuple[RecordedDemonstration, ...]:
-    """Returns demonstrations of a task that start anywhere in the Near region.
+    """Returns demonstrations of a task with random starts in the Near region.
 
-    Each moves the object to the start of the task's one demonstration, and continues as that does.
+    Each moves the object to the start of the task's one demonstration and then repeats it.
     """
     task, shown = MakeTask(name), TaskDemonstration(name)
     arena = Arena(task, ScriptedPolicy(task.keyframes, period=RECORDING_PERIOD))
@@ -134,7 +134,7 @@ def NearDemonstrations(name: str, count: int) -> tuple[RecordedDemonstration, ..
         difference = pose_difference(start, task.keyframes[1])
         turn, shift = np.linalg.norm(difference[:3]), np.linalg.norm(difference[3:])
         way = max(turn / _TURNING_SPEED, shift / _MOVING_SPEED)
-        # The rest before the motion, then the way to the demonstration's start.
+        # The object rests first, and then moves to the start of the one demonstration.
         times = np.concatenate([task.times[:2], task.times[1:] + way])
         keyframes = np.concatenate([[start, start], task.keyframes[1:]])
         recorded.append(Demonstrate(task, times, keyframes))

@@ -19,11 +19,11 @@ _BIN = 0.08  # Width of a bin of distances [m].
 _SHOWN_PATHS = 40
 
 _Groups = dict[tuple[str, str], list[ControlTrial]]
-"""Trials by task and policy, without those in hard mode or without a start."""
+"""Trials by task and policy. Those in hard mode and those that found no start are left out."""
 
 
 def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
-    """Writes PNGs of success against distance and of the objects' paths to a folder."""
+    """Writes PNGs of success against distance, if there are Far trials, and of objects' paths."""
     groups: _Groups = {}
     for trial in trials:
         group = groups.setdefault((trial.task, trial.policy), [])
@@ -38,9 +38,9 @@ def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
 def success_by_distance(
     trials: Sequence[ControlTrial],
 ) -> list[tuple[float, float, tuple[float, float]]]:
-    """Returns bins of the start's distance to the Near region: middle [m], rate, interval.
+    """Returns success by the distance of the start from the Near region.
 
-    Starts in the region have a separate bin, half a bin before 0.
+    Each bin is (middle [m], success rate, 95 % interval). The bin before 0 holds the Near starts.
     """
     bins: dict[int, list[bool]] = {}
     for trial in trials:
@@ -85,7 +85,7 @@ def _draw_distances(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
 
 
 def _draw_paths(groups: _Groups, tasks: Sequence[str], path: Path) -> None:
-    """Draws a row for each task and a column for each policy: some paths in a top view."""
+    """Draws some paths in a top view, with a row for each task and a column for each policy."""
     rows = [row for row in ROWS if any(policy == row.name for _, policy in groups)]
     figure = Figure(figsize=(2.7 * len(rows), 2.7 * len(tasks)))
     axes = figure.subplots(len(tasks), len(rows), squeeze=False, sharex="row", sharey="row")

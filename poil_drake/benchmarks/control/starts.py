@@ -1,4 +1,4 @@
-"""Start poses of the trials of the control study."""
+"""Start poses for the trials of the control study."""
 
 import zlib
 from typing import Literal
@@ -15,7 +15,7 @@ from poil_drake.geometry.rigid_transform import make_transform
 Region = Literal["near", "far", "hard"]
 
 CLEARANCE = 0.01
-"""Smallest distance of a start from all fixtures but the table [m]."""
+"""Smallest distance at the start between the object and any fixture but the table [m]."""
 
 _ABOVE_TABLE = 0.002  # [m]
 _HARD_HEIGHTS = (0.12, 0.35)  # Heights of the object's frame above the table [m].
@@ -23,7 +23,7 @@ _ATTEMPTS = 1000
 
 
 def trial_generator(task: str, region: str, trial: int, *, seed: int = 0) -> np.random.Generator:
-    """Returns the generator for all randomness of a trial."""
+    """Returns the generator of all random numbers of a trial."""
     return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial, seed])
 
 
@@ -32,9 +32,9 @@ def sample_start(
 ) -> np.ndarray:
     """Returns a pose (4, 4) of the object in which it touches nothing.
 
-    Near draws x and y from a box around the demonstration's start, Far from a larger box without
-    the Near one; both draw any yaw (POIL, section IV-B). Hard draws from the larger box, with any
-    orientation and a height above the table.
+    Near draws x and y from a box around the demonstration's start, Far from a larger box outside
+    the Near one; both draw the yaw (POIL, section IV-B). Hard draws x and y from the whole larger
+    box, any orientation, and a height above the table.
 
     Args:
         arena: The arena to check for collisions.
@@ -44,7 +44,7 @@ def sample_start(
         rng: The generator to draw with.
 
     Raises:
-        InvalidValueError: if no free start is found in the region.
+        InvalidValueError: if no collision-free start is found in the region.
     """
     for _ in range(_ATTEMPTS):
         X_WO = _draw(arena.task, region, rng)
@@ -55,8 +55,8 @@ def sample_start(
         ):
             return X_WO
     raise InvalidValueError(
-        f"No free start for {arena.task.title} was found in the {region} region.",
-        remedy="Enlarge ControlTask.far_lower and far_upper.",
+        f"All {_ATTEMPTS} random {region} starts of {arena.task.title} are too close to a fixture.",
+        remedy="Move the task's fixtures, or widen its far_lower and far_upper.",
     )
 
 

@@ -38,7 +38,7 @@ from poil_drake.reports.progress import OneLineTqdm
 Trained = Mapping[tuple[str, str], TrainedPointPolicy]
 """Trained policies by task and name."""
 
-_WRITING_PERIOD = 60.0  # Time between two writings of the figures so far [s].
+_WRITING_PERIOD = 60.0  # Time between two writes of the results so far [s].
 
 
 def run_control_study(
@@ -49,11 +49,11 @@ def run_control_study(
     jobs: int = 1,
     ray_address: str | None = None,
 ) -> list[ControlTrial]:
-    """Trains the learned policies, runs all trials, prints the tables and writes the figures.
+    """Trains the learned policies, runs all trials, prints the tables and writes the results.
 
     Args:
-        config: The trials.
-        json_path: File for the figures, in which an interrupted study leaves those it has.
+        config: The trials to run.
+        json_path: JSON file for the results. An interrupted study leaves its results so far.
         pictures: Folder for the pictures; None draws none.
         jobs: Number of worker processes on this machine.
         ray_address: Address of a Ray cluster to use instead; see `run_trials`.
@@ -106,7 +106,7 @@ def run_control_study(
 
 
 def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, path: Path) -> None:
-    """Writes all figures of the trials that have ended, with all settings of the study, as JSON."""
+    """Writes the results of the trials that have ended, and the study's settings, as JSON."""
     figures = {
         "config": asdict(config),
         "arena": asdict(ArenaConfig()),
@@ -127,9 +127,9 @@ def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, pa
 def run_control_trial(
     trained: Trained, task: str, region: Region, policy: str, number: int, seed: int = 0
 ) -> ControlTrial:
-    """Runs one trial, whose random numbers depend on task, region, number and seed only.
+    """Runs one trial, whose random numbers depend only on task, region, number and seed.
 
-    A trial that an error ends is a failure, with the error as its note.
+    A trial that ends in an error counts as a failure, and has the error as its note.
     """
     rng, hard = trial_generator(task, region, number, seed=seed), region == "hard"
     trial = ControlTrial(task=task, region=region, policy=policy, trial=number)
@@ -178,9 +178,9 @@ def _draw_slip(rng: np.random.Generator) -> Slip:
 
 
 def train_policy(task: str, name: str) -> TrainedPointPolicy:
-    """Returns a learned policy for a task, from the cache or trained.
+    """Returns a learned policy for a task, from the cache or newly trained.
 
-    A single demonstration is the task's own; fifty start anywhere in the Near region.
+    A single demonstration is the task's own; several have random starts in the Near region.
     """
     (row,) = [row for row in ROWS if row.name == name]
     if row.demonstrations > 1:
@@ -202,7 +202,7 @@ def _train(config: ControlStudyConfig, jobs: int, ray_address: str | None) -> Tr
         for index, end in ends:
             if isinstance(end, LostTrial):
                 raise InvalidValueError(
-                    str(end), remedy="Free some memory, or leave out the learned policies."
+                    f"{end}.", remedy="Free some memory, or leave out the learned policies."
                 )
             trained[wanted[index]] = end
             bar.update()

@@ -11,9 +11,9 @@ from poil_drake.benchmarks.control.trial import TrialConfig
 from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
-"""The policies in hard mode, in which the pose that `se3_bcsdm` is granted is exact, too.
+"""The policies that run in hard mode. Even there, `se3_bcsdm` knows the exact pose.
 
-The learned ones are left out: their demonstrations show no orientations but yaws.
+The learned policies are left out: the orientation in their demonstrations varies only in yaw.
 """
 
 
@@ -51,8 +51,8 @@ class ControlStudyConfig:
         tasks: Names of tasks.
         policies: Names of policies.
         trials: Number of trials of each policy in each region of each task.
-        hard: Whether to add hard mode: any orientation, a tracker of 8 Hz that is 0.1 s late and
-            has 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
+        hard: Whether to add hard mode: a start in any orientation, an 8 Hz tracker with 0.1 s of
+            latency and 3 mm of noise, and a slip of 3 cm and 20 degrees on the way.
         seed: Seed of starts, slips and noise. Policies are always trained on the same
             demonstrations.
     """
@@ -75,5 +75,5 @@ class ControlStudyConfig:
                     )
             if len(set(wanted)) < len(wanted):
                 raise InvalidValueError(
-                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="Name each once."
+                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="List each once."
                 )

@@ -15,7 +15,7 @@ _WIDTH = 13
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """The figures of one policy in one region of one task.
+    """The results of one policy in one region of one task.
 
     Attributes:
         task: Name of the task.
@@ -26,10 +26,10 @@ class Cell:
         clean: Number of successes without a collision.
         success_interval: 95 % Wilson interval of the rate of success.
         clean_interval: 95 % Wilson interval of the rate of success without a collision.
-        error: Median of the final distance from the goal, by the criterion [m].
+        error: Median of the final distance from the goal, by the task's criterion [m].
         time: Median of the simulated time [s].
-        strains: Largest strain between two points, 5th, 50th and 95th percentile of the successes.
-        typical_strain: Median over the successes of the largest strain of the median pair.
+        strains: 5th, 50th and 95th percentile of `ControlTrial.strain` over the successes.
+        typical_strain: Median of `ControlTrial.typical_strain` over the successes.
     """
 
     task: str
@@ -47,7 +47,7 @@ class Cell:
 
 
 def summarize(trials: Sequence[ControlTrial]) -> list[Cell]:
-    """Returns the figures of each policy in each region of each task."""
+    """Returns the results of each policy in each region of each task."""
     groups: dict[tuple[str, str, str], list[ControlTrial]] = {}
     for trial in trials:
         groups.setdefault((trial.task, trial.region, trial.policy), []).append(trial)
@@ -81,7 +81,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def print_tables(trials: Sequence[ControlTrial]) -> None:
-    """Prints success and collision-free success beside the paper's figures, then hard mode."""
+    """Prints success beside the paper's figures, collision-free success, and then hard mode."""
     cells = {(cell.task, cell.region, cell.policy): cell for cell in summarize(trials)}
     tasks = [name for name in TASKS if any(key[0] == name for key in cells)]
     for title, clean in (
@@ -99,7 +99,7 @@ def print_tables(trials: Sequence[ControlTrial]) -> None:
     if lost:
         one = lost[0]
         print(
-            f"\n{len(lost)} trials were ended by an error and count as failures, the first of them "
+            f"\nTrials that ended in an error and count as failures: {len(lost)}. The first is "
             f"{one.task} {one.region} {one.policy} {one.trial}: {one.note}"
         )
     _print_strains([cell for cell in cells.values() if not MakeTask(cell.task).rigid])
@@ -128,7 +128,7 @@ def table_lines(
     """Returns the lines of a table with a row for each policy.
 
     Args:
-        cells: Figures by task, region and policy.
+        cells: Results by task, region and policy.
         tasks: Names of the tasks, in the order of the columns.
         regions: Regions of each task.
         clean: Whether collisions count as failures. The paper has no such figures.

@@ -31,7 +31,7 @@ _EYE, _LOOK_AT = np.array([-0.20, -0.70, 0.62]), np.array([0.52, 0.06, 0.16])
 
 
 def DrawTask(name: str, path: Path) -> None:
-    """Writes a PNG of a task: the object at even steps of its demonstration.
+    """Writes a PNG of a task: the object at evenly spaced times of its demonstration.
 
     Raises:
         RuntimeError: if VTK cannot render.

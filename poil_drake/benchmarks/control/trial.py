@@ -18,13 +18,13 @@ class TrialConfig:
     """When a trial ends.
 
     Attributes:
-        max_time: Time limit [s]: three demonstrations.
+        max_time: Time limit [s]: about three times a demonstration.
         look_period: Time between two checks of the state [s].
         settled_time: A trial ends when the object has hardly moved for this time [s], which is
             longer than safe entry takes to notice that it is blocked.
-        settled_motion: The rotation [rad] and shift [m] in that time below which the object hardly
-            moves. At the reference's lowest speed, 2 cm/s, it moves 5 cm.
-        threshold: The contact above which a trial has a collision.
+        settled_motion: The rotation [rad] and shift [m] in that time below which the object has
+            hardly moved. At the reference's lowest speed, 2 cm/s, it moves 5 cm.
+        threshold: The contact above which a trial counts as a collision.
     """
 
     max_time: float = 24.0
@@ -36,7 +36,7 @@ class TrialConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTrial:
-    """A trial and its result; without one, it is a failure.
+    """A trial and its result. Without a result, it counts as a failure.
 
     Attributes:
         task: Name of the task.
@@ -45,16 +45,16 @@ class ControlTrial:
         trial: Number of the trial, which determines the start.
         success: Whether it succeeded by the paper's criterion.
         collision_free: Whether no contact exceeded the threshold.
-        error: Final distance from the goal, by the criterion [m].
-        impulse: Impulse of all contacts that were not intended [N s].
-        depth: Deepest such penetration [m].
+        error: Final distance from the goal, by the task's criterion [m].
+        impulse: Total impulse of all contacts that were not intended [N s].
+        depth: Deepest penetration in these contacts [m].
         time: Simulated time [s].
-        strain: Largest change of a distance between two points over all pairs and times, relative
-            to that at the start.
-        typical_strain: Largest over all times of the median over all pairs.
+        strain: Largest strain over all pairs of points and all times: the change of their distance,
+            relative to that at the start.
+        typical_strain: Largest value over time of the median strain over all pairs.
         distance: Distance of the start from the Near region in x and y [m].
         path: (K, 3) positions of the object's frame [m], one per `look_period`.
-        note: A remark of the policy, or the error that ended the trial.
+        note: The policy's remark, or the error that ended the trial.
         lost: Whether an error ended the trial, which then counts as a failure.
     """
 
@@ -103,7 +103,7 @@ def RunTrial(
         shown: The task's demonstration.
         start: (4, 4) start pose of the driven body.
         slip: How the object slips in the hand; None for no slip.
-        noise_seed: Seed of the tracker's noise, where there is a tracker.
+        noise_seed: Seed of the tracker's noise, if there is a tracker.
         config: When the trial ends.
     """
     simulator = Simulator(arena.diagram)
@@ -150,14 +150,14 @@ def _watch(
 
 
 def pair_strains(points: np.ndarray) -> np.ndarray:
-    """Returns the strain (K, P) since the start of each pair of points (K, N, 3) [m]."""
+    """Returns the strain (K, P) of each pair of points (K, N, 3) [m], relative to the start."""
     first, second = np.triu_indices(points.shape[1], 1)
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     return np.abs(lengths / lengths[0] - 1.0)
 
 
 def _is_settled(poses: list[np.ndarray], config: TrialConfig) -> bool:
-    """Returns whether an object hardly moves from the first pose (4, 4) to all others."""
+    """Returns whether all poses (4, 4) of an object are close to the first one."""
     X = np.array(poses)
     turns = rotation_angle(X[1:, :3, :3] @ X[0, :3, :3].T)
     shifts = np.linalg.norm(X[1:, :3, 3] - X[0, :3, 3], axis=1)

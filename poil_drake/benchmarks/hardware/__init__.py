@@ -1,1 +1,1 @@
-"""The main job through the real robot's interface, and a stand-in robot."""
+"""The main job through the interface of the real robot, and a stand-in robot."""

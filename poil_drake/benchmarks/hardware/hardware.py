@@ -1,4 +1,4 @@
-"""The main job on the hardware path: run and simulated driver as two processes, over LCM."""
+"""The main job on the hardware path: a run and a simulated driver, two processes linked by LCM."""
 
 import json
 import subprocess
@@ -24,7 +24,7 @@ _START = 60.0
 """Time limit for the start of a driver [s]."""
 
 _END = 15.0
-"""Time limit for its end [s]."""
+"""Time limit for the end of a driver [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +34,12 @@ class HardwareTrial:
     Attributes:
         seed: Seed of object, pose and noise.
         success: Whether the run reported success, and the object hung in the driver's physics.
-        reason: The run's reason for its end.
+        reason: Why the run ended.
         hanging_time: Time for which the object had hung when the driver ended [s].
         run_time: Duration of the run's closed loop [s of the robot's time].
-        run_figures: Figures of the run's loop.
-        driver_figures: Figures of the driver's loop.
-        largest_lag: Largest delay of the simulated driver behind the clock [s].
+        run_figures: Timing figures of the run's loop, by name.
+        driver_figures: Timing figures of the driver's loop, by name.
+        largest_lag: Longest time by which the simulated driver lagged behind the clock [s].
     """
 
     seed: int
@@ -55,13 +55,13 @@ class HardwareTrial:
 def run_hardware_benchmark(
     *, trials: int, speed: float, time_scale: float, json_path: Path
 ) -> list[HardwareTrial]:
-    """Runs `poil run --hardware` against `poil driver` with one seed after the other.
+    """Runs `poil run --hardware` against `poil driver` for one seed after another.
 
     Args:
         trials: Number of trials, with seeds 0 to trials - 1.
-        speed: Share of the usual speed.
+        speed: Factor on the simulated speed.
         time_scale: Seconds of the robot's time per second, in both processes.
-        json_path: File for the figures.
+        json_path: JSON file for the results.
 
     Raises:
         StationError: if a driver does not start.
@@ -93,7 +93,7 @@ def run_trial(
     Args:
         seed: Seed of object, pose and noise.
         demonstration: File of the demonstration.
-        speed: Share of the usual speed.
+        speed: Factor on the simulated speed.
         time_scale: Seconds of the robot's time per second.
         folder: Folder for the files of both processes.
 
@@ -127,7 +127,7 @@ def run_trial(
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Returns the figures in a file; none if the process did not write it."""
+    """Returns the JSON object in a file; an empty one if the process did not write the file."""
     return json.loads(path.read_text()) if path.exists() else {}
 
 
@@ -138,14 +138,14 @@ def _last_line(log: Path) -> str:
 
 @contextmanager
 def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
-    """Runs `poil driver` during a block.
+    """Runs `poil driver` during a `with` block.
 
     Args:
-        arguments: Its options.
-        folder: Its working directory, in which it also writes "driver.log".
+        arguments: Options of `poil driver`.
+        folder: Its working directory, in which "driver.log" receives its output.
 
     Raises:
-        StationError: if it does not start.
+        StationError: if the driver does not start.
     """
     log = folder / "driver.log"
     with log.open("wb") as output:
@@ -157,8 +157,8 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
         while "listens" not in log.read_text(errors="replace"):
             if process.poll() is not None or time.monotonic() > deadline:
                 raise StationError(
-                    f"The simulated driver did not start: {_last_line(log)}",
-                    remedy="Run poil driver by hand to see why.",
+                    f"The simulated driver did not start: {_last_line(log)}.",
+                    remedy="Run `poil driver` by hand to see why.",
                 )
             time.sleep(0.1)
         yield
@@ -172,7 +172,7 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
 
 
 def summarize(trials: Sequence[HardwareTrial]) -> dict[str, float]:
-    """Returns the figures over all trials."""
+    """Returns the figures over all trials, by name."""
     runs = [trial.run_figures for trial in trials]
     drivers = [trial.driver_figures for trial in trials]
     return {

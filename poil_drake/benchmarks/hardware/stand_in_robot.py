@@ -1,8 +1,8 @@
-"""A stand-in for a Franka, its driver and its cameras, in a separate, inexpensive process.
+"""A stand-in for a Franka, its driver and its cameras, in a separate, lightweight process.
 
 It sends the driver's messages at the driver's rates, but has no dynamics: joints follow velocity
 commands through a low-pass filter, the hand stops at the width of the object it holds, and each
-camera sends the same image forever. `poil driver` simulates the physics, too.
+camera sends the same image forever. (`poil driver`, in contrast, simulates the physics.)
 
 Run as `python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json`, it prints "ready", runs
 until its standard input is closed, and then prints its records as JSON.
@@ -64,14 +64,14 @@ class StandInSetup:
     Attributes:
         robot_url: LCM network of the driver.
         image_url: LCM network of the cameras.
-        position: Joint positions of the arm (7,) [rad].
+        position: Initial joint positions of the arm (7,) [rad].
         holds: Width of the object between the fingers [m].
-        pictures: Images of the cameras: an npz with "<camera>.rgb", ".depth" and ".label".
+        pictures: Path of an npz with the cameras' images: "<camera>.rgb", ".depth" and ".label".
         cameras: Names of the cameras.
         image_period: Time between two images [s].
         time_scale: Seconds of the robot's time per second; all other times are the robot's.
         fault: Name of a fault, for stand-ins that simulate faults.
-        after: Time of the fault [s] after the arm's first motion.
+        after: Time from the arm's first motion to the fault [s].
     """
 
     robot_url: str
@@ -96,10 +96,10 @@ class StandInRobot:
         width: Opening of the hand [m].
         command: Last command for the arm; None before the first.
         hand_command: Last command for the hand; None before the first.
-        speeds: Record of our time and the largest joint speed.
-        commanded: Record of the stamps of received commands.
-        told: Record of our time and the largest joint speed of a received command.
-        hand_told: Record of our time and the opening of a received command [m].
+        speeds: Record of (time by `clock` [s], largest joint speed [rad/s]) in each step.
+        commanded: Record of the stamps of received arm commands [s].
+        told: Record of (time by `clock` [s], largest joint speed [rad/s]) of received arm commands.
+        hand_told: Record of (time by `clock` [s], opening [m]) of received hand commands.
     """
 
     def __init__(self, setup: StandInSetup):
@@ -133,11 +133,11 @@ class StandInRobot:
         self.hand_told.append((self.clock(), self.hand_command.width))
 
     def clock(self) -> float:
-        """Returns our time [s since the epoch, scaled]."""
+        """Returns this process's time [s since the epoch], scaled by `time_scale`."""
         return self.setup.time_scale * time.time()
 
     def now(self) -> float:
-        """Returns the driver's time [s since the epoch, scaled], which a fault can shift."""
+        """Returns the driver's time [s], which is that of `clock` unless a fault shifts it."""
         return self.clock()
 
     def desired_velocity(self, now: float) -> np.ndarray:
@@ -147,7 +147,7 @@ class StandInRobot:
         return self.command.velocity
 
     def step(self, tick: int) -> None:
-        """Simulates the driver for a millisecond."""
+        """Simulates the driver for one `PERIOD`."""
         self.lcm.HandleSubscriptions(0)
         now = self.now()
         self.velocity = self.velocity + _SMOOTHING * (self.desired_velocity(now) - self.velocity)
@@ -252,17 +252,17 @@ def with_own_networks(scenario: "Scenario") -> "Scenario":
 def running_stand_in(
     setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
 ) -> Iterator[subprocess.Popen[str]]:
-    """Runs the process of a stand-in robot during a block, which begins when the robot is ready.
+    """Runs a stand-in robot as a process during a `with` block, which begins when it is ready.
 
-    Closing its standard input ends it; its records are the last line of its output.
+    Closing the process's standard input ends it; the last line of its output has the records.
 
     Args:
         setup: The setup.
-        folder: Folder for the file of the setup.
-        program: Arguments of Python: this module, or a program whose robot simulates faults.
+        folder: Folder for the setup's file.
+        program: Arguments for Python: this module, or a program whose robot simulates faults.
 
     Raises:
-        StationError: if it does not start.
+        StationError: if the process does not start.
     """
     path = folder / "stand_in.json"
     path.write_text(json.dumps(asdict(setup)))
@@ -276,7 +276,7 @@ def running_stand_in(
         assert process.stdout is not None
         if process.stdout.readline() != _READY:
             raise StationError(
-                "The stand-in robot did not start.", remedy="See its messages on standard error."
+                "The stand-in robot did not start.", remedy="Read its messages on standard error."
             )
         yield process
     finally:

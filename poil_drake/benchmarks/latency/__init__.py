@@ -1,1 +1,1 @@
-"""Durations and periods of control ticks."""
+"""Measures the durations and periods of control ticks."""

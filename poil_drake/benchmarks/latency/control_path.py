@@ -29,8 +29,8 @@ _START = np.array(DifferentialInverseKinematicsConfig().nominal_posture)
 class ControlPath:
     """The systems of the closed loop's control path, in a diagram with fixed inputs.
 
-    The arm follows commands at once. A tracker reports the points in its hand, with noise and an
-    eighth of its period late. From time to time the arm restarts near its initial position.
+    The arm follows commands instantly. A tracker reports the points in the hand with noise and a
+    delay of an eighth of its period. From time to time the arm restarts near its initial position.
 
     Args:
         num_points: N, number of points.
@@ -77,7 +77,7 @@ class ControlPath:
         }
 
     def _reference(self, num_samples: int) -> PointTrajectory:
-        """Returns 4 s of carrying the points 0.3 m to the side, with a rotation by 60 degrees."""
+        """Returns a motion that carries the points 0.3 m in 4 s and rotates them by 60 degrees."""
         times = np.linspace(0.0, 4.0, num_samples)
         s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
         X_WG = self._model.gripper_pose(_START)
@@ -91,7 +91,7 @@ class ControlPath:
         return PointTrajectory(times, positions, velocities)
 
     def _track(self) -> TrackedPoints:
-        """Returns the tracked points now, with noise of 1 mm."""
+        """Returns the points as tracked now, with 1 mm of noise."""
         points = transform_points(self._model.gripper_pose(self._joints), self._in_hand)
         return TrackedPoints(
             points + self._random.normal(scale=1e-3, size=points.shape),
@@ -123,7 +123,7 @@ class ControlPath:
 
 
 def _connect(systems: dict[str, LeafSystem]) -> Diagram:
-    """Returns the diagram of some systems of the loop, with inputs for the outputs of others."""
+    """Returns a diagram of some of the loop's systems; inputs replace the outputs of the others."""
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)

@@ -1,4 +1,4 @@
-"""How regularly the loop commands a robot in real time, also while its tracker is stalled."""
+"""Measures how regularly the loop commands a robot in real time, even with a stalled tracker."""
 
 import dataclasses
 import json
@@ -39,7 +39,7 @@ _BARE = 10.0
 """Duration of the bare loop, the baseline [s]."""
 
 _WARM_UP = 2.0
-"""Time that does not count, in which caches and libraries are set up [s]."""
+"""Time at the start that is not measured, since caches and libraries are set up in it [s]."""
 
 _HELD_WIDTH = 0.01
 _SLOW_RISE = 2e-4  # [m/s]. The reference hardly moves, since the images never change.
@@ -80,7 +80,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
 
     Args:
         duration: Duration of the run [s].
-        json_path: File for the figures.
+        json_path: JSON file for the results.
     """
     KeepMemory()
     with tempfile.TemporaryDirectory() as name:
@@ -93,7 +93,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
             timing, stalled, end = _run(scenario, plan, folder, duration)
             output, _ = robot.communicate(timeout=60)
         commanded = np.array(json.loads(output.splitlines()[-1])["commanded"])
-    # Without the warm-up and the commands to rest at the end.
+    # Leaves out the warm-up, and the commands to rest at the end.
     commanded = commanded[(commanded > commanded[0] + _WARM_UP) & (commanded < end)]
     rows = summarize({"bare loop": bare, "commands": commanded}, period)
     ticks = np.array(timing.starts)
@@ -117,7 +117,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
 
 
 def summarize(stamps: dict[str, np.ndarray], period: float) -> list[PeriodRow]:
-    """Returns the percentiles of the periods between stamps (T,) [s]; the first is the baseline."""
+    """Returns a row for each loop, given its stamps (T,) [s]; the first loop is the baseline."""
     rows: list[PeriodRow] = []
     for name, times in stamps.items():
         periods = np.diff(times)
@@ -175,7 +175,7 @@ def _stand_in_setup(scenario: Scenario, plan: ExecutionPlan, folder: Path) -> St
 def _run(
     scenario: Scenario, plan: ExecutionPlan, folder: Path, duration: float
 ) -> tuple[LoopTiming, list[float], float]:
-    """Returns the loop's timing, begin and end of the stall [s], and the end [s since epoch]."""
+    """Returns the timing, start and end of the stall [s], and end of the run [s since epoch]."""
     with RunLogWriter(folder / "run.mcap", config=RunLogConfig(drop_when_full=True)) as log:
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
         assert isinstance(loop.tracker, PointTracker)

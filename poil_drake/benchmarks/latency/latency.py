@@ -1,4 +1,4 @@
-"""Durations of a control tick: the field, its baseline on poses, and the whole control path."""
+"""Times a control tick: the field, its baseline on poses, and the whole control path."""
 
 import gc
 import os
@@ -26,7 +26,7 @@ from poil_drake.reports.progress import OneLineTqdm
 _POINTS, _SAMPLES = 10, 500
 
 _WARM_UP = 50
-"""Number of ticks that are not timed, in which caches and libraries are set up."""
+"""Number of untimed ticks at the start, in which caches and libraries are set up."""
 
 BASELINE = "SE(3) BCSDM, PyTorch, 1 thread"
 PATH = "control path: FK propagation, field, IK"
@@ -56,7 +56,7 @@ class Row:
         p99: 99th percentile [us].
         p99_9: 99.9th percentile [us].
         largest: Maximum [us].
-        ratio: Its median over that of `BASELINE`.
+        ratio: Ratio of the median to that of `BASELINE`.
     """
 
     name: str
@@ -75,7 +75,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
 
     Args:
         ticks: Number of times that each subject is timed.
-        json_path: File for the figures.
+        json_path: JSON file for the results.
     """
     import torch
 

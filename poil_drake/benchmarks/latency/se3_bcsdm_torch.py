@@ -1,4 +1,4 @@
-"""BCSDM on poses in PyTorch, written directly from its formulas: the baseline of the latencies.
+"""BCSDM on poses in PyTorch, written directly from its formulas: the baseline for latency.
 
 It takes a batch of poses, as the published implementation does, and computes the logarithm of the
 rotation from every sample of the reference by the textbook formula.
@@ -58,7 +58,7 @@ def _log(R: torch.Tensor) -> torch.Tensor:
 
 
 def _exp(S: torch.Tensor) -> torch.Tensor:
-    """Returns exp S of skew matrices (..., 3, 3) by Rodrigues' formula."""
+    """Returns exp S of skew-symmetric matrices S (..., 3, 3) by Rodrigues' formula."""
     angle = _vee(S).norm(dim=-1)[..., None, None]
     small = angle < 1e-7
     safe = torch.where(small, 1.0, angle)

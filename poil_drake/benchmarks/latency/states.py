@@ -1,4 +1,4 @@
-"""A moving body, and states near and far from its motion, to time controllers with."""
+"""A moving body, and states near its motion and far from it, with which controllers are timed."""
 
 from typing import NamedTuple
 
@@ -16,11 +16,11 @@ _NOISE = 1e-3
 def moving_body(
     *, num_points: int, num_samples: int
 ) -> tuple[np.ndarray, np.ndarray, PointTrajectory, np.ndarray]:
-    """Returns 4 s of motion of a body: a rotation by 115 degrees on a curved path of half a metre.
+    """Returns a body's motion in 4 s: a turn by 115 degrees on a curved path of half a metre.
 
     Returns:
         times: (T,) [s].
-        X_WO: (T, 4, 4) its poses.
+        X_WO: (T, 4, 4) poses of the body.
         reference: The motion of its points.
         points: (N, 3) the points in the body's frame [m], within 4 cm.
     """
@@ -40,9 +40,9 @@ class States(NamedTuple):
     """S states of the body.
 
     Attributes:
-        poses: (S, 4, 4).
+        poses: (S, 4, 4) poses of the body.
         clean: (S, N, 3) its points with a tracker's noise [m].
-        spoilt: (S, N, 3) the same, but two of the points are 5 to 10 cm off.
+        spoilt: (S, N, 3) the same, but with two of the points 5 to 10 cm off [m].
     """
 
     poses: np.ndarray
@@ -55,7 +55,7 @@ OFFSETS = {"near": (0.005, 3.0, 3.0), "far": (0.3, 60.0, 150.0)}
 
 
 def make_states(X_WO: np.ndarray, points: np.ndarray, where: str) -> States:
-    """Returns states of points (N, 3) off a motion X_WO (T, 4, 4), by one of `OFFSETS`."""
+    """Returns states of points (N, 3) at the offset `OFFSETS[where]` from a motion (T, 4, 4)."""
     distance, smallest, largest = OFFSETS[where]
     random = np.random.default_rng(2)
     base = X_WO[random.integers(len(X_WO), size=_COUNT)]

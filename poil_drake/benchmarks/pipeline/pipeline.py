@@ -30,7 +30,7 @@ def run_pipeline_benchmark(
     json_path: Path,
     ray_address: str | None = None,
 ) -> list[Trial]:
-    """Runs the trials, prints a table and writes all figures as JSON.
+    """Runs the trials, prints a table and writes all results as JSON.
 
     Each trial runs in a new process, so that it cannot disturb the next. The trials are returned
     and written in the order of tasks and seeds.
@@ -38,9 +38,9 @@ def run_pipeline_benchmark(
     Args:
         tasks: Names in `TASKS`.
         trials: Number of trials, with seeds 0 to trials - 1.
-        jobs: Number of trials that run at the same time; speeds are comparable only for one.
+        jobs: Number of trials that run at the same time; speeds are comparable only with one job.
         tracker: Name of the tracker; None for the scenario's.
-        json_path: File for the figures; an interrupted benchmark leaves those it has.
+        json_path: JSON file for the results. An interrupted benchmark leaves its results so far.
         ray_address: Address of a Ray cluster, see `run_trials`; None for this machine.
 
     Raises:
@@ -78,7 +78,7 @@ def run_pipeline_benchmark(
 
 
 def _demonstration(task: str) -> bytes:
-    """Returns the file of a demonstration of a task, for workers on any machine."""
+    """Returns the contents of a task's demonstration file, for workers on any machine."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{task}.mcap"
         RecordScenarioDemonstration(ChooseScenario(scenario_name=TASKS[task]), path)
@@ -90,9 +90,9 @@ def _write(trials: Sequence[Trial], path: Path) -> None:
 
 
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:
-    """Returns the figures over all trials.
+    """Returns the figures over all trials, by name.
 
-    Errors are in metres. Maxima of the trials' medians and 95th percentiles reveal a bad trial.
+    Errors are in metres. The worst trial's median and 95th percentile reveal a bad trial.
     """
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
 
@@ -123,7 +123,7 @@ def summarize(trials: Sequence[Trial]) -> dict[str, object]:
 
 
 def _mean_shares(shares: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Returns the mean of each share; a missing share is 0."""
+    """Returns the mean of each share; a missing share counts as 0."""
     names = sorted({name for one in shares for name in one})
     return {name: float(np.mean([one.get(name, 0.0) for one in shares])) for name in names}
 

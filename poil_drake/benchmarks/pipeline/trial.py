@@ -40,8 +40,8 @@ class Trial:
             release, while the object drops and swings.
         carried_unobserved: `unobserved` while the object is carried.
         real_time_factor: Simulated over wall-clock time of the closed loop.
-        split: Shares of that wall-clock time by activity.
-        concurrent: Shares of it in which another process rendered or tracked.
+        split: Shares of the closed loop's wall-clock time, by activity.
+        concurrent: Shares of that time in which another process rendered or tracked.
         simulated: Simulated time [s].
     """
 
@@ -63,7 +63,7 @@ class Trial:
 
 
 def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
-    """Runs one trial with a demonstration's file; an error in it is its cause of failure."""
+    """Runs one trial with a demonstration file; an error becomes the trial's cause of failure."""
     scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
     model = _object_model(scenario)
     try:
@@ -100,7 +100,7 @@ def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> 
 def run_recorded_trial(
     demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
 ) -> Trial:
-    """Runs one trial with the contents of a demonstration's file (MCAP), by task."""
+    """Runs one trial, given the contents of each task's demonstration file (MCAP)."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{task}.mcap"
         path.write_bytes(demonstrations[task])
@@ -108,7 +108,7 @@ def run_recorded_trial(
 
 
 def lost_trial(lost: LostTrial) -> Trial:
-    """Returns the failure of a trial of `run_recorded_trial` that lost all its workers."""
+    """Returns a failed trial in place of a `run_recorded_trial` that lost all its workers."""
     task, seed, tracker = lost.arguments
     model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
     return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))

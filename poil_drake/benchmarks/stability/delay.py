@@ -1,4 +1,4 @@
-"""The effect of delay and held twists on the field at rest: simulation and closed forms."""
+"""The effect of delay and held twists on the field around its goal: simulated and closed form."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ _ETA, _TRACKER_PERIOD, _TRACKER_LATENCY = 3.0, 0.125, 0.1875
 
 
 def measure_delay() -> dict[str, Any]:
-    """Returns for which delays and periods the flow decreases, overshoots, or does not settle."""
+    """Returns for which delays and periods D falls, rises at times, or does not settle."""
     W = np.diag(COMPACT_MOMENTS)
     # The centres of cells that fill the map.
     middles = (np.arange(_GRID) + 0.5) / _GRID
@@ -65,14 +65,14 @@ def delayed_flow(
     """Returns the potentials (count + 1, K) of K rotations under delayed, held twists, at eta = 1.
 
     Rotations are sampled at the start of each period. The twist of a sample acts `delays` later, in
-    the world frame in which it was measured, until the next one acts. Before, all rotations rest at
-    `start`.
+    the world frame in which it was measured, until the next one acts. Until the first one acts, the
+    twist is that at `start`.
 
     Args:
         W: (3, 3) moments.
-        start: (3, 3) rotation.
-        delays: (K,) [s].
-        periods: (K,) [s].
+        start: (3, 3) initial rotation.
+        delays: (K,) delays of the twists [s].
+        periods: (K,) times between two samples [s].
         count: Number of periods.
     """
     # Whole periods and the remainder, robust to rounding.
@@ -95,7 +95,7 @@ def delayed_flow(
 
 
 def delayed_offsets(gain: float, periods: float, count: int) -> np.ndarray:
-    """Returns a unit offset (count + 1,) under delayed, held velocities, at the samples."""
+    """Returns samples (count + 1,) of an offset from 1, given the gain eta dt and delay / dt."""
     whole = int(periods)
     rest = periods - whole
     offsets = [1.0] * (whole + 2)

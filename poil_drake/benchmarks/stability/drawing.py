@@ -26,7 +26,7 @@ _STYLE = {
 
 
 def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the time in which the flow leaves each saddle against its start."""
+    """Draws the time that the flow takes to leave each saddle, against the initial angle."""
     with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
         markers = ("o", "s", "^")

@@ -1,4 +1,4 @@
-"""Simulations of the field at rest, and the predictions of theory."""
+"""Simulations of the field around its goal, and the predictions of theory."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
 COMPACT_MOMENTS = (1.0, 2.0, 3.0)
 ELONGATED_MOMENTS = (0.001, 0.03, 1.0)
-"""Eigenvalues of W of two point sets, for which the condition of A is 1.7 and 33."""
+"""Eigenvalues of W of two point sets, for which the condition number of A is 1.7 and 33."""
 
 _CONDITIONS = 13
 """Number of point sets from compact to elongated."""
@@ -36,11 +36,11 @@ _POINT_NOISE = 0.001
 """Standard deviation of each coordinate of a point [m]."""
 
 _MIN_ROTATION_SPREAD = 0.002
-"""`min_rotation_spread` of the field that limits noise [m]."""
+"""`BcsdmConfig.min_rotation_spread` of the field that limits its noise [m]."""
 
 
 def measure_escape() -> dict[str, Any]:
-    """Returns the times in which the flow gets 1 rad away from each saddle, along each way out.
+    """Returns how long the flow takes to get 1 rad away from each saddle along each unstable axis.
 
     The flow is integrated by the midpoint rule at eta = 1.
     """
@@ -98,7 +98,7 @@ def measure_sampling() -> dict[str, Any]:
             turned = turned @ rotation_exp(gain * rotation_velocity(W, turned))
         runs[str(gain)] = np.array(potentials) / potentials[0]
     conditions = np.geomspace(2.0, 1000.0, _CONDITIONS)
-    # l_3 = 1; flat: l_1 = 0, (l_2 + 1) / l_2; round: l_1 = l_2, (l_2 + 1) / (2 l_2).
+    # l_3 = 1; c is (l_2 + 1) / l_2 if flat (l_1 = 0), (l_2 + 1) / (2 l_2) if round (l_1 = l_2).
     flat = [np.diag([0.0, 1.0 / (c - 1.0), 1.0]) for c in conditions]
     round_ = [np.diag([*[1.0 / (2.0 * c - 1.0)] * 2, 1.0]) for c in conditions]
     return {
@@ -115,7 +115,7 @@ def measure_sampling() -> dict[str, Any]:
 
 
 def measure_noise() -> dict[str, Any]:
-    """Returns the noise of the field due to noise in the points, from compact sets to a line."""
+    """Returns the field's noise due to noise in the points, for sets from compact to a line."""
     rng = np.random.default_rng(0)
     spreads = np.geomspace(0.0012, 0.03, _CONDITIONS)
     noise = _POINT_NOISE * rng.normal(size=(200, 8, 3))

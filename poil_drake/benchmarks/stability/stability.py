@@ -8,15 +8,15 @@ from poil_drake.recording.mcap.plain_json import write_json
 
 
 def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
-    """Compares predictions with simulations, draws both, and writes all figures as JSON.
+    """Compares predictions with simulations, draws both, and writes all results as JSON.
 
     Args:
         pictures: Folder for `control_escape.png`, `control_sampling.png`, `control_delay.png` and
             `control_noise.png`.
-        json_path: File for the figures.
+        json_path: JSON file for the results.
 
     Returns:
-        The figures by study: "escape", "sampling", "delay" and "noise".
+        The results by study: "escape", "sampling", "delay" and "noise".
     """
     studies = {
         "escape": (measures.measure_escape, drawing.draw_escape),

@@ -1,4 +1,4 @@
-"""Ray workers that run trials (extra `cluster`)."""
+"""Ray workers that run trials; Ray is installed by the extra `cluster`."""
 
 import logging
 import os
@@ -25,12 +25,12 @@ class ClusterWorkers:
     Args:
         function: Runs a trial.
         shared: Its first arguments.
-        address: As `ray.init` takes it.
+        address: Address of the cluster, as for `ray.init`.
         cpus: Number of CPUs of a cluster that is started here.
         trials_per_worker: Number of trials after which a process is replaced; None for never.
 
     Attributes:
-        worker_lost: Exceptions of a future whose worker ended before the trial was done.
+        worker_lost: Exceptions that a future raises if its worker ended before the trial was done.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class ClusterWorkers:
         except ImportError as error:
             raise MissingDependencyError(
                 "Ray is not installed.",
-                remedy="Run: pip install 'poil_drake[cluster]', or leave out the address.",
+                remedy="Run: pip install 'poil_drake[cluster]', or leave out the Ray address.",
             ) from error
         self._ray = ray
         self.worker_lost: tuple[type[Exception], ...] = (
@@ -57,7 +57,7 @@ class ClusterWorkers:
             ray.exceptions.LocalRayletDiedError,
             ray.exceptions.ObjectLostError,
         )
-        # The pool counts the attempts, so Ray repeats nothing.
+        # The pool counts the attempts, so Ray must not retry.
         self._task = ray.remote(max_retries=0, max_calls=trials_per_worker or 0)(run_trial)
         self._running: set[Any] = set()
         self._started = not ray.is_initialized()
@@ -95,9 +95,9 @@ def _connect(ray: ModuleType, address: str, cpus: int) -> None:
         ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False, **options)
     except (OSError, ValueError, RuntimeError) as error:
         raise InvalidValueError(
-            f"The Ray cluster at '{address}' cannot be used: {error}",
-            remedy="Start one with `ray start --head`, of the same versions of Python and Ray, or "
-            "pass 'local'.",
+            f"The Ray cluster at '{address}' cannot be used: {str(error).rstrip('.')}.",
+            remedy="Start a cluster with `ray start --head`, with the Python and Ray versions of "
+            "this machine, or use the address 'local'.",
         ) from error
     finally:
         if threading.current_thread() is threading.main_thread():
@@ -105,7 +105,7 @@ def _connect(ray: ModuleType, address: str, cpus: int) -> None:
 
 
 def _require_listener(address: str) -> None:
-    """Raises an OSError at once if no server listens at the address; Ray tries for minutes."""
+    """Raises an OSError at once if no server listens at the address; Ray would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdigit():
         socket.create_connection((host, int(port)), timeout=_CONNECTION_TIMEOUT).close()

@@ -16,13 +16,13 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class LostTrial:
-    """Takes the place of the result of a trial whose workers were all killed.
+    """Stands in for the result of a trial whose workers were all killed.
 
     Attributes:
         index: Index of the trial.
         arguments: Its arguments.
         attempts: Number of workers that ran it.
-        cause: How the last of them ended.
+        cause: How the last worker ended.
     """
 
     index: int
@@ -33,7 +33,7 @@ class LostTrial:
     def __str__(self) -> str:
         return (
             f"All {self.attempts} workers that ran trial {self.index} {self.arguments!r} "
-            f"ended before it was done; the last one with {self.cause}"
+            f"ended before it was done; the last one failed with {self.cause}"
         )
 
 
@@ -49,30 +49,30 @@ def run_trials(
 ) -> Generator[tuple[int, Result | LostTrial], None, None]:
     """Runs `function(*shared, *arguments[i])` for every i, and yields results as they arrive.
 
-    The result of a trial depends on its arguments only, as long as `function` draws its random
-    numbers from a seed among them. The number of workers only changes the order in which trials
+    The result of a trial depends only on its arguments, as long as `function` draws its random
+    numbers from a seed among them. The number of workers affects only the order in which trials
     end. Each worker computes on one core.
 
-    A killed worker (by the system for its memory, by a crash of a library, by a user) loses
-    nothing: its trial runs again after all others. A trial that has used up `attempts` workers is
-    yielded as a `LostTrial`; other trials are not affected.
+    If a worker dies (killed by the system for lack of memory or by a user, or crashed in a
+    library), nothing is lost: its trial runs again after all others. A trial that has used up
+    `attempts` workers is yielded as a `LostTrial`; other trials are not affected.
 
-    An exception of `function` ends the run: it is raised here as soon as its trial ends, as a
-    RuntimeError unless it is a `PoilError`. A trial that may fail returns its failure instead.
-    However the run ends (by an exception, by a signal, or because the generator is closed), no
-    worker is left behind.
+    An exception in `function` ends the run: it is raised here as soon as its trial ends, as a
+    RuntimeError unless it is a `PoilError`. A trial that may fail should return its failure. No
+    worker is left behind, however the run ends: by an exception, by a signal, or because the
+    generator is closed.
 
     Args:
-        function: A function of a module that workers can import, or of the script itself. Pickle
-            must be able to carry arguments and results. A worker runs many trials, so a function
-            can keep what is expensive to make in its module (`functools.cache`).
+        function: A function of a module that workers can import, or of the script itself. Arguments
+            and results must be picklable. A worker runs many trials, so a function can cache what
+            is expensive to create in its module (`functools.cache`).
         arguments: Arguments of each trial. A path among them must lead to the same file for every
-            worker, also on a cluster.
+            worker, even on a cluster.
         shared: First arguments of all trials. They may be large: each worker receives them once.
-        jobs: Number of worker processes on this machine. A cluster has as many as it has CPUs; a
+        jobs: Number of worker processes on this machine. A cluster runs one worker per CPU; a
             cluster that is started here has `jobs` CPUs.
-        ray_address: None for processes of this machine. Otherwise the address of a Ray cluster
-            whose machines have this package: "auto" (the cluster of this machine), "HOST:PORT",
+        ray_address: None for processes on this machine. Otherwise the address of a Ray cluster on
+            whose machines this package is installed: "auto" (this machine's cluster), "HOST:PORT",
             "ray://HOST:10001", or "local", which starts a cluster on this machine.
         attempts: Number of workers that a trial may use up.
         trials_per_worker: Number of trials after which a worker is replaced by a new process, so
@@ -89,7 +89,7 @@ def run_trials(
     limits = {"jobs": jobs, "attempts": attempts, "trials_per_worker": trials_per_worker}
     for name, value in limits.items():
         if value is not None and value < 1:
-            raise InvalidValueError(f"{name} is {value}.", remedy="Pass a positive number.")
+            raise InvalidValueError(f"{name} is {value}, not positive.", remedy="Use 1 or more.")
 
     def run() -> Generator[tuple[int, Any], None, None]:
         waiting = list(range(len(arguments)))
@@ -113,7 +113,7 @@ def run_trials(
                         cause = f"{type(lost).__name__}: {lost}"
                         result, error = LostTrial(index, arguments[index], attempts, cause), None
                     if error is not None:
-                        error.add_note(f"Trial {index} raised it:\n{trace}")
+                        error.add_note(f"Raised in trial {index}:\n{trace}")
                         raise error
                     yield index, result
 

@@ -1,4 +1,4 @@
-"""Worker processes of this machine that run trials, each one at a time."""
+"""Worker processes on this machine, each of which runs one trial at a time."""
 
 import os
 import pickle
@@ -11,7 +11,7 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class ProcessWorkers:
-    """Up to `jobs` processes, started when they are needed; they run each trial once.
+    """Up to `jobs` processes, started when they are needed. Each trial runs once.
 
     A thread waits for each process, so a killed process fails only the future of its trial. (A
     `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
@@ -23,7 +23,7 @@ class ProcessWorkers:
         trials_per_worker: Number of trials after which a process is replaced; None for never.
 
     Attributes:
-        worker_lost: Exceptions of a future whose worker ended before the trial was done.
+        worker_lost: Exceptions that a future raises if its worker ended before the trial was done.
     """
 
     worker_lost: tuple[type[Exception], ...] = (WorkerEndedError, OSError)

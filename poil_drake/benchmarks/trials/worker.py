@@ -46,7 +46,7 @@ def _make_handler(
 
 
 def _exit_with(process: int) -> None:
-    """Ends this process, even in the middle of a trial, when another one (a pidfd) has ended."""
+    """Ends this process, even during a trial, when the process of a pidfd has ended."""
     select.select([process], [], [])
     os._exit(1)
 
@@ -55,5 +55,5 @@ if __name__ == "__main__":
     serve(_make_handler)
     sys.stdout.flush()
     sys.stderr.flush()
-    # Ends here: OMPL's bindings would report every type that a failed trial still refers to.
+    # Skips Python's shutdown: OMPL's bindings would report every type that a failed trial uses.
     os._exit(0)

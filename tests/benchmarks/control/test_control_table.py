@@ -104,4 +104,4 @@ def test_trials_that_an_error_ended_are_named_below_the_tables(capsys):
 
     dut.print_tables([TRIAL, lost])
 
-    assert "1 trials were ended by an error and count as failures" in capsys.readouterr().out
+    assert "ended in an error and count as failures: 1." in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The simulation in which all policies of the control study are tried."""
+"""The simulation in which the control study tests all policies."""
 
 from dataclasses import dataclass, field
 
@@ -22,19 +22,19 @@ from poil_drake.benchmarks.control.arena.task import MODELS, ControlTask
 from poil_drake.benchmarks.control.policies.policy import Policy
 from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
 
-_MODULUS = 1e7  # [Pa], of hard rubber: 5 N press boxes together by micrometres, a rod by 3 mm.
+_MODULUS = 1e7  # [Pa], hard rubber: a force of 5 N indents boxes by micrometres, a rod by 3 mm.
 _RESOLUTION = 0.01  # Of the meshes of round shapes [m].
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArenaConfig:
-    """The physics, the same for all policies.
+    """The physics, which are the same for all policies.
 
     Attributes:
-        time_step: Time step of the plant [s]. At the speed limits the far side of an object moves
-            4 mm in it.
-        max_angular_speed: Limit of commanded twists [rad/s].
-        max_linear_speed: Limit of commanded twists [m/s].
+        time_step: Time step of the plant [s]. At the speed limits, the far side of an object moves
+            4 mm per step.
+        max_angular_speed: Limit of the angular speed of commanded twists [rad/s].
+        max_linear_speed: Limit of the linear speed of commanded twists [m/s].
         actuation: The hand that moves the object.
     """
 
@@ -47,10 +47,10 @@ class ArenaConfig:
 def AddTaskPlant(
     builder: DiagramBuilder, task: ControlTask, time_step: float
 ) -> tuple[MultibodyPlant, SceneGraph, RigidBody]:
-    """Adds the task's object and fixtures.
+    """Adds a plant with the task's object and fixtures.
 
-    The weight of a rigid object is compensated; a deforming one hangs in the hand. Contact is
-    hydroelastic: with a single point of contact between two boxes, one can turn into the other.
+    The weight of a rigid object is compensated; a deforming object hangs in the hand. Contact is
+    hydroelastic: with a single contact point between two boxes, they could rotate into each other.
 
     Returns:
         The finalized plant, its scene graph, and the driven body.
@@ -111,7 +111,7 @@ class Arena:
         task: The object, the scene and the demonstration.
         policy: The controller.
         intended_contact: See `ContactMonitor`.
-        tracker: Tracks the points for the policy; without one it observes the true points.
+        tracker: Tracks the points for the policy; if None, the policy observes the true points.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Arena:
         return _evaluate(self._observer, "object_pose", context).reshape(4, 4)
 
     def contact(self, context: Context) -> tuple[float, float]:
-        """Returns impulse [N s] and deepest penetration [m] so far."""
+        """Returns the total impulse [N s] and the deepest penetration [m] so far."""
         impulse, depth = (_evaluate(self._monitor, name, context) for name in ("impulse", "depth"))
         return float(impulse[0]), float(depth[0])
 
@@ -188,12 +188,12 @@ class Arena:
         self._hand.SetSlip(self._hand.GetMyMutableContextFromRoot(context), slip)
 
     def SetNoiseSeed(self, context: Context, seed: int) -> None:
-        """Seeds the tracker's noise, where there is a tracker."""
+        """Seeds the tracker's noise, if there is a tracker."""
         if self._tracker is not None:
             self._tracker.SetSeed(self._tracker.GetMyMutableContextFromRoot(context), seed)
 
     def place(self, context: Context, X_WO: np.ndarray, shape: np.ndarray) -> None:
-        """Places the object at rest; see `PlaceModel`, but for the diagram's context."""
+        """Places the object as `PlaceModel` does, but in the diagram's context."""
         plant_context = self._plant.GetMyMutableContextFromRoot(context)
         PlaceModel(self._plant, plant_context, self._body, X_WO, shape)
 
@@ -203,7 +203,7 @@ class Arena:
         return self._plant.GetPositions(plant_context, self._body.model_instance())[7:]
 
     def clearance(self, context: Context, reach: float) -> dict[str, float]:
-        """Returns the distance of the object to each fixture that is within `reach` [m]."""
+        """Returns the distance from the object to each fixture within `reach` [m], by name."""
         query = self.diagram.GetOutputPort("query_object").Eval(context)
         inspector = query.inspector()
         distances: dict[str, float] = {}

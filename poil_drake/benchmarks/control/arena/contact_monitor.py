@@ -10,17 +10,17 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 _TOLERANCE = 0.01
-"""Contact is intended up to this mean distance of the points from an intended configuration [m]."""
+"""Largest mean distance of the points from a configuration in which contact is intended [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionThreshold:
-    """The contact above which a trial has a collision.
+    """The contact above which a trial counts as a collision.
 
     Attributes:
-        impulse: Impulse of all contacts of a trial together [N s]. 0.02 stops a mug of 0.25 kg from
-            8 cm/s.
-        depth: Deepest penetration [m]. 1 N between the mug's handle and the rod causes 1 mm.
+        impulse: Total impulse of all contacts in a trial [N s]. 0.02 N s stop a 0.25 kg mug that
+            moves at 8 cm/s.
+        depth: Deepest penetration [m]. 1 N presses the mug's handle and the rod together by 1 mm.
     """
 
     impulse: float = 0.02
@@ -41,17 +41,17 @@ class ContactMonitor(LeafSystem):
         - impulse
         - depth
 
-    Inputs: `contact_results` and `query_object` of plant and scene graph, and `points` (3N,)
-    row-major [m, world]. Outputs are discrete state, zero at first: `impulse` (1,), the integral of
-    the magnitudes of all contact forces [N s], and `depth` (1,), the deepest penetration so far
-    [m]. Contact does not count while the points are, by their mean distance, within 1 cm of one of
-    the `intended` configurations: those in which the demonstration itself touches the scene.
+    Inputs: `contact_results` of the plant, `query_object` of the scene graph, and `points` (3N,)
+    row-major [m, world]. Outputs are discrete state, initially zero: `impulse` (1,), the integral
+    of the magnitudes of all contact forces [N s], and `depth` (1,), the deepest penetration so far
+    [m]. Contact does not count while the mean distance of the points from one of the `intended`
+    configurations is below 1 cm.
 
     Args:
         plant: The finalized plant.
         body: A body of the object; contacts within its model instance do not count.
         num_points: N, number of points.
-        intended: (K, N, 3) configurations in contact [m, world]; None for none.
+        intended: (K, N, 3) points while the demonstration is in contact [m, world], or None.
     """
 
     def __init__(

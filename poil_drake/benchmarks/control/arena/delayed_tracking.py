@@ -1,4 +1,4 @@
-"""A slow, delayed and noisy point tracker whose points follow the hand between its results."""
+"""A slow, delayed and noisy point tracker. Between its results, the points move with the hand."""
 
 import math
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingConfig:
-    """The quality of the tracker.
+    """The rate, latency and noise of the tracker.
 
     Attributes:
         period: Time between two captures [s].
-        latency: Time from a capture to its result [s], shorter than `period`; rounded up to the
-            control period.
-        noise: Standard deviation of each coordinate [m].
+        latency: Time from a capture to its result [s], shorter than `period`; rounded up to a
+            multiple of `control_period`.
+        noise: Standard deviation of the noise in each coordinate [m].
         control_period: Period of the propagation [s].
     """
 
@@ -41,12 +41,12 @@ class DelayedTracking(LeafSystem):
         - confidence
 
     Inputs: the true `points` (3N,) row-major [m, world] and `hand_pose` (16,) X_WH row-major, as
-    forward kinematics gives it. Outputs are discrete state: `points` (3N,), NaN before the first
-    result; `confidence` (N,), zero before the first result, one after it. The propagation is that
-    of `FkPropagator`: points captured at t_c are at X_WH(t) X_WH(t_c)^-1 p(t_c), so a slip in the
-    hand shows with the tracker's delay only.
+    known from forward kinematics. Outputs are discrete state: `points` (3N,), NaN before the first
+    result; `confidence` (N,), zero before the first result and one from then on. Points are
+    propagated as by `FkPropagator`: those captured at t_c are at X_WH(t) X_WH(t_c)^-1 p(t_c) now,
+    so that slip in the hand becomes visible only after the tracker's delay.
 
-    The parameter of index 0 (1,) seeds the noise.
+    Numeric parameter 0, (1,), is the seed of the noise.
 
     Args:
         num_points: N, number of points.
@@ -62,7 +62,7 @@ class DelayedTracking(LeafSystem):
         initial = {
             "points": np.full(n, np.nan),
             "confidence": np.zeros(num_points),
-            # The last capture and the last result, both in the frame of the hand at the capture.
+            # The last capture and the last result, each in the hand frame at its capture.
             "captured": np.full(n, np.nan),
             "track": np.full(n, np.nan),
         }

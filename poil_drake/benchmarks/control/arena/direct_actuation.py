@@ -1,4 +1,4 @@
-"""Moves an object without an arm, as if by a hand of limited strength, along a commanded twist."""
+"""Moves an object along a commanded twist without an arm, like a hand of limited strength."""
 
 import math
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ class ActuationConfig:
     """Strength and stiffness of the hand.
 
     Attributes:
-        gain: Rate at which the object takes on the commanded velocity [1/s]. With a time step of
-            1/128 s it must stay well below 128 / s.
-        max_force: Largest force in addition to the weight [N]; an obstacle that resists it stops
-            the object.
+        gain: Rate at which the object's velocity approaches the commanded one [1/s]. With a time
+            step of 1/128 s, it must stay well below 128 / s.
+        max_force: Largest force in addition to the one that carries the weight [N]; an obstacle
+            that withstands it stops the object.
         max_torque: Largest torque [N m].
     """
 
@@ -37,10 +37,10 @@ class Slip(NamedTuple):
     """How an object slips in the hand: at constant speed, over a short time.
 
     Attributes:
-        start: When it begins [s]; infinite for never.
+        start: When the slip begins [s]; infinity for never.
         duration: Its duration [s].
-        shift: (3,) shift of the object relative to the hand [m, object frame].
-        turn: (3,) rotation vector of the object relative to the hand [rad, object frame].
+        shift: (3,) total shift of the object relative to the hand [m, hand frame].
+        turn: (3,) total rotation vector of the object relative to the hand [rad, hand frame].
     """
 
     start: float
@@ -49,7 +49,7 @@ class Slip(NamedTuple):
     turn: np.ndarray
 
     def share(self, time: float) -> float:
-        """Returns the share of the slip that has happened at a time [s], in [0, 1]."""
+        """Returns the share of the slip that has happened by a time [s], in [0, 1]."""
         return float(np.clip((time - self.start) / self.duration, 0.0, 1.0))
 
 
@@ -66,11 +66,11 @@ def servo_wrench(
     """Returns the bounded wrench (6,) [N m, N] that drives a measured velocity to a commanded one.
 
     Args:
-        commanded: (6,) (omega [rad/s], v [m/s]) of the centre of mass, world.
-        measured: (6,) the same.
-        mass: [kg].
-        inertia: (3, 3) about the centre of mass [kg m^2, world].
-        c: Gain and limits. A torque or force beyond its limit keeps its direction.
+        commanded: (6,) commanded (omega [rad/s], v [m/s]) of the centre of mass, world.
+        measured: (6,) measured velocity, likewise.
+        mass: Mass [kg].
+        inertia: (3, 3) rotational inertia about the centre of mass [kg m^2, world].
+        c: Gain and limits. A torque or force beyond its limit is scaled down to it.
     """
     acceleration = c.gain * (commanded - measured)
     torque, force = inertia @ acceleration[:3], mass * acceleration[3:]
@@ -94,19 +94,19 @@ class DirectActuation(LeafSystem):
         - applied_spatial_force
         - hand_pose
 
-    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of `point` (3,) [m, world]; the other inputs are
-    the plant's. Outputs, both functions of the inputs and time:
+    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of `point` (3,) [m, world]; the others are
+    outputs of the plant. Outputs, both functions of the inputs and time:
 
-    - `applied_spatial_force`: a list with one force at the object's centre of mass, that of
-      `servo_wrench` and the one that carries the weight.
+    - `applied_spatial_force`: a list with one spatial force at the object's centre of mass: that
+      of `servo_wrench` plus the force that carries the weight.
     - `hand_pose` (16,): X_WH row-major of the hand, a frame that coincides with the driven body
       until the object slips.
 
-    The abstract parameter of index 0 is a `Slip`, by default `NO_SLIP`.
+    Abstract parameter 0 is a `Slip`, `NO_SLIP` by default.
 
     Args:
         plant: The finalized plant.
-        body: The driven body. The mass and inertia of its whole model instance count.
+        body: The driven body. It moves with the mass and inertia of its whole model instance.
         config: Strength and stiffness.
     """
 
@@ -139,7 +139,7 @@ class DirectActuation(LeafSystem):
         self.DeclareVectorOutputPort("hand_pose", 16, self._calc_hand, always)
 
     def SetSlip(self, context: Context, slip: Slip) -> None:
-        """Sets how the object will slip in this system's context."""
+        """Sets the `Slip` in this system's context."""
         context.get_mutable_abstract_parameter(self._slip).set_value(slip)
 
     def _get_slip(self, context: Context) -> Slip:
@@ -166,7 +166,7 @@ class DirectActuation(LeafSystem):
     def _slip_velocity(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
         """Returns the velocity (6,) of the object's centre of mass relative to the hand, world.
 
-        X_HO = (exp(s turn), s shift) with the share s of the slip, and X_WH at rest.
+        X_HO = (exp(s turn), s shift), where s is the share of the slip and X_WH is held fixed.
         """
         slip, time = self._get_slip(context), context.get_time()
         if not slip.start <= time < slip.start + slip.duration:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class PointObserver(LeafSystem):
-    """The ground truth that every policy of the study observes.
+    """Outputs the true points and the true pose of the object.
 
     .. pydrake_system::
 
@@ -21,14 +21,14 @@ class PointObserver(LeafSystem):
         - confidence
         - object_pose
 
-    All outputs follow the plant's `body_poses` directly: `points` (3N,) row-major [m, world],
-    `confidence` (N,) all one, `object_pose` (16,) X_WO row-major of the driven body.
+    Outputs follow the plant's `body_poses` without delay: `points` (3N,) row-major [m, world],
+    `confidence` (N,), all ones, and `object_pose` (16,), the row-major X_WO of the driven body.
 
     Args:
         plant: The finalized plant.
         body: The driven body.
-        carriers: N bodies, one per point: the body that carries it.
-        p_BP: (N, 3) the points in these bodies' frames [m].
+        carriers: For each of the N points, the body that carries it.
+        p_BP: (N, 3) the points, each in the frame of its carrier [m].
     """
 
     def __init__(

@@ -43,7 +43,7 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         spacing: Distance between neighbouring points [m].
 
     Raises:
-        InvalidValueError: if it is another shape.
+        InvalidValueError: if the shape is of another kind.
     """
     if isinstance(shape, Box):
         return _box(np.array(shape.size()), spacing)
@@ -64,8 +64,8 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         heights = np.concatenate([half + above, side, -half - above])
         return _revolved(radii, heights, spacing)
     raise InvalidValueError(
-        f"Surface points of a {type(shape).__name__} are not supported.",
-        remedy="Use boxes, spheres, cylinders and capsules as collision geometries.",
+        f"A collision geometry has the unsupported shape {type(shape).__name__}.",
+        remedy="Use only boxes, spheres, cylinders and capsules as collision geometries.",
     )
 
 
@@ -74,7 +74,7 @@ def _count(length: float, spacing: float) -> int:
 
 
 def _arc(radius: float, begin: float, end: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Returns distances from the axis and heights of points on an arc."""
+    """Returns the radii (distances from the axis) and the heights of points on an arc."""
     angle = np.linspace(begin, end, _count(radius * (end - begin), spacing))
     return radius * np.sin(angle), radius * np.cos(angle)
 

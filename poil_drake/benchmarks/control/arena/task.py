@@ -1,4 +1,4 @@
-"""The parts of a task of the control study."""
+"""What defines a task of the control study."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ class Fixture:
 
     Attributes:
         file: SDFormat file, relative to the package's models.
-        link: Name of its link that is welded to the world.
+        link: Name of the link that is welded to the world.
         position: Position of that link [m, world].
     """
 
@@ -32,19 +32,19 @@ class ControlTask:
 
     Attributes:
         name: Name in files and on the command line.
-        title: The paper's name, in tables and pictures.
+        title: Name in tables and pictures, taken from the paper.
         object_file: SDFormat file of the object, relative to the package's models.
         fixtures: The static models.
-        carriers: N names of the object's links, one per point: the link that carries it.
-        link_points: (N, 3) the points in these links' frames [m].
+        carriers: For each of the N points, the name of the object's link that carries it.
+        link_points: (N, 3) the points, each in the frame of its link [m].
         times: (K,) times of the demonstration's keyframes [s].
-        keyframes: (K, 4, 4) poses of the object's first link in them.
-        criterion: The paper's criterion of success. "center": the object's frame is within 1 cm of
-            the demonstration's end; "points": the mean distance of the points to it is below 1 cm.
-        far_lower: Corner of the Far region in x and y, from the demonstration's start [m].
-        far_upper: The opposite corner [m].
-        rigid: Whether the object keeps its shape; only then its weight is compensated.
-        paper: Success of the paper's rows in percent, (near, far) by row (its table II).
+        keyframes: (K, 4, 4) poses of the object's first link at these times.
+        criterion: The paper's success criterion. "center": the object's frame ends within 1 cm of
+            where it ended in the demonstration; "points": so do the points, on average.
+        far_lower: Lower corner of the Far region in x and y, from the demonstration's start [m].
+        far_upper: Upper corner, likewise [m].
+        rigid: Whether the object keeps its shape; only then is its weight compensated.
+        paper: Row of the paper's table II -> success rates (near, far) in percent.
     """
 
     name: str
@@ -68,7 +68,7 @@ class ControlTask:
 
 
 NEAR_HALF = (0.05, 0.05)
-"""Half the size along x and y of the Near region, in which demonstrations are collected [m]."""
+"""Half the extent in x and y of the Near region, in which demonstrations start [m]."""
 
 SUCCESS_DISTANCE = 0.01
-"""The paper's limit for success [m]."""
+"""A trial succeeds below this distance from the goal, as in the paper [m]."""

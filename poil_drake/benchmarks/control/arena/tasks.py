@@ -17,10 +17,10 @@ from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_mesh import handle_mesh
 
 POINT_COUNT = 10
-"""N_k of the paper."""
+"""Number of points, N_k in the paper."""
 
 _ABOVE_TABLE = 0.005
-"""Height above the table, or a board, at which objects start and end [m]: none is put down."""
+"""Height above the table or a shelf board at which objects start or end [m], never touching it."""
 
 _TABLE = Fixture(file="fixtures/table.sdf", link="table")
 _RACK = Fixture(file="fixtures/rack.sdf", link="stand", position=(0.55, 0.30, 0.0))
@@ -31,7 +31,7 @@ _ROD_BASE = np.array([0.55, 0.30, 0.26])
 
 @cache
 def MakeTask(name: str) -> ControlTask:
-    """Returns a task by name, one of `TASKS`."""
+    """Returns the task with a name from `TASKS`."""
     return _MAKERS[name]()
 
 
@@ -87,7 +87,7 @@ def _mug_insertion() -> ControlTask:
     keyframes = keyframes.copy()
     keyframes[:3, 2, 3] += _ABOVE_TABLE
     mug = next(mug for mug in NAMED_MUGS if mug.name == "mug_demo")
-    # A sample of the surface. On all of it, the points farthest apart lie in one plane.
+    # Samples the surface: of all its points, those farthest apart would lie in one plane.
     handle = np.random.default_rng(0).permutation(np.asarray(handle_mesh(mug).vertices))[:60]
     return ControlTask(
         name="mug_insertion",
@@ -148,13 +148,13 @@ TASKS = tuple(_MAKERS)
 def _straight_keyframes(
     durations: Sequence[float], positions: Sequence[Sequence[float] | np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns times (K,) and poses (K, 4, 4) without rotation."""
+    """Returns times (K,) [s] and poses (K, 4, 4) without rotation."""
     poses = [make_transform(np.eye(3), np.array(position)) for position in positions]
     return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
 
 
 def _box_points(size: tuple[float, float, float]) -> np.ndarray:
-    """Returns points (N, 3) on the surface of a box, far from each other, without symmetry."""
+    """Returns points (N, 3) on the surface of a box, far apart and without symmetry [m]."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(-0.5, 0.5, size=(600, 3))
     face = rng.integers(0, 3, size=600)
@@ -164,7 +164,7 @@ def _box_points(size: tuple[float, float, float]) -> np.ndarray:
 
 
 def _strap_points(bag: BagParameters) -> tuple[tuple[str, ...], np.ndarray]:
-    """Returns N links and the points (N, 3) in their frames [m], on both sides of the strap."""
+    """Returns N link names and a point in each link's frame (N, 3) [m], on both strap sides."""
     lengths = np.linalg.norm(np.diff(handle_vertices(bag), axis=0), axis=1)
     places = np.linspace(0.5, bag.links - 0.5, POINT_COUNT)
     links = np.minimum(places.astype(int), bag.links - 1)

@@ -1,4 +1,4 @@
-"""The settings of Point Policy, on all of which its weights depend."""
+"""The settings of Point Policy. The trained weights depend on all of them."""
 
 from dataclasses import dataclass
 
@@ -10,19 +10,19 @@ class PointPolicyConfig:
     Attributes:
         period: Time between two samples of a demonstration, and between two steps of the policy
             [s]. 1/16 s is exact in binary and makes a chunk reach 1.25 s ahead.
-        history: Number of observations that the network sees, with the current one; as published.
-        chunk: Number of future positions that it predicts; as published.
-        aggregation_rate: m of the weights exp(-m i) of overlapping chunks, i = 0 for the oldest
-            (Zhao et al., RSS 2023); as published.
-        width: Length of a token. 256 is published, on a GPU; 64 trains in under a minute on one
+        history: Number of observations the network sees, including the current; as in the paper.
+        chunk: Number of future positions that it predicts for each point; as in the paper.
+        aggregation_rate: m in the weights exp(-m i) of overlapping chunks, with i = 0 for the
+            oldest (Zhao et al., RSS 2023); as in the paper.
+        width: Length of a token. The paper uses 256, on a GPU; 64 trains in under a minute on one
             core.
-        layers: Number of transformer layers; 4 are published.
+        layers: Number of transformer layers; the paper uses 4.
         heads: Number of attention heads; divides `width`.
-        steps: Number of optimisation steps; 100,000 are published. After 5,000, the points come to
+        steps: Number of optimisation steps; the paper uses 100,000. After 5,000, the points come to
             rest within 1 mm of a demonstrated goal unless something blocks them.
-        batch: Windows in a step; 64 are published, half of them take half the time.
-        learning_rate: The highest learning rate, which falls to zero along half a cosine. 1e-4 is
-            published, for twenty times as many steps.
+        batch: Windows per step. The paper uses 64; 32 take half the time.
+        learning_rate: Peak learning rate, which decays to zero along half a cosine. The paper uses
+            1e-4, for twenty times as many steps.
         warm_up: Share of the steps in which the learning rate rises linearly.
         translation_noise: Standard deviation of the shift of the observations in a window, along
             each axis [m]; see `perturb_histories`. The published method has none.
@@ -32,9 +32,9 @@ class PointPolicyConfig:
             after a contact, so that a blocked policy learns to continue. The published method has
             none.
         rest: Number of samples at rest appended to each demonstration, so that the policy learns to
-            stay at the goal. It exceeds the published number, `history`, so that the policy also
-            learns to stay after it has stayed.
-        seed: Seed of the first weights, the batches and the noise.
+            stay at the goal. The paper appends `history` samples; with more, the policy also learns
+            to stay once its whole history is at rest.
+        seed: Seed of the initial weights, the batches and the noise.
     """
 
     period: float = 1.0 / 16.0

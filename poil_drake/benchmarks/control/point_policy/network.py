@@ -1,8 +1,8 @@
 """The transformer over point tokens: its weights, and its forward pass in NumPy.
 
-Each point is one token. One linear layer reads its history, and a learned vector that identifies
-the point is added. Pre-norm transformer layers without a mask follow, and one linear layer writes
-the point's chunk. Layer norms have no gains, since a linear layer follows each.
+Each point is one token. A linear layer embeds its history, and a learned vector that identifies the
+point is added. Pre-norm transformer layers without a mask follow, and a linear layer outputs the
+point's chunk. Layer norms have no learned gains, since a linear layer follows each.
 """
 
 import math
@@ -15,7 +15,7 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 LAYER_NORM_EPSILON = 1e-5
 
 _EXPANSION = 2
-"""Width of the hidden layer between two attentions, in lengths of a token."""
+"""Width of the hidden layer between two attention layers, as a multiple of the token length."""
 
 Weights = Mapping[str, np.ndarray]
 
@@ -23,7 +23,7 @@ Weights = Mapping[str, np.ndarray]
 def weight_shapes(config: PointPolicyConfig, points: int) -> dict[str, tuple[int, ...]]:
     """Returns the name and shape of every weight for a number of points.
 
-    Names end in ".w" for matrices (outputs, inputs) and in ".b" for biases.
+    Matrices (outputs, inputs) end in ".w", biases in ".b"; "identity" has a vector for each point.
     """
     width = config.width
     linear = {"embed": (width, 3 * config.history)}
@@ -42,10 +42,10 @@ def weight_shapes(config: PointPolicyConfig, points: int) -> dict[str, tuple[int
 
 
 def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndarray]:
-    """Returns the first weights: Glorot's for matrices, zero for biases and the head.
+    """Returns the initial weights: Glorot's for matrices, zero for biases and the head.
 
-    The additions of a layer to the tokens start small, divided by the square root of the number of
-    such additions, as in GPT-2 (Radford et al., 2019).
+    The output matrices of residual branches are divided by the square root of the number of
+    branches, as in GPT-2 (Radford et al., 2019).
     """
     rng = np.random.default_rng(config.seed)
     weights = {}
@@ -62,7 +62,7 @@ def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndar
 
 
 def forward(weights: Weights, inputs: np.ndarray, config: PointPolicyConfig) -> np.ndarray:
-    """Returns the outputs (N, 3 K) for inputs (N, 3 H), float32."""
+    """Returns the outputs (N, 3 `chunk`) for inputs (N, 3 `history`), float32."""
     x = inputs @ weights["embed.w"].T + weights["embed.b"] + weights["identity"]
     points, width = x.shape
     scale = 1.0 / math.sqrt(width // config.heads)

@@ -26,7 +26,7 @@ class PointPolicyState(NamedTuple):
 class PointPolicy:
     """Moves the points to the average of the latest predictions for the next step.
 
-    It needs every point in every observation.
+    Every observation must contain every point.
 
     Args:
         trained: The network that predicts.
@@ -54,13 +54,13 @@ class PointPolicy:
 
 
 def aggregate_chunks(chunks: tuple[np.ndarray, ...], rate: float) -> np.ndarray:
-    """Returns the next positions (N, 3), averaged over all predictions of them.
+    """Returns the next positions (N, 3), averaged over all chunks that predict them.
 
-    Temporal aggregation of Zhao et al. (RSS 2023): weights exp(-m i), i = 0 for the oldest.
+    The weights are exp(-m i), with i = 0 for the oldest chunk (Zhao et al., RSS 2023).
 
     Args:
-        chunks: (K, N, 3) each, oldest first, made in successive steps, the last one now.
-        rate: m.
+        chunks: (K, N, 3) each, one for each of the latest steps, oldest first.
+        rate: The rate m.
     """
     predictions = np.stack([chunk[age] for age, chunk in enumerate(reversed(chunks))][::-1])
     weights = np.exp(-rate * np.arange(len(chunks)))
@@ -68,9 +68,9 @@ def aggregate_chunks(chunks: tuple[np.ndarray, ...], rate: float) -> np.ndarray:
 
 
 def twist_between(points: np.ndarray, target: np.ndarray, period: float) -> CommandedTwist:
-    """Returns the constant twist that best moves points (N, 3) to a target (N, 3) in a period.
+    """Returns the constant twist that best moves points (N, 3) to a target (N, 3) in a period [s].
 
-    It is the twist at the points' centroid, which moves along a straight line.
+    The commanded point is the centroid of the points, which moves along a straight line.
     """
     X = kabsch(points, target)
     centroid = points.mean(axis=0)

@@ -15,7 +15,7 @@ from poil_drake.benchmarks.control.point_policy.network import LAYER_NORM_EPSILO
 def forward(
     weights: Mapping[str, torch.Tensor], inputs: torch.Tensor, config: PointPolicyConfig
 ) -> torch.Tensor:
-    """Returns the outputs (B, N, 3 K) for inputs (B, N, 3 H)."""
+    """Returns the outputs (B, N, 3 `chunk`) for a batch of inputs (B, N, 3 `history`)."""
 
     def linear(x: torch.Tensor, name: str) -> torch.Tensor:
         return functional.linear(x, weights[f"{name}.w"], weights[f"{name}.b"])

@@ -1,4 +1,4 @@
-"""A trained network, and the numbers that it reads and writes."""
+"""A trained network, and the normalization of its inputs and outputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.network import Weights, forward
 
 _SMALLEST_HALF_RANGE = 1e-3
-"""Lower bound of half the box [m]. Without it, an axis along which the data hardly differ would
-divide by zero, and its noise would be magnified."""
+"""Lower bound of half the box's size along each axis [m]. It prevents a division by zero, and the
+magnification of noise, along an axis on which the data hardly vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,9 @@ class Normalization:
     """The bounding box of the data, which is mapped to the cube from -1 to 1.
 
     Past and future positions are absolute and share one box: the smallest and largest coordinates
-    of all points in all demonstrations, as published. The published cube goes from 0 to 1. Linear
-    layers with biases read and write the numbers, so both represent the same functions, and with
-    -1 to 1 training starts in the middle of the data.
+    of all points in all demonstrations, as in the paper. The paper's cube goes from 0 to 1. Since
+    linear layers with biases read and write the normalized values, the network can represent the
+    same functions either way; with -1 to 1, training starts in the middle of the data.
 
     Attributes:
         lower: (3,) smallest coordinates in the data [m, world].
@@ -38,13 +38,13 @@ class Normalization:
         return cls(positions.min(axis=(0, 1)), positions.max(axis=(0, 1)))
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:
-        """Returns positions (..., L, N, 3) [m, world] as numbers (..., N, 3 L), float32."""
+        """Normalizes positions (..., L, N, 3) [m, world] to values (..., N, 3 L), float32."""
         numbers = (positions - self._center()) / self._half_range()
         per_point = np.swapaxes(numbers, -3, -2)
         return per_point.reshape(*per_point.shape[:-2], -1).astype(np.float32)
 
     def positions(self, numbers: np.ndarray) -> np.ndarray:
-        """Returns the positions (L, N, 3) [m, world] that numbers (N, 3 L) represent."""
+        """Returns the positions (L, N, 3) [m, world] of normalized values (N, 3 L)."""
         in_cube = numbers.reshape(len(numbers), -1, 3).swapaxes(0, 1)
         return self._center() + self._half_range() * in_cube
 
@@ -60,7 +60,7 @@ class TrainedPointPolicy:
     """Predicts the motion of points.
 
     Attributes:
-        config: How it was trained.
+        config: Settings of the network and its training.
         normalization: Bounding box of the demonstrations.
         weights: Weights of `network.forward`, float32.
     """
@@ -72,7 +72,7 @@ class TrainedPointPolicy:
     def predict(self, history: np.ndarray) -> np.ndarray:
         """Returns the next positions (K, N, 3) after a history (H, N, 3), oldest first [m, world].
 
-        H and N are those of the training.
+        H and N must be the same as in training.
         """
         outputs = forward(self.weights, self.normalization.numbers(history), self.config)
         return self.normalization.positions(outputs)

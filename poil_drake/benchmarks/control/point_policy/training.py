@@ -22,8 +22,8 @@ def train_point_policy(
     settings give the same weights on the same machine.
 
     Args:
-        demonstrations: (T_i, N, 3) each [m, world], finite, one sample each `config.period`, the
-            same N points in all. After its end, the points rest.
+        demonstrations: (T_i, N, 3) each [m, world], finite, with one sample per `config.period` and
+            the same N points in all. Points are taken to rest after the last sample.
         config: Settings of network and training.
     """
     histories, futures = cut_windows(demonstrations, config)
@@ -41,7 +41,7 @@ def train_point_policy(
 
 
 def learning_rate_factor(step: int, config: PointPolicyConfig) -> float:
-    """Returns the share of the learning rate in a step: a linear rise, then half a cosine to 0."""
+    """Returns the factor on the learning rate: a linear rise, then half a cosine down to 0."""
     rise = math.floor(config.warm_up * config.steps)
     if step < rise:
         return (step + 1) / (rise + 1)
@@ -53,7 +53,7 @@ def _optimize(
     batches: Iterator[tuple[np.ndarray, np.ndarray]],
     config: PointPolicyConfig,
 ) -> dict[str, np.ndarray]:
-    """Returns the weights after a step on each batch."""
+    """Returns the weights after one optimisation step per batch."""
     import torch
 
     from poil_drake.benchmarks.control.point_policy.torch_network import forward

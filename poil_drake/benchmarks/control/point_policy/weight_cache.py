@@ -1,4 +1,4 @@
-"""Trained policies, cached by their demonstrations and settings."""
+"""A cache of trained policies, by demonstrations and settings."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.runtime.user_cache import cached_directory
 
 TRAINING_VERSION = 3
-"""To be increased when the same data and settings give other weights or another file."""
+"""Increase this when the same data and settings give different weights or a different file."""
 
 
 def load_or_train(
@@ -27,7 +27,7 @@ def load_or_train(
     Several processes may train the same policy at the same time.
 
     Args:
-        demonstrations: As `train_point_policy` takes them.
+        demonstrations: As for `train_point_policy`.
         config: Settings of network and training.
 
     Raises:
@@ -47,8 +47,8 @@ def load_or_train(
         normalization = Normalization(weights.pop("lower"), weights.pop("upper"))
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InvalidValueError(
-            f"The trained policy {path} is damaged: {error}.",
-            remedy="Delete its folder; the next study trains it again.",
+            f"The file '{path}' of a trained policy is damaged: {error}.",
+            remedy="Delete its folder. The next study trains the policy again.",
         ) from error
     return TrainedPointPolicy(config, normalization, weights)
 

@@ -11,10 +11,10 @@ from poil_drake.geometry.rigid_transform import rotation_exp
 def cut_windows(
     demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns one window for each sample of each demonstration, samples at rest included.
+    """Returns one window for each sample of each demonstration, including appended rest samples.
 
-    Before the first sample the first is repeated, as the policy does before its history is full;
-    after the last sample the last is repeated.
+    The first sample is repeated to fill the first histories, as in the policy; the last sample is
+    repeated to fill the last futures.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], the same N points in all.
@@ -39,10 +39,10 @@ def perturb_histories(
 ) -> np.ndarray:
     """Returns histories (B, H, N, 3) [m] as if the motion so far had strayed or stopped.
 
-    The current observation and the one before the oldest are shifted, and rotated about their
-    centroids, at random and independently; those in between by interpolation. So both the points
-    and their recent motion are off. In some histories the points seem to have stopped. Since
-    the futures stay the same, the network learns to return and to continue.
+    Two independent random perturbations, each a shift and a rotation about the centroid, apply to
+    the current observation and to the one before the oldest; they are interpolated in between. So
+    both the points and their recent motion are off. In some histories, the points seem to have
+    stopped. Since the futures stay the same, the network learns to return and to continue.
 
     Args:
         histories: (B, H, N, 3) [m], oldest first.

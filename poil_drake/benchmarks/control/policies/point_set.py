@@ -1,4 +1,4 @@
-"""Point-set BCSDM as policies of the control study: the field alone, and behind a safe entry."""
+"""Point-set BCSDM as two policies of the control study: the field alone, and with safe entry."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from poil_drake.control.reference.point_trajectory import PointTrajectory
 
 
 class FieldPolicy:
-    """The field of POIL. It uses only the points.
+    """Follows the field of POIL, which uses only the points.
 
     Args:
         reference: The demonstrated motion of the points.
@@ -30,13 +30,13 @@ class FieldPolicy:
         self._reference, self._config = reference, config
 
     def start(self) -> float | None:
-        """Returns the closest time of the last step, which is not known yet."""
+        """Returns None: no step has found the reference's closest time yet."""
         return None
 
     def step(
         self, state: float | None, observation: Observation
     ) -> tuple[float | None, CommandedTwist]:
-        """Returns the closest time of the reference, and the twist there; zero without points."""
+        """Returns the reference's closest time and the field's twist, which is zero when lost."""
         output = point_set_bcsdm(
             observation.points,
             self._reference,
@@ -55,14 +55,14 @@ class EntryPolicyState(NamedTuple):
 
     @property
     def note(self) -> str:
-        """The kind of entry, and the number of plans."""
+        """The kind of entry, the number of plans, and the status."""
         plan = self.entry.plan
         kind = "none" if plan is None else plan.kind.name.lower()
         return f"{kind}, {self.entry.replans} plans, {self.entry.status.name.lower()}"
 
 
 class SafeEntryPolicy:
-    """The field of POIL behind a collision-free way onto the reference.
+    """Follows a collision-free path onto the reference, and then the field of POIL.
 
     Args:
         planner: Planner for the reference, the scene and the object's shape.
@@ -81,7 +81,7 @@ class SafeEntryPolicy:
     def step(
         self, state: EntryPolicyState, observation: Observation
     ) -> tuple[EntryPolicyState, CommandedTwist]:
-        """Returns the state of the entry, and the twist along its plan; zero while it holds."""
+        """Returns the state of the entry and the twist along its plan; zero to stand still."""
         entry = safe_entry_step(
             state.entry,
             observation.points,
@@ -94,7 +94,7 @@ class SafeEntryPolicy:
 
 
 def _command(output: BcsdmOutput | None) -> CommandedTwist:
-    """Returns the field's twist; zero where there is none."""
+    """Returns the field's twist; zero if there is none."""
     if output is None or output.status is BcsdmStatus.LOST:
         return CommandedTwist(np.zeros(6), np.zeros(3))
     return CommandedTwist(output.twist, output.centroid)

@@ -56,8 +56,8 @@ class PolicyRow:
     Attributes:
         name: Name on the command line and in files.
         title: Name in tables and pictures.
-        demonstrations: Number of demonstrations it learns from.
-        paper: Row of the paper's table that it is compared with; empty for none.
+        demonstrations: Number of demonstrations that the policy learns from.
+        paper: Row of the paper's table to compare it with; empty if there is none.
     """
 
     name: str
@@ -91,8 +91,8 @@ def MakePolicy(
     Args:
         name: Name of a row.
         task: Name of the task.
-        trained: The network of a learned policy.
-        noise: Standard deviation of each coordinate of the points it will observe [m].
+        trained: The network of a learned policy; None for the others.
+        noise: Standard deviation of the noise in each coordinate of the observed points [m].
     """
     limits = ArenaConfig()
     makers: dict[str, Callable[[], Policy]] = {
@@ -112,10 +112,10 @@ def MakePolicy(
 
 
 def field_config(task: str, noise: float) -> BcsdmConfig:
-    """Returns the field of a task, which must not take true points for outliers.
+    """Returns the field's parameters for a task, chosen so that true points are not outliers.
 
-    Noise and deformation are added to the default inlier distance: 3.4 standard deviations, within
-    which 99 % of the noise lies in three dimensions, and the deformation in the demonstration.
+    The inlier distance is the default, plus 3.4 standard deviations of the noise, within which 99 %
+    of it lies in three dimensions, plus the deformation in the demonstration.
     """
     default = RigidConsensusConfig().inlier_distance
     limit = default + 3.4 * noise + TaskDeformation(task)
@@ -123,10 +123,10 @@ def field_config(task: str, noise: float) -> BcsdmConfig:
 
 
 def monitor_config(task: str, noise: float) -> EntryMonitorConfig:
-    """Returns when safe entry plans again: an object that has arrived must not seem blocked.
+    """Returns when safe entry plans again, such that an object at the goal does not seem blocked.
 
-    The mean distance of noisy points from their true positions is 1.6 standard deviations;
-    deformation adds in squares. A margin of half the sum is added.
+    The mean distance of noisy points from their true positions is 1.6 standard deviations. The
+    deformation is added in quadrature, and the sum is increased by half.
     """
     expected = 1.5 * math.hypot(1.6 * noise, TaskDeformation(task))
     return EntryMonitorConfig(stall_error=max(EntryMonitorConfig().stall_error, expected))
@@ -134,7 +134,7 @@ def monitor_config(task: str, noise: float) -> EntryMonitorConfig:
 
 @cache
 def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
-    """Returns the planner of safe entries for a task, with clouds of scene and object."""
+    """Returns the safe-entry planner for a task, with point clouds of the scene and the object."""
     scene, body = TaskClouds(task)
     return SafeEntryPlanner(
         reference=TaskReference(task),
@@ -168,7 +168,7 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _se3_bcsdm(task: str) -> Se3BcsdmPolicy:
-    """Returns the policy on the object's pose, with a reference made as that of the points is."""
+    """Returns the policy on the object's pose, whose reference is made like that of the points."""
     corners = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
     poses = TaskDemonstration(task).X_WO[:, None]
     reference = ReferenceAlong(task, transform_points(poses, corners[None])[:, 0])

@@ -17,8 +17,8 @@ class Observation:
         time: Time since the start of the trial [s].
         points: (N, 3) the functional part's points [m, world]; NaN where not observed.
         confidence: (N,) in [0, 1].
-        X_WO: (4, 4) pose of the object's driven body. Only policies that are granted a known pose
-            may use it.
+        X_WO: (4, 4) pose of the object's driven body. Only policies that are supposed to know the
+            pose may use it.
         X_WH: (4, 4) pose of the hand, which any arm knows from its joints.
     """
 
@@ -42,7 +42,7 @@ class CommandedTwist(NamedTuple):
 
 
 class Policy(Protocol):
-    """A controller. Its memory between steps is its state, never an attribute.
+    """A controller. It keeps its memory between steps in its state, never in an attribute.
 
     Attributes:
         period: Time between two steps [s].
@@ -56,6 +56,6 @@ class Policy(Protocol):
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the next state and the motion until the next step.
 
-        It does not change the state that is passed. A state with an attribute `note` gives a remark
-        on the trial.
+        The state that is passed is not changed. An attribute `note` of the state, if there is one,
+        is a remark on the trial.
         """

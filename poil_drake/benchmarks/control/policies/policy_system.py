@@ -11,7 +11,7 @@ from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 
 
 class PolicySystem(LeafSystem):
-    """Runs a policy, and limits its speed as that of all policies.
+    """Runs a policy under the speed limits that hold for all policies.
 
     .. pydrake_system::
 
@@ -26,20 +26,20 @@ class PolicySystem(LeafSystem):
         - point
 
     Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `object_pose` (16,) X_WO and
-    `hand_pose` (16,) X_WH, both row-major. The policy takes a step in each of its periods. Outputs
-    are the command of the last step, and zero before the first step:
+    `hand_pose` (16,) X_WH, both row-major. The policy takes one step per period. Outputs are the
+    command of the last step, and zero before the first step:
 
     - `twist` (6,): (omega [rad/s], v [m/s]) of `point`, world, scaled by one factor to the limits.
       A command that is not finite counts as zero.
-    - `point` (3,): where the hand was in the last step [m, world]. The limits hold at the hand for
-      all policies, whichever point a policy commands.
+    - `point` (3,): position of the hand at the last step [m, world]. The limits apply at the hand
+      for all policies, whichever point a policy commands.
 
     The policy's state is this system's abstract state.
 
     Args:
         policy: The policy.
         num_points: N, number of points.
-        max_angular_speed: Limit of the commanded twist [rad/s].
+        max_angular_speed: Limit of the hand's angular speed [rad/s].
         max_linear_speed: Limit of the hand's speed [m/s].
     """
 

@@ -1,4 +1,4 @@
-"""Policies with a known motion: of demonstrations, and of open-loop replay."""
+"""Policies with a planned motion: for demonstrations, and for open-loop replay."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ class ScriptedPolicy:
     """Moves the object along known poses in closed loop, as a human demonstrator does.
 
     Args:
-        poses: (T, 4, 4) of the object's driven body, one per `period`; it stays at the last.
+        poses: (T, 4, 4) poses of the object's driven body, one per `period`; the last one is held.
         period: Time between two steps [s].
     """
 
@@ -32,7 +32,7 @@ class ScriptedPolicy:
         """Returns None: the time determines the pose."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
-        """Returns the motion to the next pose, with the error corrected."""
+        """Returns the motion to the next pose, with feedback on the pose error."""
         k = round(observation.time / self.period)
         return None, _track(self._poses, k, observation.X_WO, self.period)
 
@@ -42,7 +42,7 @@ class ReplayPlan(NamedTuple):
 
     Attributes:
         begin: When it begins [s].
-        poses: (K, 4, 4) of the hand, one per period.
+        poses: (K, 4, 4) poses of the hand, one per period.
     """
 
     begin: float
@@ -59,8 +59,8 @@ class OpenLoopPolicy:
     Args:
         points: (T, N, 3) the demonstrated points, one sample per `period` [m, world].
         period: Time between two steps [s].
-        max_angular_speed: Upper bound of the hand's speed on the way to the start [rad/s].
-        max_linear_speed: The same [m/s].
+        max_angular_speed: Upper bound of the hand's angular speed on the way to the start [rad/s].
+        max_linear_speed: Likewise [m/s].
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class OpenLoopPolicy:
         max_linear_speed: float,
     ):
         self.period = period
-        # The correction of errors on the way needs a share of the speed.
+        # A share of the speed is reserved for the correction of errors on the way.
         self._speeds = 0.8 * max_angular_speed / _PEAK, 0.8 * max_linear_speed / _PEAK
         self._first = points[0]
         self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
@@ -83,7 +83,7 @@ class OpenLoopPolicy:
     def step(
         self, state: ReplayPlan | None, observation: Observation
     ) -> tuple[ReplayPlan | None, CommandedTwist]:
-        """Returns the plan, and the motion to its next pose; zero until the points are observed."""
+        """Returns the plan and the motion to its next pose; at rest until all points are seen."""
         if state is None:
             if not observation.confidence.all():
                 return None, CommandedTwist(np.zeros(6), observation.X_WH[:3, 3])
@@ -106,19 +106,19 @@ class OpenLoopPolicy:
 
 
 def pose_difference(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:
-    """Returns the rotation [rad] and shift [m] (6,), world, from one pose (4, 4) to another."""
+    """Returns (6,), the rotation vector [rad] and shift [m] between two poses (4, 4), world."""
     turn = rotation_log(X_to[:3, :3] @ X_from[:3, :3].T)
     return np.concatenate([turn, X_to[:3, 3] - X_from[:3, 3]])
 
 
 def _track(poses: np.ndarray, k: int, X: np.ndarray, period: float) -> CommandedTwist:
-    """Returns the motion from the k-th to the next pose, with the error corrected.
+    """Returns the motion from the k-th to the next pose, with feedback on the pose error.
 
     Args:
-        poses: (K, 4, 4), one per `period`; the last is kept.
-        k: Index of the present pose.
+        poses: (K, 4, 4) planned poses, one per `period`; the last one is held.
+        k: Index of the planned pose at present.
         X: (4, 4) the measured pose.
-        period: [s].
+        period: Time between two poses [s].
     """
     now, then = (poses[min(i, len(poses) - 1)] for i in (k, k + 1))
     V = pose_difference(now, then) / period + _GAIN * pose_difference(X, now)

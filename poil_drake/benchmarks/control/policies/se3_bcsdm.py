@@ -1,6 +1,6 @@
 """BCSDM on the pose of an object: the baseline whose metric mixes radians and metres.
 
-By the formulas of Lee, Lee, Ha and Park, "Behavior-Controllable Stable Dynamics Models on
+The formulas are those of Lee, Lee, Ha and Park, "Behavior-Controllable Stable Dynamics Models on
 Riemannian Configuration Manifolds". With the closest sample
 
     tau = argmin c |log(R*^T R)|_F^2 + d |p* - p|^2
@@ -37,13 +37,13 @@ class Se3BcsdmConfig:
 
 @dataclass(frozen=True, eq=False)
 class PoseTrajectory:
-    """Poses over T samples, and their velocities.
+    """T sampled poses and their velocities.
 
     Attributes:
         X_WO: (T, 4, 4) the object's poses.
         omegas: (T, 3) angular velocities in the object's own frame [rad/s]: forward differences,
             the last one zero.
-        velocities: (T, 3) velocities of its origin [m/s, world], likewise.
+        velocities: (T, 3) velocities of the object's origin [m/s, world], likewise.
     """
 
     X_WO: np.ndarray
@@ -62,7 +62,7 @@ class PoseTrajectory:
 
 
 def closest_pose(X_WO: np.ndarray, reference: PoseTrajectory, config: Se3BcsdmConfig) -> int:
-    """Returns the index of the reference's sample closest to a pose (4, 4); of equals the first.
+    """Returns the index of the reference's sample closest to a pose (4, 4); the first of equals.
 
     |log R|_F is sqrt(2) times the angle of R, whose cosine is (tr R - 1) / 2.
     """
@@ -101,7 +101,7 @@ def se3_bcsdm(
 
 
 class Se3BcsdmPolicy:
-    """BCSDM on the object's pose, which this policy is granted. It has no state.
+    """Follows the field at the object's true pose. This policy has no state.
 
     Args:
         reference: The demonstrated motion.
@@ -117,6 +117,6 @@ class Se3BcsdmPolicy:
         """Returns None: there is no state."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
-        """Returns the field at the object's pose."""
+        """Returns no state, and the twist of the field at the object's pose."""
         V, _ = se3_bcsdm(observation.X_WO, self._reference, self._config)
         return None, CommandedTwist(V, observation.X_WO[:3, 3].copy())
