@@ -156,8 +156,9 @@ class PostureGuard:
         name = f"{('gripper', 'body')[body]}_{('lower', 'upper')[side]}"
         limit = getattr(self._config, name)[axis]
         distance = 1e3 * float(distances.min())
-        where = f"{distance:.1f} mm away" if distance >= 0.0 else f"exceeded by {-distance:.1f} mm"
-        return f"posture.{name}[{axis}] is {limit:g} m, {where}"
+        where = f"{distance:.1f} mm from" if distance >= 0.0 else f"{-distance:.1f} mm beyond"
+        part = ("gripper", "arm")[body]
+        return f"the {part} is {where} poil.safety.posture.{name}[{axis}], {limit:g} m"
 
     def tightest(self, q: np.ndarray) -> str:
         """Returns a clause on the rule that `q` (7,) [rad] most nearly breaks, or breaks most."""
@@ -168,7 +169,9 @@ class PostureGuard:
             return "the wrist or the hand is close to the shoulder"
         _, height = self._outer(self._model.link_poses(q[None]))
         table = self._lowest_height - self._config.table_margin
-        return f"the arm is {1e3 * (height[0] - table):.1f} mm above the table"
+        clearance = 1e3 * (height[0] - table)
+        where = "above" if clearance >= 0.0 else "below"
+        return f"the arm is {abs(clearance):.1f} mm {where} the table's top"
 
     def _outer(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the distances to the boxes' faces (B, 2, 2, 3) [m], and the lowest height (B,).

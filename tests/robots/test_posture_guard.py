@@ -75,13 +75,13 @@ def test_the_whole_arm_keeps_the_larger_box() -> None:
 
 @pytest.mark.parametrize(
     ("distance", "said"),
-    [(0.012, "is 0.8346 m, 12.0 mm away"), (-0.012, "is 0.8106 m, exceeded by 12.0 mm")],
+    [(0.012, "12.0 mm from {face}, 0.8346 m"), (-0.012, "12.0 mm beyond {face}, 0.8106 m")],
 )
 def test_the_nearest_face_over_all_postures_is_named(distance: float, said: str) -> None:
     dut = guard(gripper_upper=(0.85, 0.85, UPRIGHT_GRIPPER[2] + distance))
     lowered = UPRIGHT + 0.5 * np.eye(7)[1]
 
-    said = f"posture.gripper_upper[2] {said}"
+    said = f"the gripper is {said}".format(face="poil.safety.posture.gripper_upper[2]")
     assert dut.tightest_face(np.array([lowered, UPRIGHT])).startswith(said)
     assert dut.tightest(UPRIGHT).startswith(said)
 
