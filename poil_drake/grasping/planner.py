@@ -105,7 +105,7 @@ def plan_execution(
         config: Parameters; None for the defaults.
         seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
 
     Raises:
         NoFeasibleGraspError: No grasp is feasible; the message says how many fail for each reason.

@@ -46,7 +46,7 @@ def track_demonstration(
         tracker: Tracks the points.
         max_gap: Longest time for which the tracker may lose the object [s]. In the last frame the
             object must not be lost.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
 
     Raises:
         TrackingError: if the tracker cannot start, or loses the object; the message says when.

@@ -83,9 +83,9 @@ def transfer(
         tracker: Tracks the demonstrated points.
         object_label: Label of the target object.
         part_label: Label of the functional part of both objects.
-        demonstration_object_label: Label of the demonstrated object; None for `object_label`.
+        demonstration_object_label: Label of the demonstrated object; if None, `object_label`.
         config: Parameters; None for the defaults.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
 
     Raises:
         DetectionError: if an object or a part is not found.

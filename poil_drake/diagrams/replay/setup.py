@@ -143,7 +143,8 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
     try:
         return ExecutionPlan.from_bytes(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
     except PoilError as error:
-        raise RunLogError(error.problem, remedy="Copy the log again.") from error
+        remedy = "The log is damaged: copy it again from the original, or record a new run."
+        raise RunLogError(error.problem, remedy=remedy) from error
 
 
 def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:

@@ -44,13 +44,13 @@ class FinishedRun:
         plan: The plan that was executed.
         scenario: The scenario of the run.
         recorder: The run's samples.
-        fault: The sequencer's fault.
+        fault: The fault that the sequencer reported.
         simulated: Simulated time [s].
         wall: Wall-clock time [s] of the closed loop.
         stopwatch: How that time was spent.
         stopped: The exception that ended the run early, such as KeyboardInterrupt; else None.
         final_state: Positions and velocities of the simulated plant at the end; empty on hardware.
-        safety_fault: The supervisor's fault.
+        safety_fault: The fault that the supervisor reported.
         dry_run: Whether a hardware run sent nothing to the robot.
         problems: Problems of the arm and cameras that may explain a failure, one clause each.
         loop_timing: How well the loop kept its pace; None in simulation.

@@ -71,8 +71,8 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
         raise PlanningError(
             f"The arm is not where the plan begins: joint {joint + 1} is "
             f"{gaps[joint]:.3f} rad away.",
-            remedy="Put it where it was when the plan was made (in simulation: initial_position), "
-            "or plan again: poil transfer.",
+            remedy="Move the arm to where it was when the plan was made (in simulation, set "
+            "initial_position in the scenario), or plan again: poil transfer.",
         )
 
 

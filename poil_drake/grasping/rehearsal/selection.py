@@ -63,7 +63,7 @@ def rank_grasps(
         part_points: (M, 3) its functional part [m, world].
         path: How the object's motion is predicted; None for the defaults.
         feasibility: Requirements; None for the defaults.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
 
     Raises:
         NoFeasibleGraspError: No pair is feasible; the message says how many fail for each reason.

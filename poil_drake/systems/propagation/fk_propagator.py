@@ -75,7 +75,7 @@ class FkPropagator(LeafSystem):
             period: The control period [s].
             max_age: Age beyond which points have no confidence [s]: several periods of the tracker
                 and its latency, yet short enough that slip in the hand matters little.
-            history: How far back the motion is known, for late tracks [s]; None for `max_age`.
+            history: How far back the motion is known, for late tracks [s]; if None, `max_age`.
             stopwatch: Records the durations of the updates as "control".
         """
         super().__init__()

@@ -80,7 +80,7 @@ def align_parts(
     Args:
         problem: The clouds.
         rotations: (K, 3, 3) rotations to start from; None for a grid over all orientations.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
     """
 
     def report(fraction: float) -> None:

@@ -92,7 +92,7 @@ class AlignmentProblem:
         Args:
             state: K candidates.
             width: Width of the truncation, in units of length.
-            context_width: Width for the rest of the object; None for `width`.
+            context_width: Width for the rest of the object; if None, `width`.
         """
         config = self.config
         squares = np.sum(state.log_scales**2, axis=(1, 2))

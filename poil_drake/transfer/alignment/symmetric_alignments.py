@@ -27,7 +27,7 @@ def symmetric_alignments(
     Args:
         problem: The clouds.
         target_part: (Q, 3) the target's part [m].
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
     """
     found = align_parts(problem, progress=progress)
 

@@ -75,7 +75,7 @@ def register_non_rigid(
         target: (Q, 3) the other part [m].
         carried: (M, 3) points to be deformed with the part [m]; they count in the regulariser.
         config: Effort; None for the defaults.
-        progress: Receives the progress.
+        progress: Called with the activity and its fraction done.
 
     Returns:
         A function that maps points (M, 3) of the source to points (M, 3) on the target [m].

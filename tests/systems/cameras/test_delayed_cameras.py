@@ -165,7 +165,7 @@ def test_an_error_names_the_closed_thread(bench: SystemBench) -> None:
     bench.advance_to(PERIOD)
     bench.dut.close()
 
-    with pytest.raises(StationError, match=r"has been closed.*Close the loop after"):
+    with pytest.raises(StationError, match=r"has been closed.*Close the loop only after"):
         bench.advance_to(PERIOD + AFTER)
 
 

@@ -40,8 +40,8 @@ class ControlTask:
         times: (K,) times of the demonstration's keyframes [s].
         keyframes: (K, 4, 4) poses of the object's first link at these times.
         criterion: The paper's success criterion. "center": the object's frame ends within 1 cm of
-            where it ended in the demonstration; "points": so do the points, on average.
-        far_lower: Lower corner of the Far region in x and y, from the demonstration's start [m].
+            where it ended in the demonstration; "points": the points do, on average.
+        far_lower: Lower corner of the Far region, relative to the demonstration's start (x, y) [m].
         far_upper: Upper corner, likewise [m].
         rigid: Whether the object keeps its shape; only then is its weight compensated.
         paper: Row of the paper's table II -> success rates (near, far) in percent.

@@ -81,7 +81,7 @@ class SafeEntryPolicy:
     def step(
         self, state: EntryPolicyState, observation: Observation
     ) -> tuple[EntryPolicyState, CommandedTwist]:
-        """Returns the state of the entry and the twist along its plan; zero to stand still."""
+        """Returns the next state, and the twist that follows the plan (zero to stand still)."""
         entry = safe_entry_step(
             state.entry,
             observation.points,
