@@ -91,12 +91,12 @@ def test_a_command_in_another_mode_ends_it_like_the_real_driver(
 
     thread = threading.Thread(target=command, daemon=True)
     thread.start()
-    with pytest.raises(StationError, match="expects the control mode 4"):
+    with pytest.raises(StationError, match="cannot follow a command with the control mode 4"):
         RunDriver(scenario, duration=3600.0, json=tmp_path / "driver.json", say=lambda line: None)
     thread.join()
 
     summary = DriverSummary(**json.loads((tmp_path / "driver.json").read_text()))
-    assert "expects the control mode 4" in summary.reason
+    assert "cannot follow a command with the control mode 4" in summary.reason
     assert summary.simulated < 3600.0
 
 

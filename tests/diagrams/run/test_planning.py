@@ -14,7 +14,7 @@ def test_a_plan_respects_the_supervisors_box(demonstration: Path) -> None:
         data="{poil: {safety: {posture: {gripper_upper: [0.85, 0.85, 0.4]}}}}"
     )
 
-    says = r"is outside .*gripper_upper\[2\] is 0.4 m"
+    says = r"is outside .*gripper_upper\[2\], 0.4 m"
     with pytest.raises(PlanningError, match=says) as info:
         PlanScenario(scenario, demonstration)
 

@@ -126,7 +126,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {randomization: {x: [0, .inf]}}}", "randomization.x is"),
         (
             "{model_drivers: {panda: {stiffness: [1, 2]}}}",
-            "model_drivers.panda: .*2 values.*Give 7",
+            "model_drivers.panda: .*2 values.*Set 7",
         ),
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
         (

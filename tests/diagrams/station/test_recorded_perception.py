@@ -66,7 +66,7 @@ def test_a_status_logged_with_the_track_takes_precedence():
 
 
 def test_impossible_times_are_reported_with_their_topic():
-    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* before its capture"):
+    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* no earlier capture"):
         RecordedTimings(make_run(early=0.2), period=1 / 256)
 
 

@@ -246,8 +246,8 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Set base_frame to an existing frame that does not move, or leave it out for "
-            "the world, and use a deterministic pose.",
+            remedy="Set base_frame to an existing frame that is not the robot's, or leave it out "
+            "for the world, and use a deterministic pose.",
         ) from error
     if not all(finite.values()):
         wrong = ", ".join(key for key in finite if not finite[key])
