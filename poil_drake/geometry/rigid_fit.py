@@ -3,14 +3,31 @@
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.geometry.rigid_transform import make_transform, skew
+
+
+def _rotation_terms() -> np.ndarray:
+    """Returns the factors (16, 9) of q_a q_b in the rotation matrix of a quaternion q.
+
+    With q = (w, u), R = (w^2 - |u|^2) I + 2 u u^T + 2 w [u].
+    """
+    identity = np.eye(3)
+    terms = np.zeros((4, 4, 3, 3))
+    terms[0, 0] = identity
+    terms[0, 1:] = terms[1:, 0] = skew(identity)
+    dyads = np.einsum("ai,bj->abij", identity, identity)
+    terms[1:, 1:] = dyads + dyads.swapaxes(0, 1) - np.einsum("ab,ij->abij", identity, identity)
+    return terms.reshape(16, 9)
+
+
+_ROTATION_TERMS = _rotation_terms()
 
 
 def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Returns X (..., 4, 4) that minimises sum_i w_i |target_i - X source_i|^2.
 
-    The method of Kabsch (1976) with Umeyama's guard against reflections. If the points do not
-    determine the rotation (fewer than 3, or collinear), any one of the best rotations is returned.
+    The problem of Kabsch (1976). If the points do not determine the rotation (fewer than 3, or
+    collinear), any one of the best rotations is returned.
 
     Args:
         source: (..., N, 3) points.
@@ -38,13 +55,35 @@ def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = 
         # Points that were not observed are NaN, and NaN times zero is NaN.
         source = np.where(w[..., None] > 0.0, source, 0.0)
         target = np.where(w[..., None] > 0.0, target, 0.0)
-    w = (w / total)[..., None]
-    source_centroid = np.sum(w * source, axis=-2)
-    target_centroid = np.sum(w * target, axis=-2)
-    centred_target = np.swapaxes(target - target_centroid[..., None, :], -1, -2)
-    covariance = centred_target @ (w * (source - source_centroid[..., None, :]))
-    U, _, Vt = np.linalg.svd(covariance)
-    signs = np.ones(U.shape[:-1])
-    signs[..., 2] = np.where(np.linalg.det(U @ Vt) < 0.0, -1.0, 1.0)
-    R = (U * signs[..., None, :]) @ Vt
-    return make_transform(R, target_centroid - (R @ source_centroid[..., None])[..., 0])
+    row = (w / total)[..., None, :]
+    source_centroid, target_centroid = row @ source, row @ target
+    R = _best_rotation((target - target_centroid).mT * row @ (source - source_centroid))
+    return make_transform(R, (target_centroid - source_centroid @ R.mT)[..., 0, :])
+
+
+def squared_motion_errors(source: np.ndarray, target: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Returns the squared residuals (..., N) [m^2] of the best rigid motion, that of `kabsch`.
+
+    Args:
+        source: (..., N, 3) finite points [m].
+        target: (..., N, 3) their finite targets [m].
+        shares: (..., N) weights, which add up to 1.
+    """
+    row = shares[..., None, :]
+    x, y = source - row @ source, target - row @ target
+    errors = x @ _best_rotation(y.mT * row @ x).mT - y
+    return np.vecdot(errors, errors)
+
+
+def _best_rotation(covariance: np.ndarray) -> np.ndarray:
+    """Returns the rotations R with the largest tr(R^T B), for B (..., 3, 3).
+
+    Horn's method (1987): R is quadratic in a unit quaternion q, so tr(R^T B) = q^T K q, which is
+    largest for the eigenvector of the largest eigenvalue of K. Unlike the SVD of Kabsch (1976), it
+    gives no reflections.
+    """
+    leading = covariance.shape[:-2]
+    K = covariance.reshape((*leading, 9)) @ _ROTATION_TERMS.T
+    q = np.linalg.eigh(K.reshape((*leading, 4, 4)))[1][..., -1]
+    products = (q[..., :, None] * q[..., None, :]).reshape((*leading, 16))
+    return (products @ _ROTATION_TERMS).reshape((*leading, 3, 3))

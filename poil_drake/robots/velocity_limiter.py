@@ -9,7 +9,6 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import JERK_LIMITS
@@ -186,7 +185,7 @@ class VelocityLimiter:
                 within the joints' limits, too.
         """
         rest = np.zeros_like(motion.velocity)
-        if not all_finite(wanted) or not wanted.any():
+        if not np.isfinite(wanted).all() or not wanted.any():
             return GuardedStep(self._towards(motion, rest), 1.0, None)
         excess = max(1.0, float((np.abs(wanted) / self._speed).max()))
         wanted = wanted / excess

@@ -1,15 +1,20 @@
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from poil_drake.geometry import rigid_consensus
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, ransac_inliers
-from poil_drake.geometry.rigid_consensus import rigid_inliers as dut
+from poil_drake.geometry.rigid_consensus import choose_triples, rigid_inliers
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
-CONFIG = RigidConsensusConfig(inlier_distance=0.005)
-both = pytest.mark.parametrize("find", [dut, ransac_inliers], ids=["pairs first", "RANSAC"])
+DISTANCE = 0.005
+
+
+def dut(source, target, weights=None):
+    weights = np.ones(len(source)) if weights is None else weights
+    return rigid_inliers(source, target, weights, DISTANCE)
 
 
 def moved(rng, count):
@@ -24,28 +29,26 @@ def test_rigid_motion_by_any_angle_has_no_outliers(seed):
     rng = np.random.default_rng(seed)
     source, target = moved(rng, 10)
 
-    assert dut(source, target + rng.normal(scale=1e-3, size=(10, 3)), config=CONFIG).all()
+    assert dut(source, target + rng.normal(scale=1e-3, size=(10, 3))).all()
 
 
-@both
 @pytest.mark.parametrize("count", [10, 24])
-def test_points_that_moved_elsewhere_are_outliers(count, find):
+def test_points_that_moved_elsewhere_are_outliers(count):
     rng = np.random.default_rng(0)
     source, target = moved(rng, count)
     target[[2, 5, 6]] += [[0.02, 0, 0], [0, -0.05, 0], [0, 0.1, 0.1]]
 
-    inliers = find(source, target, np.ones(count), config=CONFIG)
+    inliers = dut(source, target, np.ones(count))
 
     np.testing.assert_array_equal(inliers, ~np.isin(np.arange(count), [2, 5, 6]))
 
 
-@both
-def test_one_of_four_points_can_be_an_outlier(find):
+def test_one_of_four_points_can_be_an_outlier():
     source = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
     target = source.copy()
     target[2] += [0.0, 0.02, 0.0]
 
-    assert find(source, target, np.ones(4), config=CONFIG).tolist() == [True, True, False, True]
+    assert dut(source, target, np.ones(4)).tolist() == [True, True, False, True]
 
 
 def test_point_that_keeps_its_distances_can_still_be_an_outlier():
@@ -55,32 +58,11 @@ def test_point_that_keeps_its_distances_can_still_be_an_outlier():
     target = source.copy()
     target[4, 1] += 0.02
     before, after = (np.linalg.norm(x - x[4], axis=1) for x in (source, target))
-    assert np.mean(np.abs(after - before) < CONFIG.inlier_distance) > 0.8
+    assert np.mean(np.abs(after - before) < DISTANCE) > 0.8
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = dut(source, target)
 
     assert inliers.tolist() == [i != 4 for i in range(60)]
-
-
-@pytest.mark.parametrize("confidence", [1.0, 0.05])
-def test_clear_outliers_are_found_without_ransac(confidence, monkeypatch):
-    monkeypatch.setattr(rigid_consensus, "ransac_inliers", None)
-    rng = np.random.default_rng(0)
-    source, target = moved(rng, 10)
-    target += rng.normal(scale=1e-3, size=(10, 3))
-    centre = target.mean(axis=0)
-    target[3] = centre  # Nearer to all others than it was,
-    target[6] += 2.0 * (target[6] - centre)  # and farther.
-    weights = np.ones(10)
-    outliers = [3, 6]
-    if confidence < 1.0:  # More outliers, which moved together, of low confidence.
-        outliers = [0, 1, 3, 5, 6, 8]
-        target[[0, 1, 5, 8]] += 0.1
-        weights[outliers] = confidence
-
-    inliers = dut(source, target, weights, config=CONFIG)
-
-    assert inliers.tolist() == [i not in outliers for i in range(10)]
 
 
 def test_inlier_may_change_its_distances_to_the_others():
@@ -91,9 +73,9 @@ def test_inlier_may_change_its_distances_to_the_others():
     target[:6] += np.random.default_rng(43).normal(scale=0.0015, size=(6, 3))
     target[6:] += [[0.0, 0.0, 0.0045], [0.1, 0.0, 0.0]]
     before, after = (np.linalg.norm(x - x[6], axis=1) for x in (source, target))
-    assert np.count_nonzero(np.abs(after - before) > CONFIG.inlier_distance) == 4
+    assert np.count_nonzero(np.abs(after - before) > DISTANCE) == 4
 
-    assert dut(source, target, config=CONFIG).tolist() == 7 * [True] + [False]
+    assert dut(source, target).tolist() == 7 * [True] + [False]
 
 
 def test_outlier_that_keeps_its_distances_does_not_exclude_others():
@@ -103,7 +85,7 @@ def test_outlier_that_keeps_its_distances_does_not_exclude_others():
     target = source.copy()
     target[[2, 7]] += rng.normal(size=(2, 3)) * [[0.007], [0.1]]
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = dut(source, target)
 
     assert inliers.tolist() == [i not in (2, 7) for i in range(10)]
 
@@ -119,20 +101,19 @@ def test_points_that_agree_with_several_groups_get_one_of_them():
         [axis, *(group @ (T @ R).T for T, R in zip(turns, thirds, strict=True))]
     )
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = dut(source, target)
 
     assert inliers[:3].all()
     assert sorted(inliers[3:].reshape(3, 3).sum(axis=1).tolist()) == [0, 0, 3]
 
 
-@both
-def test_few_points_of_high_confidence_outvote_many_of_low(find):
+def test_few_points_of_high_confidence_outvote_many_of_low():
     source = np.random.default_rng(0).normal(scale=0.03, size=(10, 3))
     target = source.copy()
     target[4:] += [0.0, 0.0, 0.05]
     weights = np.array(4 * [1.0] + 6 * [0.05])
 
-    assert find(source, target, weights, config=CONFIG).tolist() == 4 * [True] + 6 * [False]
+    assert dut(source, target, weights).tolist() == 4 * [True] + 6 * [False]
 
 
 @pytest.mark.filterwarnings("error")
@@ -145,7 +126,7 @@ def test_heavier_of_two_halves_is_chosen(heavier):
     weights = np.full(8, 0.5)
     weights[heavier] = 1.0
 
-    inliers = dut(source, target, weights, config=CONFIG)
+    inliers = dut(source, target, weights)
 
     np.testing.assert_array_equal(inliers, weights == 1.0)
 
@@ -156,7 +137,7 @@ def test_inliers_are_those_within_the_distance():
     target = source.copy()
     target[[1, 4, 7], 2] += [0.1, 0.0045, 0.009]
 
-    inliers = dut(source, target, config=CONFIG)
+    inliers = dut(source, target)
 
     assert inliers.tolist() == [i not in (1, 7) for i in range(10)]
 
@@ -167,7 +148,7 @@ def test_without_large_residuals_all_points_are_inliers():
     target = rng.normal(scale=0.03, size=(10, 3))
     source = target + rng.normal(scale=0.002, size=(10, 3))
 
-    assert dut(source, target, config=CONFIG).all()
+    assert dut(source, target).all()
 
 
 def test_best_motion_of_all_is_weighted():
@@ -176,8 +157,8 @@ def test_best_motion_of_all_is_weighted():
     target = source.copy()
     target[2, 2] += 0.0055
 
-    alike = dut(source, target, config=CONFIG)
-    weighted = dut(source, target, np.array([1.0, 1.0, 0.05, 1.0, 1.0, 1.0]), config=CONFIG)
+    alike = dut(source, target)
+    weighted = dut(source, target, np.array([1.0, 1.0, 0.05, 1.0, 1.0, 1.0]))
 
     assert alike.all()
     assert weighted.tolist() == [i != 2 for i in range(6)]
@@ -191,24 +172,60 @@ def test_motion_that_adds_others_is_weighted():
     source = target + rng.normal(scale=0.002, size=(10, 3))
     source[[1, 4]] += [[0.05, 0.0, 0.0], [0.0, -0.06, 0.0]]
 
-    inliers = ransac_inliers(source, target, np.linspace(0.3, 1.0, 10), config=CONFIG)
+    inliers = dut(source, target, np.linspace(0.3, 1.0, 10))
 
     assert inliers.tolist() == [i not in (1, 4) for i in range(10)]
 
 
-@both
 @pytest.mark.filterwarnings("error")
-def test_coincident_targets_propose_nothing(find):
+def test_coincident_targets_propose_nothing():
     source = 0.03 * np.concatenate([np.eye(3), -np.eye(3)])
     target = source.copy()
     target[1] = target[0]
 
-    assert find(source, target, np.ones(6), config=CONFIG).tolist() == [i != 1 for i in range(6)]
+    assert dut(source, target, np.ones(6)).tolist() == [i != 1 for i in range(6)]
 
 
 def test_three_or_collinear_points_have_no_outliers():
     line = np.linspace(0.0, 1.0, 6)[:, None] * np.array([1.0, 0, 0])
     bent = line + np.random.default_rng(1).normal(size=(6, 3))
 
-    assert dut(np.eye(3), 2.0 * np.eye(3), config=CONFIG).all()
-    assert dut(line, bent, config=CONFIG).all()
+    assert dut(np.eye(3), 2.0 * np.eye(3)).all()
+    assert dut(line, bent).all()
+
+
+def test_every_set_of_few_points_is_tried():
+    # No three corners of a regular pentagon form a thin triangle.
+    angles = 0.4 * np.pi * np.arange(5)
+    points = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+
+    triples = choose_triples(points)
+
+    assert {tuple(t) for t in triples.tolist()} == set(combinations(range(5), 3))
+
+
+def test_sets_of_many_points_are_random_but_reproducible():
+    points = np.random.default_rng(1).normal(size=(30, 3))
+
+    first = choose_triples(points)
+    rigid_consensus._triples.cache_clear()
+
+    np.testing.assert_array_equal(choose_triples(points), first)
+    assert 150 < len(first) <= 200
+    assert len({tuple(sorted(t)) for t in first.tolist()}) > 150
+    assert all(len(set(t)) == 3 for t in first.tolist())
+
+
+def test_thin_triangles_are_skipped():
+    # Height over longest side: 0.05 / 2 of the first three, 0 of the three on the x axis.
+    points = np.array([[-1.0, 0, 0], [0, 0.05, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]])
+
+    triples = choose_triples(points).tolist()
+
+    assert [0, 1, 2] not in triples
+    assert [0, 2, 3] not in triples
+    assert [0, 2, 4] in triples
+
+
+def test_two_points_make_no_triple():
+    assert choose_triples(np.eye(3)[:2]).shape == (0, 3)

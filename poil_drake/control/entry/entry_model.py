@@ -16,16 +16,16 @@ from poil_drake.control.theory.stability import moment_matrix, point_inertia
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.body_clearance import BodyClearance
 from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, rigid_inliers
+from poil_drake.geometry.rigid_consensus import rigid_inliers
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.planning.pose_vectors import poses_of
 
-_RIGIDITY = RigidConsensusConfig(inlier_distance=0.012)
-"""Excludes outliers from the fit of the object's pose. 12 mm exceeds 3 mm of noise on each axis and
-the bending of a bag's handle."""
+_INLIER_DISTANCE = 0.012
+"""Excludes outliers from the fit of the object's pose [m]. 12 mm exceeds 3 mm of noise on each axis
+and the bending of a bag's handle."""
 
 _CLOUD_SPACING = 0.006
 """The object's cloud is thinned to one point for each cell of this size [m]."""
@@ -237,5 +237,5 @@ def _fit_pose(
             f"Only {seen.size} of {len(points)} points are observed; a pose needs 3.",
             remedy="Wait until three points that are not collinear are observed.",
         )
-    weights[seen] *= rigid_inliers(shape[seen], points[seen], weights[seen], config=_RIGIDITY)
+    weights[seen] *= rigid_inliers(shape[seen], points[seen], weights[seen], _INLIER_DISTANCE)
     return kabsch(shape, points, weights), weights > 0.0

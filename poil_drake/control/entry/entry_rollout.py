@@ -76,7 +76,7 @@ def roll_out_entry(
         if output.status is BcsdmStatus.LOST:
             break
         tau = output.tau
-        X_target = kabsch(model.points, reference.positions_at(tau))
+        X_target = kabsch(model.points, output.target_points)
         apart = float(model.displacement(X[None], X_target[None])[0, 0])
         if model.is_contact(reference.times[-1] - tau) and apart > _CONTACT_TUBE:
             break

@@ -1,11 +1,9 @@
 """Parameters of the Point-set BCSDM field."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
-from poil_drake.control.field.twist_fit import RansacConfig
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 
 OutlierTest = Literal["rigidity", "velocity", "none"]
 
@@ -38,8 +36,10 @@ class BcsdmConfig:
             neither the best twist nor a rigid motion to the closest configuration explains, see
             `rigid_inliers`. "velocity" applies RANSAC to the velocities, as in the paper; far from
             the reference in rotation it takes true points for outliers. "none" keeps all points.
-        rigidity: Parameters of "rigidity".
-        ransac: Parameters of "velocity".
+        inlier_distance: With "rigidity", largest distance of an inlier from where the motion puts
+            it [m]. 5 mm is about five standard deviations of a tracker's noise.
+        inlier_speed: With "velocity", largest residual of an inlier [m/s]. With eta = 3 / s a
+            tracking error of 5 mm gives 0.015 m/s, a tracker's noise of 1 mm 0.003 m/s.
     """
 
     eta: float = 3.0
@@ -51,8 +51,8 @@ class BcsdmConfig:
     min_spread: float = 0.001
     min_rotation_spread: float = 0.0
     outlier_test: OutlierTest = "rigidity"
-    rigidity: RigidConsensusConfig = field(default_factory=RigidConsensusConfig)
-    ransac: RansacConfig = field(default_factory=RansacConfig)
+    inlier_distance: float = 0.005
+    inlier_speed: float = 0.015
 
     def __post_init__(self) -> None:
         if not self.eta > 0.0:

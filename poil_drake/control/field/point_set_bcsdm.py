@@ -1,17 +1,19 @@
 """Point-set BCSDM: the closed-loop velocity field of POIL, section III-B."""
 
 import enum
-import math
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.field.closest_configuration import closest_configuration
-from poil_drake.control.field.robust_fit import fit_robust_twist
+from poil_drake.control.field.twist_fit import fit_twist, twist_consensus
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_consensus import rigid_consensus
+from poil_drake.geometry.rigid_fit import squared_motion_errors
 
 
 class BcsdmStatus(enum.Enum):
@@ -28,39 +30,49 @@ class BcsdmStatus(enum.Enum):
 
 
 class BcsdmOutput(NamedTuple):
-    """The field at one configuration; its arrays are read-only.
+    """The field at one configuration, or at many with leading axes.
 
     Attributes:
-        omega: (3,) angular velocity of the object [rad/s, world]; zero when lost.
-        v: (3,) velocity of the centroid [m/s, world]; zero when lost.
-        centroid: (3,) weighted centroid of the points that the twist was fitted to [m, world].
-        tau: Time of the closest configuration of the reference [s]. NaN when lost.
-        index: The sample nearest to it. -1 when lost.
-        potential: D of POIL eq. 4 over the same points as the velocities [m^2]. NaN when lost.
-        mean_error: Mean distance of the points from the closest configuration [m]. NaN when lost.
-        goal_error: Mean distance of the points from the reference's end [m]. NaN when lost.
-        point_velocities: (N, 3) the field at each point (POIL eq. 2) [m/s]; NaN for points that
-            were not observed or are outliers by the rigidity test.
-        inliers: (N,) bool, which points the twist was fitted to.
-        status: See `BcsdmStatus`.
+        omega: (..., 3) angular velocity of the object [rad/s, world]; zero when lost.
+        v: (..., 3) velocity of the centroid [m/s, world]; zero when lost.
+        centroid: (..., 3) weighted centroid of the points that the twist was fitted to [m, world];
+            NaN when lost.
+        tau: (...) time of the closest configuration of the reference [s]; NaN when lost.
+        potential: (...) D of POIL eq. 4 over the same points as the velocities [m^2]; NaN when
+            lost.
+        mean_error: (...) mean distance of the points from the closest configuration [m]; NaN when
+            lost.
+        goal_error: (...) mean distance of the points from the reference's end [m]; NaN when lost.
+        target_points: (..., N, 3) the closest configuration [m, world]; NaN when lost.
+        inliers: (..., N) bool, which points the twist was fitted to.
+        status: A `BcsdmStatus`, or an array (...) of them.
     """
 
     omega: np.ndarray
     v: np.ndarray
     centroid: np.ndarray
-    tau: float
-    index: int  # type: ignore[assignment]  # Hides tuple.index.
-    potential: float
-    mean_error: float
-    goal_error: float
-    point_velocities: np.ndarray
+    tau: Any
+    potential: Any
+    mean_error: Any
+    goal_error: Any
+    target_points: np.ndarray
     inliers: np.ndarray
-    status: BcsdmStatus
+    status: Any
 
     @property
     def twist(self) -> np.ndarray:
-        """(6,) (omega [rad/s], v [m/s]) of the object at `centroid`, world."""
-        return np.concatenate([self.omega, self.v])
+        """(..., 6) (omega [rad/s], v [m/s]) of the object at `centroid`, world."""
+        return np.concatenate([self.omega, self.v], axis=-1)
+
+
+_MIN_SPREAD = 1e-6
+"""Fewer than three points, or collinear ones, have a smaller spread, which is rounding [m]."""
+
+_STATUSES = np.array([BcsdmStatus.OK, BcsdmStatus.GOAL])
+"""By whether the points are at the goal."""
+
+_LOST: tuple[Any, ...] = (0.0, 0.0, *[np.nan] * 6, False, BcsdmStatus.LOST)
+"""The outputs at states that do not determine a motion."""
 
 
 def point_set_bcsdm(
@@ -68,43 +80,39 @@ def point_set_bcsdm(
     reference: PointTrajectory,
     config: BcsdmConfig,
     confidence: np.ndarray | None = None,
-    previous_tau: float | None = None,
+    previous_tau: np.ndarray | float | None = None,
 ) -> BcsdmOutput:
     """Returns the rigid motion that drives the points along the reference (POIL eqs. 1 to 3).
 
     The field at each point is v_i = x*'_i(tau) + eta (x*_i(tau) - x_i), with tau the time of the
-    closest configuration; the twist fits these velocities best. The speed is not limited.
+    closest configuration; the twist fits these velocities best. The speed is not limited. Leading
+    axes hold many states, such as those of a study; the outputs have the same axes.
 
     Args:
-        points: (N, 3) positions [m, world]; NaN where not observed.
+        points: (..., N, 3) positions [m, world]; NaN where not observed.
         reference: The reference of the same N points.
         config: Parameters of the field.
-        confidence: (N,) weights in [0, 1]; 0 excludes a point, None weights all equally.
-        previous_tau: The last tick's tau [s], for the progress window; None or NaN for none.
+        confidence: (..., N) weights in [0, 1]; 0 excludes a point, None weights all equally.
+        previous_tau: (...) the last tick's tau [s], for the progress window; None or NaN for none.
 
     Raises:
         InvalidValueError: if the number of points or confidences differs from the reference's.
     """
-    if points.shape != reference.positions.shape[1:]:
+    points = np.asarray(points, dtype=float)
+    shape = reference.positions.shape[1:]
+    weights = np.ones(points.shape[:-1]) if confidence is None else confidence
+    if points.shape[-2:] != shape or weights.shape != points.shape[:-1]:
         raise InvalidValueError(
-            f"The points have shape {points.shape}, but the reference has "
-            f"{reference.positions.shape[1:]}.",
-            remedy="Pass the positions of the reference's points, in its order.",
+            f"There are points of shape {points.shape} and confidences of shape {weights.shape}, "
+            f"but the reference has points of shape {shape}.",
+            remedy="Pass the positions of the reference's points, in its order, and one confidence "
+            "for each.",
         )
-    weights = np.ones(len(points)) if confidence is None else confidence
-    if len(weights) != len(points):
-        raise InvalidValueError(
-            f"There are {len(weights)} confidences of {len(points)} points.",
-            remedy="Pass one confidence for each point.",
-        )
-    numbers, flat = weights.tolist(), points.ravel()
-    # A sum is finite only if all its terms are, and NaN fails every comparison.
-    if numbers and min(numbers) > 0.0 and math.isfinite(sum(numbers) + flat.dot(flat)):
-        return _field(points, weights, reference, config, previous_tau)
-    observed = (weights > 0.0) & (weights < np.inf) & np.isfinite(points.sum(axis=1))
-    # Points of weight zero are ignored, but must be finite.
-    points = np.where(observed[:, None], points, 0.0)
-    weights = np.where(observed, weights, 0.0)
+    observed = (weights > 0.0) & np.isfinite(points.sum(axis=-1) + weights)
+    if not observed.all():
+        # Points of weight zero are ignored, but must be finite.
+        points = np.where(observed[..., None], points, 0.0)
+        weights = np.where(observed, weights, 0.0)
     return _field(points, weights, reference, config, previous_tau)
 
 
@@ -113,82 +121,95 @@ def _field(
     weights: np.ndarray,
     reference: PointTrajectory,
     config: BcsdmConfig,
-    previous_tau: float | None,
+    previous_tau: np.ndarray | float | None,
 ) -> BcsdmOutput:
     """Returns the field of finite points; those of weight zero are ignored."""
-    numbers = weights.tolist()
-    count = len(numbers) - numbers.count(0.0)
-    if count < 3:
-        return _lost(len(points))
-    equal_weights = numbers.count(numbers[0]) == len(numbers)
-    segment, fraction = closest_configuration(
+    observed = weights > 0.0
+    shares = _shares(weights)
+    sample = closest_configuration(
         points,
         reference,
-        None if equal_weights else weights,
+        shares,
         interpolate=config.interpolate,
         window=config.progress_window,
         escape_ratio=config.window_escape_ratio,
         previous_tau=previous_tau,
     )
-    state = reference.states[segment]
-    if fraction > 0.0:
-        state = state + fraction * reference.state_steps[segment]
-    errors = state[:2] - points  # To the closest configuration, and to the end.
-    velocities = state[2] + config.eta * errors[0]
-    fit = fit_robust_twist(
-        points, velocities, state[0], weights, config, equal_weights=equal_weights
-    )
-    if config.outlier_test == "rigidity" and np.count_nonzero(fit.inliers) < count:
-        # Outliers do not count for the closest configuration either.
-        return _field(points, weights * fit.inliers, reference, config, previous_tau)
-    if fit.spread < config.min_spread:
-        return _lost(len(points))
-    total = sum(numbers)
-    tau = _time(reference.times, segment, fraction)
+    tau, target, velocities = reference.at_sample(sample)
+    inliers = observed
+    if config.outlier_test == "rigidity":
+        squares = squared_motion_errors(points, target, shares)
+        find = partial(rigid_consensus, inlier_distance=config.inlier_distance)
+        inliers = _inliers(squares, config.inlier_distance, observed, find, points, target, shares)
+        if inliers is not observed:
+            # Outliers do not count for the closest configuration either.
+            return _field(points, weights * inliers, reference, config, previous_tau)
+    errors = target - points
+    velocities = velocities + config.eta * errors
+    fit = fit_twist(points, velocities, shares, config.min_rotation_spread)
+    if config.outlier_test == "velocity":
+        squares = fit.squared_errors(points, velocities)
+        find = partial(twist_consensus, inlier_speed=config.inlier_speed)
+        inliers = _inliers(squares, config.inlier_speed, observed, find, points, velocities, shares)
+        if inliers is not observed:
+            kept = _shares(weights * inliers)
+            fit = fit_twist(points, velocities, kept, config.min_rotation_spread)
     squares = np.vecdot(errors, errors)
-    distance, goal_distance = np.sqrt(squares).dot(weights).tolist()
-    mean_error, goal_error = distance / total, goal_distance / total
-    at_goal = goal_error < config.goal_tolerance and tau >= reference.times[-1] - config.goal_window
-    if count < len(points):
-        velocities[weights == 0.0] = np.nan
-    velocities.setflags(write=False)
-    return BcsdmOutput(
+    end_errors = reference.positions[-1] - points
+    goal_error = np.vecdot(np.sqrt(np.vecdot(end_errors, end_errors)), shares)
+    near_end = tau >= reference.times[-1] - config.goal_window
+    at_goal = (goal_error < config.goal_tolerance) & near_end
+    output = BcsdmOutput(
         omega=fit.omega,
         v=fit.v,
         centroid=fit.centroid,
         tau=tau,
-        index=segment + round(fraction),
-        potential=0.5 * float(weights.dot(squares[0])),
-        mean_error=mean_error,
+        potential=0.5 * np.vecdot(squares, weights),
+        mean_error=np.vecdot(np.sqrt(squares), shares),
         goal_error=goal_error,
-        point_velocities=velocities,
-        inliers=fit.inliers,
-        status=BcsdmStatus.GOAL if at_goal else BcsdmStatus.OK,
+        target_points=target,
+        inliers=inliers,
+        status=_STATUSES.take(at_goal),
     )
+    lost = fit.spread < max(config.min_spread, _MIN_SPREAD)
+    return _without(output, lost) if lost.any() else output
 
 
-def _time(times: np.ndarray, segment: int, fraction: float) -> float:
-    start: float = times.item(segment)
-    return start if fraction == 0.0 else start + fraction * (times.item(segment + 1) - start)
+def _without(output: BcsdmOutput, lost: np.ndarray) -> BcsdmOutput:
+    """Returns the output with nothing at the lost states (...) bool."""
+    fields = []
+    for values, nothing in zip(output, _LOST, strict=True):
+        more = np.ndim(values) - lost.ndim
+        fields.append(np.where(lost.reshape(lost.shape + (1,) * more), nothing, values)[()])
+    return BcsdmOutput(*fields)
 
 
-@lru_cache(maxsize=32)
-def _lost(count: int) -> BcsdmOutput:
-    output = BcsdmOutput(
-        omega=np.zeros(3),
-        v=np.zeros(3),
-        centroid=np.full(3, np.nan),
-        tau=math.nan,
-        index=-1,
-        potential=math.nan,
-        mean_error=math.nan,
-        goal_error=math.nan,
-        point_velocities=np.full((count, 3), np.nan),
-        inliers=np.zeros(count, dtype=bool),
-        status=BcsdmStatus.LOST,
-    )
-    for array in (output.omega, output.v, output.centroid):
-        array.setflags(write=False)
-    output.point_velocities.setflags(write=False)
-    output.inliers.setflags(write=False)
-    return output
+def _shares(weights: np.ndarray) -> np.ndarray:
+    """Returns weights (..., N) that add up to 1; zeros if all are zero."""
+    return weights / np.maximum(weights.sum(axis=-1, keepdims=True), 1e-300)
+
+
+def _inliers(
+    squares: np.ndarray,
+    limit: float,
+    observed: np.ndarray,
+    find: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    *values: np.ndarray,
+) -> np.ndarray:
+    """Returns which points (..., N) bool one motion explains; `observed` itself if all.
+
+    Args:
+        squares: (..., N) squared residuals of the best motion of all points.
+        limit: The largest residual of an inlier.
+        observed: (..., N) bool.
+        find: Returns the inliers among the observed points of one state, given their values.
+        values: Arrays (..., N, 3) or (..., N).
+    """
+    above = (squares * observed).max(axis=-1) > limit**2
+    if not above.any():
+        return observed
+    inliers = observed.copy()
+    for state in zip(*np.nonzero(above), strict=True) if above.ndim else [()]:
+        chosen = (*state, observed[state])
+        inliers[chosen] = find(*(array[chosen] for array in values))
+    return inliers if (inliers < observed).any() else observed

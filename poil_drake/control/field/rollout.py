@@ -1,6 +1,7 @@
 """Rollouts of the field: the motion of a rigid object that follows it freely."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,12 @@ class Rollout(SharedOnCopy):
         freeze_fields(self, times=("T",), X_W=("T", 4, 4), potentials=("T",), taus=("T",))
 
 
-def rollout(
+def rollout(points: np.ndarray, *args: Any, **kwargs: Any) -> Rollout:
+    """Returns the rollout from one start (N, 3) [m, world], by the arguments of `rollouts`."""
+    return rollouts(points[None], *args, **kwargs)[0]
+
+
+def rollouts(
     points: np.ndarray,
     reference: PointTrajectory,
     config: BcsdmConfig,
@@ -44,61 +50,72 @@ def rollout(
     *,
     max_angular_speed: float = np.inf,
     max_linear_speed: float = np.inf,
-    limited_point: np.ndarray | None = None,
-) -> Rollout:
-    """Integrates the field until the end of the reference is reached or the time is over.
+    limited_points: np.ndarray | None = None,
+) -> list[Rollout]:
+    """Integrates the field from many starts, until the reference's end or the longest time.
 
     In each step the object turns about its centroid with the field's angular velocity (exponential
     map) while the centroid moves straight. One factor scales both to the speed limits.
 
     Args:
-        points: (N, 3) positions at the start [m, world].
+        points: (B, N, 3) positions at the starts [m, world].
         reference: The reference of the same N points.
         config: Parameters of the field.
         time_step: Length of a step [s].
         max_time: Longest simulated time [s].
-        max_angular_speed: Limit of |omega| [rad/s].
-        max_linear_speed: Limit of the speed of `limited_point` [m/s].
-        limited_point: (3,) point that moves with the object, such as the gripper's origin, at the
-            start [m, world]; None for the centroid of the points.
+        max_angular_speed: Limit on |omega| [rad/s].
+        max_linear_speed: Limit on the speed of `limited_points` [m/s].
+        limited_points: (B, 3) points that move with the objects, such as the gripper's origin, at
+            the starts [m, world]; None for the centroids of the points.
 
     Raises:
-        TrackingError: if the points do not determine a motion (fewer than 3, or collinear).
+        TrackingError: if the points of a start do not determine a motion (fewer than 3, or
+            collinear).
     """
     if not (time_step > 0.0 and max_time >= 0.0):
         raise InvalidValueError(
-            f"rollout() got time_step={time_step} s and max_time={max_time} s.",
+            f"The rollout's time_step is {time_step} s and its max_time {max_time} s.",
             remedy="Pass a positive time_step and a non-negative max_time.",
         )
     points = np.asarray(points, dtype=float)
-    X = np.eye(4)
-    tau: float | None = None
-    motions, potentials, taus = [], [], []
-    converged = False
+    B = len(points)
+    X, taus, potentials = np.tile(np.eye(4), (B, 1, 1)), np.full(B, np.nan), np.full(B, np.nan)
+    lengths, moving = np.zeros(B, dtype=int), np.ones(B, dtype=bool)
+    history: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for _ in range(int(max_time / time_step) + 1):
-        output = point_set_bcsdm(transform_points(X, points), reference, config, previous_tau=tau)
-        if output.status is BcsdmStatus.LOST:
+        rows = np.flatnonzero(moving)
+        if len(rows) == 0:
+            break
+        here = transform_points(X[rows], points[rows])
+        field = point_set_bcsdm(here, reference, config, previous_tau=taus[rows])
+        lost = rows[field.status == BcsdmStatus.LOST]
+        if len(lost) > 0:
             raise TrackingError(
-                f"The {len(points)} points do not determine a motion.",
+                f"The {points.shape[1]} points of the starts {lost.tolist()} do not determine a "
+                "motion.",
                 remedy="Pass at least three finite points that are not collinear.",
             )
-        tau = output.tau
-        motions.append(X)
-        potentials.append(output.potential)
-        taus.append(tau)
-        if output.status is BcsdmStatus.GOAL:
-            converged = True
-            break
-        origin = output.centroid
-        limited_now = origin if limited_point is None else transform_points(X, limited_point)
-        limited = scale_twist(
-            shift_twist(output.twist, limited_now - origin), max_angular_speed, max_linear_speed
+        taus[rows], potentials[rows] = field.tau, field.potential
+        lengths[rows] += 1
+        history.append((X.copy(), potentials.copy(), taus.copy()))
+        arms = np.zeros((len(rows), 3))
+        if limited_points is not None:
+            limited = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
+            arms = limited - field.centroid
+        V = scale_twist(shift_twist(field.twist, arms), max_angular_speed, max_linear_speed)
+        moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
+        stepped = moved_by_twist(X[rows], shift_twist(V, -arms), field.centroid, time_step)
+        X[rows[unfinished]] = stepped[unfinished]
+    if not history:
+        return []
+    motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
+    return [
+        Rollout(
+            times=time_step * np.arange(length),
+            X_W=motions[:length, b],
+            potentials=all_potentials[:length, b],
+            taus=all_taus[:length, b],
+            converged=not moving[b],
         )
-        X = moved_by_twist(X, shift_twist(limited, origin - limited_now), origin, time_step)
-    return Rollout(
-        times=time_step * np.arange(len(motions)),
-        X_W=np.array(motions),
-        potentials=np.array(potentials),
-        taus=np.array(taus),
-        converged=converged,
-    )
+        for b, length in enumerate(lengths.tolist())
+    ]

@@ -12,7 +12,6 @@ from poil_drake.control.reference.retiming import RetimingConfig, retime
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion
 from poil_drake.errors import InvalidValueError, TransferError
 from poil_drake.geometry.frozen_array import frozen_array
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_transform import (
     make_transform,
     rotation_exp,
@@ -37,8 +36,8 @@ class ReferenceConfig:
             do not count for the pose at rest [s].
         blend_time: Time before and after a pause in which the smoothed motion is blended into the
             pose at rest [s].
-        rigidity: When a tracked point is an outlier. Wider than for control, because trackers of
-            demonstrations need not preserve the shape.
+        inlier_distance: Largest distance of an inlier from its place on the rigid shape [m]. Wider
+            than for control, because trackers of demonstrations need not preserve the shape.
         retiming: Speed limits of the reference.
     """
 
@@ -49,9 +48,7 @@ class ReferenceConfig:
     min_displacement: float = 0.01
     settle_time: float = 0.5
     blend_time: float = 0.5
-    rigidity: RigidConsensusConfig = field(
-        default_factory=lambda: RigidConsensusConfig(inlier_distance=0.01)
-    )
+    inlier_distance: float = 0.01
     retiming: RetimingConfig = field(default_factory=RetimingConfig)
 
     def __post_init__(self) -> None:
@@ -89,7 +86,7 @@ def make_reference(
             "The times of the tracked positions do not increase.",
             remedy="Pass each sample once, in order of time.",
         )
-    body, X, usable = fit_rigid_motion(positions, config.rigidity)
+    body, X, usable = fit_rigid_motion(positions, config.inlier_distance)
     times = times[usable]
     fine = np.arange(times[0], times[-1], 0.5 * config.sample_period)
     fine = np.append(fine[fine < times[-1] - 1e-9], times[-1])

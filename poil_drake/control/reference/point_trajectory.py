@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.control.field.sample_features import SampleFeatures
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
@@ -44,20 +43,48 @@ class PointTrajectory(SharedOnCopy):
         return {name: getattr(self, name) for name in ("times", "positions", "velocities")}
 
     @cached_property
-    def features(self) -> SampleFeatures:
-        """Precomputed terms of the squared distances to all samples."""
-        return SampleFeatures.of(self.positions)
+    def cost_terms(self) -> np.ndarray:
+        """(4 N, T) each sample's negative positions, and half their squared lengths [m^2]."""
+        halves = 0.5 * np.vecdot(self.positions, self.positions)
+        terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
+        return _constant(terms.T.copy())
+
+    @cached_property
+    def largest_square(self) -> float:
+        """Largest squared distance of a point from the world's origin [m^2]."""
+        return float(np.vecdot(self.positions, self.positions).max())
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """(T, 2, 3 N) from each sample to the next and to the last one [m]; 0 beyond the ends."""
+        forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
+        padded = np.pad(forward, ((1, 1), (0, 0)))
+        return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))
+
+    @cached_property
+    def squared_steps(self) -> np.ndarray:
+        """(T, 2, N) squared lengths of the points' `steps` [m^2]."""
+        steps = self.steps.reshape(self.times.size, 2, -1, 3)
+        return _constant(np.vecdot(steps, steps))
 
     @cached_property
     def states(self) -> np.ndarray:
-        """(T, 3, N, 3) each sample's positions, the end's positions, and each sample's velocities.
+        """(T, 2, N, 3) each sample's positions and velocities."""
+        return _constant(np.stack([self.positions, self.velocities], axis=1))
 
-        In one array they are interpolated in one step, and so are the errors of both positions.
+    def at_sample(self, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns times (...) and positions and velocities (..., N, 3), linear between samples.
+
+        Args:
+            sample: (...) where among the samples: 2.5 is between 2 and 3.
         """
-        ends = np.broadcast_to(self.positions[-1], self.positions.shape)
-        states = np.stack([self.positions, ends, self.velocities], axis=1)
-        states.flags.writeable = False
-        return states
+        before = sample.astype(np.intp)
+        after = np.minimum(before + 1, self.times.size - 1)
+        fraction = sample - before
+        time, state = self.times[before], self.states[before]
+        time = time + fraction * (self.times[after] - time)
+        state = state + fraction[..., None, None, None] * (self.states[after] - state)
+        return time, state[..., 0, :, :], state[..., 1, :, :]
 
     def positions_at(self, time: float) -> np.ndarray:
         """Returns the positions (N, 3) [m, world] at a time [s], linear between samples.
@@ -69,9 +96,7 @@ class PointTrajectory(SharedOnCopy):
         s = min(max((time - start) / (end - start), 0.0), 1.0)
         return (1.0 - s) * self.positions[after - 1] + s * self.positions[after]
 
-    @cached_property
-    def state_steps(self) -> np.ndarray:
-        """(T - 1, 3, N, 3) differences of successive `states`."""
-        steps = np.diff(self.states, axis=0)
-        steps.flags.writeable = False
-        return steps
+
+def _constant(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from poil_drake.errors import TransferError
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig, rigid_inliers
+from poil_drake.geometry.rigid_consensus import rigid_inliers
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
 
 def fit_rigid_motion(
-    positions: np.ndarray, config: RigidConsensusConfig
+    positions: np.ndarray, inlier_distance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the rigid shape, and its poses, that fit tracked points best.
 
@@ -23,7 +23,7 @@ def fit_rigid_motion(
 
     Args:
         positions: (T, N, 3) tracked positions [m, world]; NaN where a point was not observed.
-        config: When a point is an outlier.
+        inlier_distance: Largest distance of an inlier from its place on the shape [m].
 
     Returns:
         body: (N, 3) the shape about its centroid [m].
@@ -49,9 +49,11 @@ def fit_rigid_motion(
     body, X = _procrustes(body, positions, seen, np.nanmedian)
     errors = np.linalg.norm(transform_points(X, body) - positions, axis=2)
     counted = seen.copy()
-    for k in np.flatnonzero(np.any(seen & (errors > config.inlier_distance), axis=1)):
+    for k in np.flatnonzero(np.any(seen & (errors > inlier_distance), axis=1)):
         present = np.flatnonzero(seen[k])
-        counted[k, present] = rigid_inliers(body[present], positions[k, present], config=config)
+        counted[k, present] = rigid_inliers(
+            body[present], positions[k, present], np.ones(present.size), inlier_distance
+        )
     body, X = _procrustes(body, positions, counted, np.nanmean)
     return body, X, usable
 

@@ -9,7 +9,6 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
@@ -162,7 +161,7 @@ class DelayedCameras(LeafSystem):
         self, context: Context, state: State, previous: Captured | None
     ) -> Callable[[], _Rendered] | None:
         positions = self._plant_state.Eval(context)[: self._num_positions].copy()
-        if not all_finite(positions):
+        if not np.isfinite(positions).all():
             return None
         time, renderer = context.get_time(), self._renderer
 

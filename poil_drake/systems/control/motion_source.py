@@ -10,7 +10,6 @@ from poil_drake.control.field.straight_motion import (
     straight_motion_duration,
     straight_motion_twist,
 )
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.joint_trajectory import JointTrajectory, follow_joint_trajectory
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.skill.phases import TWIST_PHASES, Phase
@@ -115,7 +114,7 @@ class MotionSource(LeafSystem):
     def _latch(self, context: Context, discrete_state: DiscreteValues) -> None:
         phase = self._phase.Eval(context)[0]
         gripper = self._gripper.Eval(context)
-        if context.get_discrete_state_vector()[0] != phase and all_finite(gripper):
+        if context.get_discrete_state_vector()[0] != phase and np.isfinite(gripper).all():
             discrete_state.set_value(np.r_[phase, gripper])
 
     def _latched(self, context: Context, phase: Phase) -> np.ndarray | None:
@@ -173,4 +172,4 @@ class MotionSource(LeafSystem):
 
 
 def _finite_or_zero(vector: np.ndarray) -> np.ndarray:
-    return vector if all_finite(vector) else np.zeros_like(vector)
+    return vector if np.isfinite(vector).all() else np.zeros_like(vector)

@@ -23,7 +23,6 @@ from poil_drake.control.field.point_set_bcsdm import (
 )
 from poil_drake.control.field.twist_fit import scale_twist, shift_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.statuses import ControllerStatus
@@ -57,13 +56,11 @@ class ControllerAnswer(NamedTuple):
         V_WG: (6,) (ω [rad/s], v [m/s]) of the gripper frame, in the world.
         status: The controller's status.
         output: The field's output.
-        target: (N, 3) the reference's configuration closest to the points [m]; NaN when lost.
     """
 
     V_WG: np.ndarray
     status: ControllerStatus
     output: BcsdmOutput
-    target: np.ndarray
 
 
 def confidence_in_workspace(
@@ -98,11 +95,9 @@ def gripper_velocity(
     confidence = confidence_in_workspace(points, confidence, config)
     output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
     if output.status is BcsdmStatus.LOST:
-        unknown = np.full_like(points, np.nan)
-        return ControllerAnswer(np.zeros(6), ControllerStatus.LOST, output, unknown)
-    target = reference.positions_at(output.tau)
-    if not all_finite(X_WG):
-        return ControllerAnswer(np.zeros(6), ControllerStatus.INVALID_INPUT, output, target)
+        return ControllerAnswer(np.zeros(6), ControllerStatus.LOST, output)
+    if not np.isfinite(X_WG).all():
+        return ControllerAnswer(np.zeros(6), ControllerStatus.INVALID_INPUT, output)
     limits = (config.max_angular_speed, config.max_linear_speed)
     wanted = output.twist
     V_WP = scale_twist(wanted, *limits)
@@ -114,7 +109,7 @@ def gripper_velocity(
         status = ControllerStatus.OK
     else:
         status = ControllerStatus.LIMITED
-    return ControllerAnswer(V_WG, status, output, target)
+    return ControllerAnswer(V_WG, status, output)
 
 
 class PointSetBcsdm(LeafSystem):
@@ -200,7 +195,7 @@ class PointSetBcsdm(LeafSystem):
             "mean_error": (1, lambda answer: [answer.output.mean_error]),
             "goal_error": (1, lambda answer: [answer.output.goal_error]),
             "status": (1, lambda answer: [float(answer.status)]),
-            "target_points": (3 * n, lambda answer: answer.target.ravel()),
+            "target_points": (3 * n, lambda answer: answer.output.target_points.ravel()),
         }
         for name, (size, select) in outputs.items():
 

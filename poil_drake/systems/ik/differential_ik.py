@@ -4,7 +4,6 @@ import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.differential_ik import (
     DifferentialInverseKinematicsConfig,
     approach_velocity,
@@ -118,7 +117,7 @@ class DifferentialInverseKinematics(LeafSystem):
         twist, joints = self._twist.Eval(context), self._joints.Eval(context)
         config, limits = self._config, self._kinematics.joint_limits
         rest = np.zeros_like(previous)
-        if not all_finite(twist) or not all_finite(joints):
+        if not np.isfinite(twist).all() or not np.isfinite(joints).all():
             braking = config.acceleration_scale * limits.acceleration
             velocity = approach_velocity(previous, rest, braking, self._period)
             return velocity, 0.0, IkStatus.INVALID_INPUT

@@ -5,7 +5,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.panda import NUM_JOINTS
 
 
@@ -50,9 +49,9 @@ class MeasuredPosture(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         robot = self._robot_default.copy()
         arm, width = self._arm.Eval(context), self._hand.Eval(context)
-        if all_finite(arm):
+        if np.isfinite(arm).all():
             robot[:NUM_JOINTS] = arm
-        if all_finite(width):
+        if np.isfinite(width).all():
             robot[NUM_JOINTS:] = width[0] / (robot.size - NUM_JOINTS)
         positions = self._default.copy()
         self._plant.SetPositionsInArray(self._robot, robot, positions)

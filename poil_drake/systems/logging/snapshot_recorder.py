@@ -151,16 +151,13 @@ class SnapshotRecorder(LeafSystem):
                 self._album.add(self._snapshot(image, tracked))
 
     def _snapshot(self, image: RgbdImage, tracked: TrackedPoints) -> Snapshot:
-        tau = point_set_bcsdm(
+        field = point_set_bcsdm(
             tracked.positions, self._reference, BcsdmConfig(), tracked.confidence
-        ).tau
-        target = np.full_like(tracked.positions, np.nan)
-        if np.isfinite(tau):
-            target = self._reference.positions_at(tau)
+        )
         return Snapshot(
             time=image.stamp,
             camera=self._camera,
             rgb=image.rgb,
             points=tracked.positions,
-            target_points=target,
+            target_points=field.target_points,
         )

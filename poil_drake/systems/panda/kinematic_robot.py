@@ -9,7 +9,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.panda.velocity_driver import PandaDriver
@@ -71,7 +70,7 @@ class KinematicRobot(LeafSystem):
 
         def calc(context: Context, output: BasicVector) -> None:
             own = context.get_discrete_state(own_index).value()
-            output.SetFromVector(own if all_finite(own) else real.Eval(context))
+            output.SetFromVector(own if np.isfinite(own).all() else real.Eval(context))
 
         known = {self.discrete_state_ticket(own_index), real.ticket()}
         self.DeclareVectorOutputPort(name, real.size(), calc, known)
@@ -83,13 +82,13 @@ class KinematicRobot(LeafSystem):
         position = state.get_mutable_value(self._own_position)
         moved = state.get_mutable_value(self._own_velocity)
         width = state.get_mutable_value(self._own_width)
-        if not all_finite(position):
+        if not np.isfinite(position).all():
             position[:] = self._real_position.Eval(context)
         else:
             wanted = self._velocity.Eval(context) if self._velocity.HasValue(context) else None
-            moved[:] = wanted if wanted is not None and all_finite(wanted) else 0.0
+            moved[:] = wanted if wanted is not None and np.isfinite(wanted).all() else 0.0
             position += self._period * moved
-        if not all_finite(width):
+        if not np.isfinite(width).all():
             width[:] = self._real_width.Eval(context)
         elif self._width.HasValue(context):
             goal = max(float(self._width.Eval(context)[0]), _HELD_WIDTH)

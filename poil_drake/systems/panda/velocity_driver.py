@@ -13,7 +13,6 @@ from pydrake.systems.framework import (
 )
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -131,7 +130,7 @@ def eval_velocity(
         if not age <= max_age:
             return None
     value = velocity.Eval(context)
-    return value if all_finite(value) else None
+    return value if np.isfinite(value).all() else None
 
 
 class PandaVelocityDriver(LeafSystem):

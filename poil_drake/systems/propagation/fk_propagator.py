@@ -5,7 +5,6 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.runtime.stopwatch import Stopwatch
@@ -158,10 +157,10 @@ class FkPropagator(LeafSystem):
         Returns whether the gripper holds the object.
         """
         joints = self._joints.Eval(context)
-        if not all_finite(joints):
+        if not np.isfinite(joints).all():
             return False
         X_WG_now = self._kinematics.pose(self._scratch.Eval(context), joints)
-        held = self._holding.Eval(context)[0] > 0.5 and all_finite(X_WG)
+        held = self._holding.Eval(context)[0] > 0.5 and np.isfinite(X_WG).all()
         if held:
             X_M[:] = carried_along(X_M, X_WG, X_WG_now)
         X_WG[:] = X_WG_now

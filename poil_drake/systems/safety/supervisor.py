@@ -7,7 +7,6 @@ import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, InputPort, LeafSystem
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.all_finite import all_finite
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard, PostureRule
@@ -231,12 +230,14 @@ class SafetySupervisor(LeafSystem):
         if stalled <= self._config.stall_limit:
             return motion._replace(position=driven_on)
         measured = self._inputs["position_measured"].Eval(context)
-        rest = JointMotion.at_rest(np.array(measured if all_finite(measured) else motion.position))
+        rest = JointMotion.at_rest(
+            np.array(measured if np.isfinite(measured).all() else motion.position)
+        )
         age = self._inputs["status"].Eval(context)[1]
         fresh = abs(age) <= self._config.status_age_limit
         if fresh and stalled <= self._command_expiry + _COMING_TO_REST:
             speeds = self._inputs["velocity_measured"].Eval(context)
-            if not all_finite(speeds) or np.abs(speeds).max() <= self._config.rest_speed:
+            if not np.isfinite(speeds).all() or np.abs(speeds).max() <= self._config.rest_speed:
                 return rest
             # The arm follows the last command, or the driver is stopping it.
             lowest, highest = np.minimum(0.0, motion.velocity), np.maximum(0.0, motion.velocity)
@@ -278,11 +279,11 @@ class SafetySupervisor(LeafSystem):
             mode=mode,
             status_age=age,
             success_rate=success_rate,
-            position_known=all_finite(measured),
+            position_known=np.isfinite(measured).all(),
             torque_ratio=float((np.abs(torques) / self._torque_limits).max()),
             tracking_error=0.0 if standing else float(np.abs(measured - motion.position).max()),
             standing=standing,
-            command_finite=all_finite(inputs["velocity"].Eval(context)),
+            command_finite=np.isfinite(inputs["velocity"].Eval(context)).all(),
             command_age=now - _optional(inputs["velocity_time"], context, now),
             image_age=max(ages, default=0.0),
             image_ahead=max(0.0, -min(ages, default=0.0)),

@@ -6,8 +6,6 @@ from point_references import resting_reference, still_reference, straight_refere
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
-from poil_drake.control.field.twist_fit import RansacConfig
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
 
@@ -69,8 +67,8 @@ def test_outliers_are_found_by_distance_for_any_gain(eta, off):
 @pytest.mark.parametrize(
     "config",
     [
-        BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=0.02)),
-        BcsdmConfig(eta=3.0, outlier_test="velocity", ransac=RansacConfig(inlier_threshold=0.06)),
+        BcsdmConfig(inlier_distance=0.02),
+        BcsdmConfig(eta=3.0, outlier_test="velocity", inlier_speed=0.06),
     ],
 )
 def test_threshold_of_outliers_can_be_set(config):

@@ -4,6 +4,7 @@ from point_references import moving_reference, resting_reference
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.field.rollout import rollout as dut
+from poil_drake.control.field.rollout import rollouts
 from poil_drake.control.theory.stability import moment_matrix, rotation_velocity
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.rigid_transform import (
@@ -91,7 +92,7 @@ def test_speed_limits_hold_at_the_limited_point():
         60.0,
         max_angular_speed=0.4,
         max_linear_speed=0.1,
-        limited_point=gripper,
+        limited_points=gripper[None],
     )
 
     assert run.converged
@@ -127,3 +128,33 @@ def test_collinear_points_and_invalid_steps_are_rejected():
         dut(body, resting_reference(body), BcsdmConfig())
     with pytest.raises(InvalidValueError, match="time_step"):
         dut(BODY, resting_reference(BODY), BcsdmConfig(), 0.0)
+
+
+def test_runs_from_many_starts_are_those_from_each():
+    rng = np.random.default_rng(1)
+    turns = rotation_exp(rng.normal(scale=0.8, size=(6, 3)))
+    starts = CURVED.positions[0] @ turns.swapaxes(1, 2) + rng.normal(scale=0.1, size=(6, 1, 3))
+    starts[0] = CURVED.positions[-1]
+    grippers = starts[:, 0] + [0.0, 0.0, 0.1]
+    config = BcsdmConfig(progress_window=(0.3, 0.3))
+    limits = {"max_angular_speed": 0.8, "max_linear_speed": 0.15}
+
+    runs = rollouts(starts, CURVED, config, STEP, 8.0, limited_points=grippers, **limits)
+
+    for start, gripper, run in zip(starts, grippers, runs, strict=True):
+        one = dut(start, CURVED, config, STEP, 8.0, limited_points=gripper[None], **limits)
+        assert run.converged == one.converged
+        np.testing.assert_array_equal(run.times, one.times)
+        np.testing.assert_allclose(run.X_W, one.X_W, atol=1e-9)
+        np.testing.assert_allclose(run.taus, one.taus, atol=1e-9)
+        np.testing.assert_allclose(run.potentials, one.potentials, atol=1e-9)
+    assert len({len(run.times) for run in runs}) > 3
+    assert len(runs[0].times) == 1
+
+
+def test_no_starts_give_no_runs_and_lost_ones_are_named():
+    assert rollouts(np.zeros((0, 6, 3)), CURVED, BcsdmConfig()) == []
+    starts = np.stack([CURVED.positions[0]] * 3)
+    starts[1] = starts[1, :1]
+    with pytest.raises(TrackingError, match=r"\[1\]"):
+        rollouts(starts, CURVED, BcsdmConfig())

@@ -3,10 +3,9 @@ import pytest
 
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion as dut
 from poil_drake.errors import TransferError
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
-CONFIG = RigidConsensusConfig(inlier_distance=0.01)
+DISTANCE = 0.01
 
 
 def motion(rng, count=40):
@@ -19,7 +18,7 @@ def motion(rng, count=40):
 def test_rigid_points_are_fitted_exactly():
     _, _, positions = motion(np.random.default_rng(0))
 
-    body, X, usable = dut(positions, CONFIG)
+    body, X, usable = dut(positions, DISTANCE)
 
     assert usable.all()
     np.testing.assert_allclose(transform_points(X, body), positions, atol=1e-12)
@@ -30,7 +29,7 @@ def test_shape_is_the_mean_over_the_samples():
     rng = np.random.default_rng(1)
     true_body, _, positions = motion(rng, 100)
 
-    body, _, _ = dut(positions + rng.normal(scale=1e-3, size=positions.shape), CONFIG)
+    body, _, _ = dut(positions + rng.normal(scale=1e-3, size=positions.shape), DISTANCE)
 
     # Distances within the shape do not depend on its frame. Each coordinate is a mean of 100.
     distances = np.linalg.norm(body[:, None] - body, axis=2)
@@ -46,7 +45,7 @@ def test_missing_and_stray_points_are_left_out():
     broken[5, 1:] = np.nan
     broken[10:25, 6] += [0.0, 0.1, 0.0]
 
-    body, X, usable = dut(broken, CONFIG)
+    body, X, usable = dut(broken, DISTANCE)
 
     assert np.flatnonzero(~usable).tolist() == [5]
     np.testing.assert_allclose(transform_points(X, body), positions[usable], atol=1e-9)
@@ -57,4 +56,4 @@ def test_one_sample_with_every_point_is_needed():
     positions[:, 0] = np.nan
 
     with pytest.raises(TransferError, match="0 have all"):
-        dut(positions, CONFIG)
+        dut(positions, DISTANCE)

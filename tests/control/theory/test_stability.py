@@ -20,7 +20,7 @@ def centred_points(rng):
 
 def least_squares_velocity(points, R):
     """The fit of POIL eq. 3 with eta = 1 and the target at R = I, in the body frame."""
-    fit, _ = fit_twist(points @ R.T, points - points @ R.T)
+    fit = fit_twist(points @ R.T, points - points @ R.T, np.full(10, 0.1))
     return R.T @ fit.omega
 
 

@@ -34,7 +34,6 @@ from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry.entry_monitor import EntryMonitorConfig
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
-from poil_drake.geometry.rigid_consensus import RigidConsensusConfig
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_cloud import SceneCloud
@@ -117,9 +116,9 @@ def field_config(task: str, noise: float) -> BcsdmConfig:
     The inlier distance is the default, plus 3.4 standard deviations of the noise, within which 99 %
     of it lies in three dimensions, plus the deformation in the demonstration.
     """
-    default = RigidConsensusConfig().inlier_distance
+    default = BcsdmConfig().inlier_distance
     limit = default + 3.4 * noise + TaskDeformation(task)
-    return BcsdmConfig(rigidity=RigidConsensusConfig(inlier_distance=limit))
+    return BcsdmConfig(inlier_distance=limit)
 
 
 def monitor_config(task: str, noise: float) -> EntryMonitorConfig:

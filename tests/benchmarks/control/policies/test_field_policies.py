@@ -107,7 +107,7 @@ def test_noise_and_deformation_widen_what_counts_as_an_outlier():
     rigid, soft = "pnp_cube", "hanging_bag"
 
     limits = [
-        field_config(task, noise).rigidity.inlier_distance
+        field_config(task, noise).inlier_distance
         for task, noise in ((rigid, 0.0), (rigid, 0.003), (soft, 0.0))
     ]
 

@@ -1,11 +1,13 @@
+"""The field at many states at once is the field at each."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from point_references import moving_reference, resting_reference, still_reference
+from point_references import moving_reference, resting_reference
 
-from poil_drake.control.field.batched_field import batched_field as dut
-from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
+from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
@@ -13,7 +15,6 @@ from poil_drake.geometry.rigid_transform import rotation_exp
 property_test = settings(derandomize=True, max_examples=40)
 seeds = st.integers(0, 2**32 - 1)
 
-OUTPUTS = ("omega", "v", "centroid", "tau", "potential", "mean_error", "goal_error")
 SAMPLES, COUNT, PERIOD = 40, 8, 0.1
 
 
@@ -48,23 +49,17 @@ def assert_each_is_the_single_field(
     field = dut(points, reference, config, confidence, previous_tau)
 
     for b in range(len(points)):
-        expected = point_set_bcsdm(
+        expected = dut(
             points[b],
             reference,
             config,
             None if confidence is None else confidence[b],
             None if previous_tau is None else previous_tau[b],
         )
-        for name in OUTPUTS:
-            np.testing.assert_allclose(
-                getattr(field, name)[b], getattr(expected, name), rtol=0.0, atol=1e-9
-            )
-        # Halfway between two samples rounding decides which is nearest.
-        halfway = config.interpolate and abs(expected.tau / PERIOD % 1.0 - 0.5) < 1e-9
-        assert halfway or field.index[b] == expected.index
         assert field.status[b] is expected.status
-        np.testing.assert_array_equal(field.inliers[b], expected.inliers)
-    return field.status.tolist()
+        for values, one in zip(field[:-1], expected[:-1], strict=True):
+            np.testing.assert_allclose(values[b], one, rtol=0.0, atol=1e-9)
+    return [BcsdmStatus(status) for status in field.status]
 
 
 @given(seeds, st.sampled_from(["rigidity", "velocity", "none"]), st.booleans(), st.booleans())
@@ -121,17 +116,6 @@ def test_equally_close_samples(seed, interpolate):
     assert_each_is_the_single_field(
         points, reference, BcsdmConfig(interpolate=interpolate), confidence
     )
-
-
-def test_of_equal_samples_the_last_is_the_closest():
-    reference = random_reference(np.random.default_rng(1))
-    positions = np.concatenate([reference.positions, reference.positions[::-1]])
-
-    field = dut(
-        reference.positions[:15], still_reference(positions), BcsdmConfig(interpolate=False)
-    )
-
-    np.testing.assert_array_equal(field.index, 2 * SAMPLES - 1 - np.arange(15))
 
 
 @given(seeds, st.sampled_from([0.0, 0.25, 0.9]))
@@ -194,22 +178,32 @@ def test_three_points_have_no_outliers_and_two_are_lost():
     assert lost == [BcsdmStatus.LOST]
 
 
-@pytest.mark.parametrize("count", [0, 3])
-def test_twists_are_omega_and_v(count):
-    reference = random_reference(np.random.default_rng(2))
+@pytest.mark.parametrize("leading", [(), (0,), (3,), (2, 3)])
+def test_outputs_have_the_leading_axes_of_the_points(leading):
+    rng = np.random.default_rng(2)
+    reference = random_reference(rng)
+    points = rng.normal(size=(*leading, COUNT, 3))
 
-    field = dut(reference.positions[:count] + 0.01, reference, BcsdmConfig())
+    field = dut(points, reference, BcsdmConfig())
 
-    assert field.twist.shape == (count, 6)
-    np.testing.assert_array_equal(field.twist, np.hstack([field.omega, field.v]))
+    sizes = {
+        "omega": (3,),
+        "v": (3,),
+        "centroid": (3,),
+        "inliers": (COUNT,),
+        "target_points": (COUNT, 3),
+    }
+    for name, values in field._asdict().items():
+        assert np.shape(values) == leading + sizes.get(name, ())
+    assert field.twist.shape == (*leading, 6)
 
 
 @pytest.mark.parametrize(
-    ("points", "confidence", "taus"),
-    [((4, 5, 3), (4, 8), (4,)), ((4, 8, 3), (8,), (4,)), ((4, 8, 3), (4, 8), (3,))],
+    ("points", "confidence"),
+    [((4, 5, 3), (4, 8)), ((4, 8, 3), (8,)), ((8, 2), (8,)), ((8, 3), (7,))],
 )
-def test_shapes_must_agree(points, confidence, taus):
+def test_shapes_must_agree(points, confidence):
     reference = random_reference(np.random.default_rng(0))
 
-    with pytest.raises(InvalidValueError, match="batched_field"):
-        dut(np.zeros(points), reference, BcsdmConfig(), np.ones(confidence), np.zeros(taus))
+    with pytest.raises(InvalidValueError, match="shape"):
+        dut(np.zeros(points), reference, BcsdmConfig(), np.ones(confidence))
