@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from poil_drake.control.reference.dwell import split_motion
 from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
@@ -12,12 +13,22 @@ from poil_drake.control.reference.retiming import RetimingConfig, retime
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion
 from poil_drake.errors import InvalidValueError, TransferError
 from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import (
     make_transform,
     rotation_exp,
     rotation_log,
     transform_points,
 )
+
+_ROUNDING_STEP = 1e-3
+"""Spacing of the samples of a path that is smoothed along its length [m]."""
+
+_ROUNDING = 3
+"""Standard deviation of that smoothing [samples]."""
+
+_MAX_ROUNDS = 6
+"""It is repeated this often at most, which shortens a hook by 1.5 cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +113,58 @@ def make_reference(
     )
     X_path = _anchored(fine, X_smooth, stretches, times, X, config)
     path_speeds = np.concatenate([speeds[s] for s in stretches])
-    return _resample(X_path, path_speeds, body, config)
+    path_times = np.concatenate([fine[s] for s in stretches])
+    for _ in range(_MAX_ROUNDS + 1):
+        reference = _resample(X_path, path_speeds, body, config)
+        back = sharp_turns(reference.positions)
+        if back.size == 0:
+            return reference
+        X_path, path_speeds, path_times = _rounded(X_path, path_speeds, path_times, body)
+    where = reference.positions[back[0]].mean(axis=0)
+    passed = np.linalg.norm(transform_points(X_path, body).mean(axis=1) - where, axis=1).argmin()
+    raise TransferError(
+        f"The demonstrated motion turns back on itself {path_times[passed] - times[0]:.1f} s after "
+        f"it begins, at ({', '.join(f'{x:.2f}' for x in where)}) m.",
+        remedy="Demonstrate a motion that does not return along its own path: the controller "
+        "always moves on from the nearest configuration, so it cannot tell the two ways apart.",
+    )
+
+
+def sharp_turns(positions: np.ndarray) -> np.ndarray:
+    """Returns the samples at which a path (T, N, 3) turns by more than 60 degrees in 3N dimensions.
+
+    Below 90 degrees the central difference at a sample points along the segments on both sides.
+    Then the field vanishes at no configuration of the reference's shape before the goal: points at
+    rest are at x = x* + x*' / eta, but x - x* points neither along the segment ahead of the closest
+    configuration nor against the one behind. The rest is a margin for the steps of the controller.
+    """
+    steps = np.diff(positions.reshape(len(positions), -1), axis=0)
+    steps = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    return np.flatnonzero(np.vecdot(steps[1:], steps[:-1]) < 0.5) + 1
+
+
+def _rounded(
+    X: np.ndarray, speeds: np.ndarray, times: np.ndarray, body: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns a path smoothed along its length, which shrinks hooks and rounds corners.
+
+    Args:
+        X: (T, 4, 4) poses.
+        speeds: (T,) speeds along it [m/s].
+        times: (T,) when the poses were demonstrated [s].
+        body: (N, 3) the shape [m].
+    """
+    points = transform_points(X, body)
+    lengths = np.concatenate([[0.0], np.cumsum(rms_length(np.diff(points, axis=0)))])
+    even = np.linspace(0.0, lengths[-1], max(int(lengths[-1] / _ROUNDING_STEP), 2))
+    X = interpolate_poses(lengths, X, even)
+    points = transform_points(X, body)
+    # A reflection about the ends keeps them where they are.
+    reach = min(4 * _ROUNDING, len(even) - 1)
+    padded = np.pad(points, ((reach, reach), (0, 0), (0, 0)), "reflect", reflect_type="odd")
+    smooth = gaussian_filter1d(padded, _ROUNDING, axis=0)[reach:-reach]
+    X = kabsch(np.broadcast_to(body, smooth.shape), smooth)
+    return X, np.interp(even, lengths, speeds), np.interp(even, lengths, times)
 
 
 def _rms_speed(V: np.ndarray, X: np.ndarray, body: np.ndarray) -> np.ndarray:
