@@ -6,11 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import TrackingError
+from poil_drake.geometry.rigid_consensus import rigid_inliers
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.transfer.progress import Progress
 
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
+
+_INLIER_DISTANCE = 0.01
+"""Largest distance of a point from where the object's motion since the first frame puts it [m]. A
+point beyond it has drifted, or has changed places with another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +25,9 @@ class DemonstrationTracks:
 
     Attributes:
         times: (T,) capture times since the first frame [s].
-        positions: (T, N, 3) [m, world]; NaN where a point was not observed.
-        confidence: (T, N) the tracker's confidence in each point, in [0, 1].
+        positions: (T, N, 3) [m, world]; NaN where a point was not observed, or did not move with
+            the others.
+        confidence: (T, N) the tracker's confidence in each point, in [0, 1]; 0 where NaN.
     """
 
     times: np.ndarray
@@ -59,7 +66,8 @@ def track_demonstration(
         frame = frames[k]
         output = tracker.step(output.state, frame)
         points = output.points
-        enough = np.count_nonzero(points.confidence > 0.0) >= _MIN_POINTS
+        confidence = _rigid_confidence(samples[0][1], points)
+        enough = np.count_nonzero(confidence > 0.0) >= _MIN_POINTS
         if enough and not output.lost:
             seen_at = frame.stamp
         elif frame.stamp - seen_at > max_gap or k == len(frames) - 1:
@@ -69,9 +77,30 @@ def track_demonstration(
                 remedy="Move the object more slowly and keep it in view of a camera, or change "
                 "poil.tracker.",
             )
-        samples.append((frame.stamp, points.positions, points.confidence))
+        samples.append((frame.stamp, points.positions, confidence))
         if progress is not None:
             progress("tracking the demonstration", (k + 1) / len(frames))
     stamps, positions, confidence = (np.array(column) for column in zip(*samples, strict=True))
     positions[confidence <= 0.0] = np.nan
     return DemonstrationTracks(stamps - stamps[0], positions, confidence)
+
+
+def _rigid_confidence(first: np.ndarray, points: TrackedPoints) -> np.ndarray:
+    """Returns the confidence (N,), 0 for points that did not move with the others.
+
+    It is 0 for all points if most of them did not.
+
+    Args:
+        first: (N, 3) the points in the first frame [m, world].
+        points: The points now.
+    """
+    confidence = points.confidence.copy()
+    seen = np.flatnonzero((confidence > 0.0) & np.isfinite(first).all(axis=1))
+    if seen.size > _MIN_POINTS:
+        moved = rigid_inliers(
+            first[seen], points.positions[seen], confidence[seen], _INLIER_DISTANCE
+        )
+        confidence[seen[~moved]] = 0.0
+        if np.count_nonzero(moved) <= seen.size / 2:
+            confidence[:] = 0.0
+    return confidence

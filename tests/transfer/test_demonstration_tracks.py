@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import TrackingError
+from poil_drake.geometry.rigid_transform import rotation_exp
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
@@ -69,3 +70,59 @@ def test_a_short_gap_is_tolerated() -> None:
 def test_a_loss_raises_with_its_time(lost: tuple[int, ...], says: str) -> None:
     with pytest.raises(TrackingError, match=says):
         track_demonstration(frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost), max_gap=1.1)
+
+
+BODY = 0.03 * np.random.default_rng(0).normal(size=(8, 3))
+
+
+@dataclass(frozen=True)
+class GivenTracks:
+    """Returns given positions (T, 8, 3), with full confidence."""
+
+    positions: np.ndarray
+
+    def start(self, frame, query_points, object_masks) -> TrackerOutput:
+        return TrackerOutput(0, TrackedPoints(query_points, np.ones(8), frame.stamp), False)
+
+    def step(self, state, frame, motion_prior=None) -> TrackerOutput:
+        points = TrackedPoints(self.positions[state + 1], np.ones(8), frame.stamp)
+        return TrackerOutput(state + 1, points, False)
+
+
+def turning_body(count: int) -> np.ndarray:
+    """Positions (count, 8, 3) of a body that moves along x and turns by 10 degrees per frame."""
+    turns = rotation_exp(np.radians(10.0) * np.arange(count)[:, None] * X)
+    return BODY @ turns.swapaxes(1, 2) + 0.1 * np.arange(count)[:, None, None] * X
+
+
+def test_points_that_change_places_are_left_out_from_then_on() -> None:
+    positions = turning_body(10)
+    positions[6:, [2, 5]] = positions[6:, [5, 2]]
+
+    tracks = track_demonstration(frames(10), BODY, MASKS, tracker=GivenTracks(positions))
+
+    expected = np.ones((10, 8))
+    expected[6:, [2, 5]] = 0.0
+    np.testing.assert_array_equal(tracks.confidence, expected)
+    assert np.isnan(tracks.positions[6:, [2, 5]]).all()
+
+
+def test_a_point_that_drifts_is_left_out_beyond_a_centimetre() -> None:
+    positions = turning_body(10)
+    # Up to 3 cm; the best motion of all points shares an eighth of it.
+    positions[:, 3] += np.linspace(0.0, 0.03, 10)[:, None] * np.array([0.0, 0.6, 0.8])
+
+    tracks = track_demonstration(frames(10), BODY, MASKS, tracker=GivenTracks(positions))
+
+    kept = tracks.confidence[:, 3] > 0.0
+    assert kept[:3].all()
+    assert not kept[5:].any()
+    assert (np.delete(tracks.confidence, 3, axis=1) == 1.0).all()
+
+
+def test_a_body_that_falls_apart_is_lost() -> None:
+    positions = turning_body(6)
+    positions[3:] += 0.05 * np.random.default_rng(1).normal(size=(3, 8, 3))
+
+    with pytest.raises(TrackingError, match=r"lost the object 1\.00 s into"):
+        track_demonstration(frames(6), BODY, MASKS, tracker=GivenTracks(positions))

@@ -9,6 +9,9 @@ from poil_drake.geometry.rigid_consensus import rigid_inliers
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
+_START = 3
+"""A point that is an outlier in all of the first samples was a different one at the start."""
+
 
 def fit_rigid_motion(
     positions: np.ndarray, inlier_distance: float
@@ -31,7 +34,8 @@ def fit_rigid_motion(
         usable: (T,) bool, the samples with at least three points.
 
     Raises:
-        TransferError: if fewer than 4 samples are usable or no sample has all points.
+        TransferError: if fewer than 4 samples are usable, no sample has all points, or a point
+            leaves its place on the shape after the start for most of the time.
     """
     seen = np.isfinite(positions).all(axis=2)
     usable = seen.sum(axis=1) >= 3
@@ -53,6 +57,14 @@ def fit_rigid_motion(
         present = np.flatnonzero(seen[k])
         counted[k, present] = rigid_inliers(
             body[present], positions[k, present], np.ones(present.size), inlier_distance
+        )
+    strays = np.flatnonzero(seen[:_START].any(axis=0) & ~counted[:_START].any(axis=0))
+    if strays.size > 0:
+        raise TransferError(
+            f"Relative to the other points, the points {strays.tolist()} move by up to "
+            f"{1e3 * errors[:, strays][seen[:, strays]].max():.0f} mm after the start: they drift, "
+            "or change places.",
+            remedy="Leave these points out, or track the demonstration again, e.g. more slowly.",
         )
     body, X = _procrustes(body, positions, counted, np.nanmean)
     return body, X, usable

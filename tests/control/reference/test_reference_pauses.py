@@ -35,7 +35,7 @@ def paused_demonstration(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
     times = np.arange(0.0, clock[-1] + 0.5, 1.0 / RATE)
     u = np.interp(times - 0.3, clock, along) / duration
     progress = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    via = np.cumsum(rng.normal(scale=0.06, size=(4, 3)) + [0.12, 0.0, 0.0], axis=0)
+    via = np.cumsum(rng.normal(scale=0.06, size=(4, 3)) + np.array([0.12, 0.0, 0.0]), axis=0)
     path = CubicSpline(knots, via)(progress)
     turns = CubicSpline(knots, np.cumsum(rng.normal(scale=0.3, size=(4, 3)), axis=0))(progress)
     phases = 2.0 * np.pi * (rng.uniform(0.5, 3.0, 3) * times[:, None] + rng.random(3))

@@ -57,3 +57,26 @@ def test_one_sample_with_every_point_is_needed():
 
     with pytest.raises(TransferError, match="0 have all"):
         dut(positions, DISTANCE)
+
+
+def test_points_that_change_places_later_are_left_out_from_then_on():
+    _, _, positions = motion(np.random.default_rng(4))
+    swapped = positions.copy()
+    swapped[25:, [1, 6]] = swapped[25:, [6, 1]]
+
+    body, X, _ = dut(swapped, DISTANCE)
+
+    np.testing.assert_allclose(transform_points(X, body), positions, atol=1e-9)
+
+
+@pytest.mark.parametrize("change", ["swap", "drift"])
+def test_points_that_were_elsewhere_at_the_start_are_refused_by_name(change):
+    _, X, positions = motion(np.random.default_rng(4))
+    if change == "swap":
+        positions[10:, [1, 6]] = positions[10:, [6, 1]]
+    else:
+        shifts = np.linspace(0.0, 0.03, 40)[:, None] * np.array([0.0, 0.0, 1.0])
+        positions[:, 6] += (X[:, :3, :3] @ shifts[:, :, None])[:, :, 0]
+
+    with pytest.raises(TransferError, match=r"the points \[(1, )?6\] move by up to \d+ mm"):
+        dut(positions, DISTANCE)
