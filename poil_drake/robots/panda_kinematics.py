@@ -52,6 +52,9 @@ class PandaModel:
             [arm.jointPlacements[i + 1].homogeneous for i in range(NUM_JOINTS)]
         )
         self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
+        frames = [*self._placements, self._X_7G]
+        self.link_lengths = np.array([np.linalg.norm(X[:3, 3]) for X in frames])
+        """(8,) from each link's frame to the next, panda_link0's first, the gripper's last [m]."""
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
         """Returns the world poses (..., 9, 4, 4) of panda_link0 to panda_link7 and the gripper.

@@ -9,6 +9,7 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker
+from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.panda_hand import GripperGeometry
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import (
@@ -21,7 +22,7 @@ from poil_drake.robots.panda_spheres import (
 _FIRST_LINK = 2
 """The first link to check; links 0 and 1 at most turn about their axis, and may touch the table."""
 
-_SELF_REACH = 0.02
+_SELF_REACH = 0.05
 """Cap on the self-clearance beyond its margin [m]; a smaller cap makes the check faster."""
 
 _ROUNDING = 1e-9
@@ -109,6 +110,7 @@ class PostureGuard:
             config=CollisionConfig(max_distance=config.self_margin + _SELF_REACH),
         )
         self._centers, self._radii = _outline(spheres, config.spheres.gripper)
+        self._reaches = self._joint_reaches()
         base = model.X_WB[:3, 3]
         # Rows: the gripper point, then the whole arm.
         self._lower = base + np.array([config.gripper_lower, config.body_lower])
@@ -120,7 +122,7 @@ class PostureGuard:
         """Returns how far each posture is from breaking each rule, (B, 3) [m]; negative if broken.
 
         The columns are `PostureRule`s: the depth inside the boxes, the height above the table less
-        its margin, and the self-clearance less its margin, capped at 2 cm.
+        its margin, and the self-clearance less its margin, capped at 5 cm.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -133,6 +135,26 @@ class PostureGuard:
         clearances[:, PostureRule.SELF_COLLISION] = self._checker.self_clearance(poses)
         clearances[:, PostureRule.SELF_COLLISION] -= self._config.self_margin
         return clearances
+
+    def _joint_reaches(self) -> np.ndarray:
+        """Returns bounds (7,) on the distance of the arm's points from each joint's axis [m].
+
+        The chain from a joint to a link is at most as long as all its parts together.
+        """
+        extents = np.linalg.norm(self._centers[:, :3], axis=1) + self._radii[:, 0]
+        extents = np.concatenate([np.zeros(_FIRST_LINK - 1), extents.max(axis=1)])
+        lengths = np.concatenate([[0.0], np.cumsum(self._model.link_lengths[1:])])
+        return np.array([(lengths + extents)[k:].max() - lengths[k] for k in range(NUM_JOINTS)])
+
+    def largest_displacement(self, turns: np.ndarray) -> float:
+        """Returns a bound on how far any point of the arm moves [m].
+
+        It also bounds how much the distance of two points of the arm changes.
+
+        Args:
+            turns: (B, 7) by how much the joints turn [rad]; the bound holds for each.
+        """
+        return float((np.abs(turns) @ self._reaches).max())
 
     def face_distances(self, q: np.ndarray) -> np.ndarray:
         """Returns how far each posture is inside each face of the boxes, (B, 12) [m].

@@ -148,6 +148,7 @@ class SafetySupervisor(LeafSystem):
         }
         inner = {
             "acceleration": _REST,
+            "cleared": np.full(1 + 6 * NUM_JOINTS, np.nan),
             "memory": SafetyMemory(),
             "image_times": np.full(len(cameras), np.nan),
         }
@@ -203,7 +204,8 @@ class SafetySupervisor(LeafSystem):
                 # The arm has moved on since its status was measured.
                 lag = observation.status_age * motion.velocity
                 offset = measured + lag - motion.position
-                motion, scale, refusal = self._guarded_step(context, motion, offset)
+                cleared = state["cleared"]
+                motion, scale, refusal = self._guarded_step(context, motion, offset, cleared)
                 if scale == 0.0 and refusal is not None:
                     memory = memory._replace(fault=float(POSTURE_FAULTS[refusal]))
             state["velocity_time"][0] = context.get_time()
@@ -247,14 +249,28 @@ class SafetySupervisor(LeafSystem):
         return rest
 
     def _guarded_step(
-        self, context: Context, motion: JointMotion, offset: np.ndarray
+        self, context: Context, motion: JointMotion, offset: np.ndarray, cleared: np.ndarray
     ) -> GuardedStep[PostureRule]:
-        """Returns the limiter's step for an arm that is `offset` (7,) [rad] from its command."""
+        """Returns the limiter's step for an arm that is `offset` (7,) [rad] from its command.
+
+        Postures that cannot have used up the clearance of the last ones are not checked again.
+
+        Args:
+            context: The system's context.
+            motion: The commanded motion.
+            offset: The measured position relative to the command.
+            cleared: (43,) the least clearance [m] of the last postures that were checked, and these
+                (6, 7) [rad]; updated.
+        """
         present = np.repeat([motion.position, motion.position + offset], 3, axis=0)
 
         def refuse(postures: np.ndarray) -> PostureRule | None:
             both = np.concatenate([postures, postures + offset])
-            return self._guard.broken_rule(both, present)
+            turns = both - cleared[1:].reshape(both.shape)
+            if self._guard.largest_displacement(turns) < cleared[0]:
+                return None
+            cleared[0], cleared[1:] = self._guard.clearances(both).min(), both.ravel()
+            return None if cleared[0] >= 0.0 else self._guard.broken_rule(both, present)
 
         wanted = self._inputs["velocity"].Eval(context)
         return self._limiter.guarded_step(motion, wanted, refuse, offset=offset)

@@ -275,6 +275,30 @@ def test_an_arm_that_breaks_a_rule_may_return() -> None:
     np.testing.assert_allclose(dut.read("velocity"), -0.1 * DOWN, atol=1e-12)
 
 
+def test_postures_within_the_last_ones_clearance_are_not_checked_again(monkeypatch) -> None:
+    checks: list[np.ndarray] = []
+    clearances = PostureGuard.clearances
+
+    def counted(guard: PostureGuard, q: np.ndarray) -> np.ndarray:
+        checks.append(q)
+        return clearances(guard, q)
+
+    def run() -> np.ndarray:
+        checks.clear()
+        dut = SupervisorBench(LOW - 0.5 * DOWN)
+        dut.tick(600, velocity=0.4 * DOWN)
+        assert dut.fault is SafetyFault.TABLE
+        return np.array(dut.velocities)
+
+    monkeypatch.setattr(PostureGuard, "clearances", counted)
+    seldom, count = run(), len(checks)
+    monkeypatch.setattr(PostureGuard, "largest_displacement", lambda guard, turns: np.inf)
+    always = run()
+
+    np.testing.assert_array_equal(seldom, always)
+    assert count < len(checks) / 2
+
+
 def test_it_stops_at_a_joint_limit_without_a_fault() -> None:
     dut = SupervisorBench(NOMINAL_POSTURE)
 
