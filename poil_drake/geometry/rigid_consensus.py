@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from poil_drake.geometry.rigid_fit import squared_motion_errors
+from poil_drake.geometry.rigid_transform import cross
 
 _EXHAUSTIVE_COUNT = 10
 """Up to this many points all sets of three are tried, 120 at most, so that nothing is left to
@@ -19,10 +20,6 @@ outlier is below 1e-20."""
 _MIN_ASPECT = 0.1
 """Sets whose triangle is thinner than this, height over longest side, propose nothing, because
 noise dominates their rotation."""
-
-
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
-"""Cyclic orders of the coordinates, for cross products: `np.cross` takes three times as long."""
 
 
 def rigid_inliers(
@@ -95,7 +92,7 @@ def choose_triples(points: np.ndarray) -> np.ndarray:
     """Returns the indices (K, 3) of the sets of points (N, 3) that span a wide enough triangle."""
     triples = _triples(len(points))
     corners = points.T.take(triples.T, axis=1)
-    sides = corners.take(_NEXT, axis=1) - corners
+    sides = corners.take([1, 2, 0], axis=1) - corners
     squares = (sides * sides).sum(axis=0)
     # By Lagrange's identity this is |a x b|^2, the square of height times longest side.
     area = squares[0] * squares[1] - (sides[:, 0] * sides[:, 1]).sum(axis=0) ** 2
@@ -125,9 +122,7 @@ def _triangle_motion_errors(points: np.ndarray, triples: np.ndarray) -> np.ndarr
     first, second = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
     first = _unit(first)
     second = _unit(second - (first * second).sum(axis=1, keepdims=True) * first)
-    third = first.take(_NEXT, axis=1) * second.take(_LAST, axis=1)
-    third -= first.take(_LAST, axis=1) * second.take(_NEXT, axis=1)
-    axes = np.stack([first, second, third], axis=2)
+    axes = np.stack([first, second, cross(first, second, axis=1)], axis=2)
     origins = (corners.mean(axis=2)[:, :, None] * axes).sum(axis=1)
     coordinates = (points @ axes.reshape(2, 3, -1)).reshape(2, points.shape[1], 3, -1)
     errors = (coordinates[0] - coordinates[1]) - (origins[0] - origins[1])

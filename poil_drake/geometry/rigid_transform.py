@@ -44,6 +44,14 @@ def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ np.swapaxes(R, -1, -2) + X[..., None, :3, 3]
 
 
+def cross(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Returns the cross products of vectors along an axis; `np.cross` takes three times as long."""
+    return a.take(_NEXT, axis) * b.take(_LAST, axis) - a.take(_LAST, axis) * b.take(_NEXT, axis)
+
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
 def skew(v: np.ndarray) -> np.ndarray:
     """Returns the matrices [v] (..., 3, 3) with [v] u = v x u, for vectors v (..., 3)."""
     v = np.asarray(v, dtype=float)

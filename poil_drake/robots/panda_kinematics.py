@@ -3,6 +3,7 @@
 import numpy as np
 
 from poil_drake.geometry.frozen_array import frozen_array
+from poil_drake.geometry.rigid_transform import cross
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import ACCELERATION_LIMITS, GRIPPER_FRAME, NUM_JOINTS
 from poil_drake.robots.robot_description import panda_urdf
@@ -95,7 +96,7 @@ class PandaModel:
         poses = self.link_poses(q)
         axes = poses[..., 1:8, :3, 2]
         arms = poses[..., 8, None, :3, 3] - poses[..., 1:8, :3, 3]
-        jacobian = np.concatenate([axes, np.cross(axes, arms)], axis=-1)
+        jacobian = np.concatenate([axes, cross(axes, arms)], axis=-1)
         return poses[..., 8, :, :], np.swapaxes(jacobian, -1, -2)
 
     def limit_margin(self, q: np.ndarray) -> np.ndarray:

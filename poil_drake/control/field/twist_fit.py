@@ -6,7 +6,7 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_consensus import choose_triples, consensus
-from poil_drake.geometry.rigid_transform import skew
+from poil_drake.geometry.rigid_transform import cross, skew
 
 _CURL = -skew(np.eye(3)).reshape(3, 9)
 """The Levi-Civita symbol: [omega] has the rows of -omega @ _CURL; see `fit_twist`."""
@@ -117,7 +117,7 @@ def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
         p_PQ: (..., 3) from P to Q [m], world.
     """
     omega, v = V_WP[..., :3], V_WP[..., 3:]
-    return np.concatenate([omega, v + np.cross(omega, p_PQ)], axis=-1)
+    return np.concatenate([omega, v + cross(omega, p_PQ)], axis=-1)
 
 
 def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
@@ -137,7 +137,8 @@ def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float
             f"The speed limits are {max_angular_speed} rad/s and {max_linear_speed} m/s.",
             remedy="Both must be positive.",
         )
-    V = np.where(np.isfinite(V).all(axis=-1, keepdims=True), V, 0.0)
-    speeds = np.linalg.norm(V.reshape(*V.shape[:-1], 2, 3), axis=-1)
+    V = np.where(np.isfinite(V.sum(axis=-1, keepdims=True)), V, 0.0)
+    parts = V.reshape(*V.shape[:-1], 2, 3)
+    speeds = np.sqrt(np.vecdot(parts, parts))
     excess = (speeds / [max_angular_speed, max_linear_speed]).max(axis=-1, keepdims=True)
     return V / np.maximum(1.0, excess)
