@@ -12,17 +12,21 @@ Job = Callable[[], None]
 class BackgroundWorker:
     """Runs jobs in a separate thread, one after the other, in the order of submission.
 
+    Jobs are handed over in batches, because each handover may switch threads.
+
     After an exception in a job, no further job runs; the next `submit` or `close` raises the
     exception.
 
     Args:
         name: The thread's name.
-        capacity: How many jobs may wait. If the queue is full, `submit` either waits, so that no
-            job is lost, or drops the job and counts it.
+        capacity: How many batches may wait. If the queue is full, `submit` either waits, so that no
+            job is lost, or drops the batch and counts its jobs.
+        batch: Number of jobs in a batch.
     """
 
-    def __init__(self, *, name: str, capacity: int):
-        self._jobs: queue.Queue[Job | None] = queue.Queue(capacity)
+    def __init__(self, *, name: str, capacity: int, batch: int = 1):
+        self._queue: queue.Queue[list[Job]] = queue.Queue(capacity)
+        self._batch, self._batch_size = list[Job](), batch
         self._error: Exception | None = None
         self._closed = False
         self._dropped = 0
@@ -45,10 +49,14 @@ class BackgroundWorker:
         if self._closed:
             raise ValueError(f"The worker '{self._thread.name}' is closed and takes no more jobs.")
         self._raise_error()
+        self._batch.append(job)
+        if len(self._batch) < self._batch_size:
+            return
+        batch, self._batch = self._batch, []
         try:
-            self._jobs.put(job, block=not may_drop)
+            self._queue.put(batch, block=not may_drop)
         except queue.Full:
-            self._dropped += 1
+            self._dropped += len(batch)
 
     def close(self) -> None:
         """Waits until all jobs are done and ends the thread. A second call does nothing.
@@ -59,7 +67,8 @@ class BackgroundWorker:
         if self._closed:
             return
         self._closed = True
-        self._jobs.put(None)
+        for batch in (self._batch, []):
+            self._queue.put(batch)
         self._thread.join()
         self._raise_error()
 
@@ -70,13 +79,14 @@ class BackgroundWorker:
 
     def _work(self) -> None:
         failed = False
-        while (job := self._jobs.get()) is not None:
-            if failed:
-                continue
-            TURNS.wait()
-            try:
-                job()
-            # Any exception, because the caller's thread raises it.
-            except Exception as error:
-                failed = True
-                self._error = error
+        while batch := self._queue.get():
+            for job in batch:
+                if failed:
+                    break
+                TURNS.wait()
+                try:
+                    job()
+                # Any exception, because the caller's thread raises it.
+                except Exception as error:
+                    failed = True
+                    self._error = error

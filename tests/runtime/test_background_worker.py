@@ -54,6 +54,40 @@ def test_a_full_queue_drops_jobs_that_may_be_dropped():
     assert dut.dropped == 1
 
 
+def test_jobs_start_when_their_batch_is_full_or_the_worker_closes():
+    started, done = threading.Event(), []
+    dut = BackgroundWorker(name="test", capacity=1, batch=3)
+
+    dut.submit(lambda: done.append(1))
+    dut.submit(lambda: done.append(2))
+    waited = not done
+    dut.submit(started.set)
+    started.wait()
+    first = list(done)
+    dut.submit(lambda: done.append(3))
+    dut.close()
+
+    assert waited
+    assert first == [1, 2]
+    assert done == [1, 2, 3]
+
+
+def test_a_dropped_batch_counts_all_its_jobs():
+    gate, started, done = threading.Event(), threading.Event(), []
+    dut = BackgroundWorker(name="test", capacity=1, batch=2)
+
+    dut.submit(lambda: (started.set(), gate.wait()))
+    dut.submit(lambda: None)
+    started.wait()
+    for i in range(5):
+        dut.submit(lambda i=i: done.append(i), may_drop=True)
+    gate.set()
+    dut.close()
+
+    assert done == [0, 1, 4]
+    assert dut.dropped == 2
+
+
 def test_a_closed_worker_rejects_jobs():
     dut = BackgroundWorker(name="test", capacity=1)
     dut.close()

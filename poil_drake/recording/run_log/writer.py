@@ -61,6 +61,10 @@ class RunLogConfig:
         return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
+_BATCH = 48
+"""Number of messages that are handed to the thread at once: those of about 1/32 s."""
+
+
 class RunLogWriter:
     """Writes the log of a run; use it in a `with` block, or call `close`.
 
@@ -104,7 +108,10 @@ class RunLogWriter:
             )
         if plan is not None:
             self._sink.add_attachment(PLAN_ATTACHMENT, media_type="application/zip", data=plan)
-        self._worker = BackgroundWorker(name="run_log", capacity=self._config.queue_capacity)
+        batch = min(_BATCH, self._config.queue_capacity)
+        self._worker = BackgroundWorker(
+            name="run_log", capacity=self._config.queue_capacity // batch, batch=batch
+        )
         atexit.register(self.close)
 
     def write_calibration(self, camera: CameraModel, *, time: float) -> None:
