@@ -25,6 +25,9 @@ from poil_drake.reports.progress import OneLineTqdm
 
 _POINTS, _SAMPLES = 10, 500
 
+_BATCH = 1000
+"""Number of states that the field computes at once."""
+
 _WARM_UP = 50
 """Number of untimed ticks at the start, in which caches and libraries are set up."""
 
@@ -39,11 +42,13 @@ class Subject(NamedTuple):
         name: Its name in the table.
         prepare: Returns the argument for a tick; not timed.
         run: The function that is timed.
+        states: Number of states that it computes; durations are for one of them.
     """
 
     name: str
     prepare: Callable[[int], Any]
     run: Callable[[Any], Any]
+    states: int = 1
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ def summarize(names: Sequence[str], durations: np.ndarray) -> list[Row]:
 
 
 def _time(subjects: Sequence[Subject], ticks: int, bar: OneLineTqdm | None = None) -> np.ndarray:
-    """Returns the duration of each subject at each tick (ticks, len(subjects)) [s]."""
+    """Returns the duration of each subject for a state at each tick (ticks, len(subjects)) [s]."""
     random = np.random.default_rng(0)
     durations = np.empty((ticks, len(subjects)))
     for tick in range(ticks):
@@ -119,7 +124,7 @@ def _time(subjects: Sequence[Subject], ticks: int, bar: OneLineTqdm | None = Non
             argument = subject.prepare(tick)
             start = time.perf_counter()
             subject.run(argument)
-            durations[tick, which] = time.perf_counter() - start
+            durations[tick, which] = (time.perf_counter() - start) / subject.states
         if bar is not None:
             bar.update()
     return durations
@@ -144,6 +149,11 @@ def _subjects() -> list[Subject]:
             for outliers, points in (("clean", some.clean), ("2 outliers", some.spoilt)):
                 name = f"field, {test} test, {where}, {outliers}"
                 subjects.append(Subject(name, partial(_cycle, points), field))
+    for where, some in states.items():
+        batch = np.resize(some.clean, (_BATCH, *some.clean.shape[1:]))
+        field = partial(point_set_bcsdm, reference=reference, config=BcsdmConfig())
+        name = f"field, {_BATCH} states at once, {where}, each"
+        subjects.append(Subject(name, partial(_cycle, [batch]), field, _BATCH))
     poses = np.concatenate([some.poses for some in states.values()])
     poses = np.random.default_rng(0).permutation(poses)
     pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()

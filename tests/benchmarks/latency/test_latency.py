@@ -30,6 +30,7 @@ def test_all_subjects_are_timed_and_written(
         for where in ("near", "far")
         for outliers in ("clean", "2 outliers")
     }
+    fields |= {f"field, 1000 states at once, {where}, each" for where in ("near", "far")}
     assert fields | {BASELINE, PATH, "SE(3) BCSDM, NumPy"} == names
     for row in rows:
         assert 0.0 < row.p50 <= row.p99 <= row.p99_9 <= row.largest < math.inf
