@@ -42,13 +42,11 @@ class Subject(NamedTuple):
         name: Its name in the table.
         prepare: Returns the argument for a tick; not timed.
         run: The function that is timed.
-        states: Number of states that it computes; durations are for one of them.
     """
 
     name: str
     prepare: Callable[[int], Any]
     run: Callable[[Any], Any]
-    states: int = 1
 
 
 @dataclass(frozen=True)
@@ -86,27 +84,29 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    subjects = _subjects()
-    _time(subjects, _WARM_UP)
+    subjects, batches = _subjects()
+    _time([*subjects, *batches], _WARM_UP)
     gc.collect()
     gc.freeze()
     try:
         with OneLineTqdm(total=ticks, desc="ticks") as bar:
             durations = _time(subjects, ticks, bar)
+        # By themselves, because they leave none of the others' data in the caches.
+        per_state = _time(batches, max(ticks // 50, 1)) / _BATCH
     finally:
         gc.unfreeze()
         torch.set_num_threads(threads)
-    rows = summarize([subject.name for subject in subjects], durations)
+    columns = [*durations.T, *per_state.T]
+    rows = summarize([subject.name for subject in (*subjects, *batches)], columns)
     figures = {"ticks": ticks, "machine": _machine(), "rows": [asdict(row) for row in rows]}
     write_json(figures, json_path)
     _print_table(rows)
     return rows
 
 
-def summarize(names: Sequence[str], durations: np.ndarray) -> list[Row]:
-    """Returns the percentiles of durations (ticks, len(names)) [s]."""
-    microseconds = 1e6 * durations
-    percentiles = np.percentile(microseconds, [50.0, 99.0, 99.9, 100.0], axis=0).T.tolist()
+def summarize(names: Sequence[str], durations: Sequence[np.ndarray]) -> list[Row]:
+    """Returns the percentiles of each subject's durations [s]."""
+    percentiles = [np.percentile(1e6 * d, [50.0, 99.0, 99.9, 100.0]).tolist() for d in durations]
     baseline = percentiles[list(names).index(BASELINE)][0]
     return [
         Row(name, p50, p99, p99_9, largest, p50 / baseline)
@@ -115,7 +115,7 @@ def summarize(names: Sequence[str], durations: np.ndarray) -> list[Row]:
 
 
 def _time(subjects: Sequence[Subject], ticks: int, bar: OneLineTqdm | None = None) -> np.ndarray:
-    """Returns the duration of each subject for a state at each tick (ticks, len(subjects)) [s]."""
+    """Returns the duration of each subject at each tick (ticks, len(subjects)) [s]."""
     random = np.random.default_rng(0)
     durations = np.empty((ticks, len(subjects)))
     for tick in range(ticks):
@@ -124,13 +124,14 @@ def _time(subjects: Sequence[Subject], ticks: int, bar: OneLineTqdm | None = Non
             argument = subject.prepare(tick)
             start = time.perf_counter()
             subject.run(argument)
-            durations[tick, which] = (time.perf_counter() - start) / subject.states
+            durations[tick, which] = time.perf_counter() - start
         if bar is not None:
             bar.update()
     return durations
 
 
-def _subjects() -> list[Subject]:
+def _subjects() -> tuple[list[Subject], list[Subject]]:
+    """Returns the subjects that compute one state, and those that compute `_BATCH` states."""
     import torch
 
     from poil_drake.benchmarks.latency.se3_bcsdm_torch import TorchSe3Bcsdm
@@ -149,23 +150,24 @@ def _subjects() -> list[Subject]:
             for outliers, points in (("clean", some.clean), ("2 outliers", some.spoilt)):
                 name = f"field, {test} test, {where}, {outliers}"
                 subjects.append(Subject(name, partial(_cycle, points), field))
+    field = partial(point_set_bcsdm, reference=reference, config=BcsdmConfig())
+    batches = []
     for where, some in states.items():
         batch = np.resize(some.clean, (_BATCH, *some.clean.shape[1:]))
-        field = partial(point_set_bcsdm, reference=reference, config=BcsdmConfig())
         name = f"field, {_BATCH} states at once, {where}, each"
-        subjects.append(Subject(name, partial(_cycle, [batch]), field, _BATCH))
+        batches.append(Subject(name, partial(_cycle, [batch]), field))
     poses = np.concatenate([some.poses for some in states.values()])
     poses = np.random.default_rng(0).permutation(poses)
     pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
     numpy_field = partial(se3_bcsdm, reference=pose_reference, config=config)
-    torch_field, batches = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
+    torch_field, tensors = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
     path = ControlPath(num_points=_POINTS, num_samples=_SAMPLES)
-    return [
-        *subjects,
+    subjects += [
         Subject("SE(3) BCSDM, NumPy", partial(_cycle, poses), numpy_field),
-        Subject(BASELINE, partial(_cycle, batches), torch_field),
+        Subject(BASELINE, partial(_cycle, tensors), torch_field),
         Subject(PATH, lambda tick: path.prepare(), lambda _: path.step()),
     ]
+    return subjects, batches
 
 
 def _cycle(states: Any, tick: int) -> Any:

@@ -42,9 +42,8 @@ def test_all_subjects_are_timed_and_written(
 def test_figures_are_percentiles_in_microseconds_and_ratios_to_the_baseline() -> None:
     # 0 to 1000 us: the percentiles are their own names. The baseline takes 2000 us, always.
     field = np.arange(1001) * 1e-6
-    durations = np.column_stack([field, np.full(1001, 2e-3)])
 
-    dut, baseline = summarize(["field", BASELINE], durations)
+    dut, baseline = summarize(["field", BASELINE], [field, np.full(10, 2e-3)])
 
     figures = (dut.p50, dut.p99, dut.p99_9, dut.largest)
     assert figures == pytest.approx((500.0, 990.0, 999.0, 1000.0))
