@@ -138,20 +138,23 @@ def _field(
     tau, target, velocities = reference.at_sample(sample)
     inliers = observed
     if config.outlier_test == "rigidity":
-        squares = squared_motion_errors(points, target, shares)
-        find = partial(rigid_consensus, inlier_distance=config.inlier_distance)
-        inliers = _inliers(squares, config.inlier_distance, observed, find, points, target, shares)
-        if inliers is not observed:
-            # Outliers do not count for the closest configuration either.
-            return _field(points, weights * inliers, reference, config, previous_tau)
+        above = observed & (
+            squared_motion_errors(points, target, shares) > config.inlier_distance**2
+        )
+        if above.any():
+            find = partial(rigid_consensus, inlier_distance=config.inlier_distance)
+            inliers = _inliers(above, observed, find, points, target, shares)
+            if (inliers < observed).any():
+                # Outliers do not count for the closest configuration either.
+                return _field(points, weights * inliers, reference, config, previous_tau)
     errors = target - points
     velocities = velocities + config.eta * errors
     fit = fit_twist(points, velocities, shares, config.min_rotation_spread)
     if config.outlier_test == "velocity":
-        squares = fit.squared_errors(points, velocities)
-        find = partial(twist_consensus, inlier_speed=config.inlier_speed)
-        inliers = _inliers(squares, config.inlier_speed, observed, find, points, velocities, shares)
-        if inliers is not observed:
+        above = observed & (fit.squared_errors(points, velocities) > config.inlier_speed**2)
+        if above.any():
+            find = partial(twist_consensus, inlier_speed=config.inlier_speed)
+            inliers = _inliers(above, observed, find, points, velocities, shares)
             kept = _shares(weights * inliers)
             fit = fit_twist(points, velocities, kept, config.min_rotation_spread)
     squares = np.vecdot(errors, errors)
@@ -190,26 +193,22 @@ def _shares(weights: np.ndarray) -> np.ndarray:
 
 
 def _inliers(
-    squares: np.ndarray,
-    limit: float,
+    above: np.ndarray,
     observed: np.ndarray,
     find: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     *values: np.ndarray,
 ) -> np.ndarray:
-    """Returns which points (..., N) bool one motion explains; `observed` itself if all.
+    """Returns which points (..., N) bool one motion explains.
 
     Args:
-        squares: (..., N) squared residuals of the best motion of all points.
-        limit: The largest residual of an inlier.
+        above: (..., N) bool, the points that the best motion of all leaves too far off.
         observed: (..., N) bool.
         find: Returns the inliers among the observed points of one state, given their values.
         values: Arrays (..., N, 3) or (..., N).
     """
-    above = (squares * observed).max(axis=-1) > limit**2
-    if not above.any():
-        return observed
     inliers = observed.copy()
-    for state in zip(*np.nonzero(above), strict=True) if above.ndim else [()]:
+    states = zip(*np.nonzero(above.any(axis=-1)), strict=True) if above.ndim > 1 else [()]
+    for state in states:
         chosen = (*state, observed[state])
         inliers[chosen] = find(*(array[chosen] for array in values))
-    return inliers if (inliers < observed).any() else observed
+    return inliers
