@@ -9,7 +9,8 @@ from poil_drake.geometry.rigid_consensus import choose_triples, consensus
 from poil_drake.geometry.rigid_transform import cross, skew
 
 _CURL = -skew(np.eye(3)).reshape(3, 9)
-"""The Levi-Civita symbol: [omega] has the rows of -omega @ _CURL; see `fit_twist`."""
+"""(3, 9): omega @ _CURL is -[omega], and _CURL @ M for M = sum_i a_i b_i^T is sum_i a_i x b_i, both
+matrices row by row."""
 
 
 _ROUNDING, _TINY = 1e-14, 1e-200
