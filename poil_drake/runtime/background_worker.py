@@ -40,7 +40,11 @@ class BackgroundWorker:
         return self._dropped
 
     def submit(self, job: Job, *, may_drop: bool = False) -> None:
-        """Queues a job.
+        """Adds a job to the batch, which is queued once it is full.
+
+        Args:
+            job: The job.
+            may_drop: Whether the batch that this job fills is dropped if the queue is full.
 
         Raises:
             ValueError: if the worker has been closed.

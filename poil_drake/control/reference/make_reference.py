@@ -153,6 +153,9 @@ def _rounded(
         speeds: (T,) speeds along it [m/s].
         times: (T,) when the poses were demonstrated [s].
         body: (N, 3) the shape [m].
+
+    Returns:
+        X, speeds, times: The same of (M,) poses, evenly spaced along the smoothed path.
     """
     points = transform_points(X, body)
     lengths = np.concatenate([[0.0], np.cumsum(rms_length(np.diff(points, axis=0)))])

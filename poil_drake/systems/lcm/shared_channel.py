@@ -6,7 +6,7 @@ from poil_drake.errors import StationError
 from poil_drake.systems.lcm.network import MessageNetwork
 
 _REMEMBERED = 1024
-"""How many of its own messages a channel recognizes when they return: four seconds' worth."""
+"""Number of sent messages that a channel recognizes as its own echo: those of four seconds."""
 
 
 class SharedChannel:

@@ -83,7 +83,7 @@ class FramePairStamps:
         """Returns the offset from the camera's clock to the computer's [s].
 
         The offset only decreases, so a camera's clock that is slow by 50 ppm makes images look
-        0.2 s older after an hour. When the clock wraps, every 72 minutes, the offset starts anew.
+        0.2 s older after an hour. When the clock wraps, every 72 minutes, the offset restarts.
         """
         if time < self._hardware_time:
             self._offset = math.inf
