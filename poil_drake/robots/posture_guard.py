@@ -54,7 +54,8 @@ class PostureGuardConfig:
         body_upper: Its upper corner.
         table_height: Height of the table, an infinite plane, in the world [m]; None without one.
         table_margin: Distance that the arm, the hand and the tips of the closed fingers keep from
-            the table [m]: less than the 6 mm of planned grasps, as the model of the tips is exact.
+            the table [m]. It must be less than the 6 mm that planned grasps keep, and can be this
+            small because the model of the tips is exact.
         self_margin: Distance that the wrist and the hand keep from the shoulder [m]; it is measured
             between spheres that already bulge by 5-10 mm.
         spheres: How finely the robot's shape is covered.

@@ -92,10 +92,10 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
         distance = surface_distance(planned, seen, _KEPT_SHARE)
         if distance > _SURFACE_TOLERANCE:
             raise PlanningError(
-                f"The {name} differs from the one in the plan: their surfaces are "
-                f"{1e3 * distance:.1f} mm apart, more than {1e3 * _SURFACE_TOLERANCE:g} mm.",
-                remedy="Put the object and the cameras back (in simulation: use the plan's "
-                "--seed), or plan again: poil transfer.",
+                f"The {name} does not match the plan: its surface is {1e3 * distance:.1f} mm from "
+                f"the planned one, more than {1e3 * _SURFACE_TOLERANCE:g} mm.",
+                remedy="Return the object and the cameras to where they were during planning (in "
+                "simulation: use the plan's --seed), or plan again: poil transfer.",
             )
 
 

@@ -48,8 +48,8 @@ class MotionSource(LeafSystem):
     own motion has ended and, if it is a joint motion, the arm has arrived.
 
     Before the first update, and whenever an input that they depend on is NaN, both velocities are
-    zero. `motion_done` is 0 while the phase, its start or, in a joint motion, a position is NaN.
-    Only a NaN in `ik_velocity` passes through, for the safety supervisor to detect.
+    zero, except that a NaN in `ik_velocity` is passed on for the safety supervisor to detect.
+    `motion_done` is 0 while the phase, its start or, in a joint motion, a position is NaN.
     """
 
     def __init__(

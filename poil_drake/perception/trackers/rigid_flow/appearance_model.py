@@ -1,4 +1,4 @@
-"""What the first frame shows of the object beyond its surface: its colours and its surroundings."""
+"""What the first frame shows besides the object's shape: its colours and its surroundings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
