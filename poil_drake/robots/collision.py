@@ -9,7 +9,7 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import RobotSpheres
 
 _RESTING_LINKS = (0, 1)
-"""Links that do not move, or only turn about their own axis; they may touch the robot's stand."""
+"""Links that do not move or only turn about their own axis; they may touch the robot's stand."""
 
 _SHOULDER_LINKS, _WRIST_LINKS = (0, 1, 2), (5, 6, 7, 8)
 """The two groups of the Panda's links that can collide with each other within the joint limits."""
@@ -21,7 +21,8 @@ class CollisionConfig:
 
     Attributes:
         robot_margin: Clearance that the robot's spheres must keep from the scene [m]. It covers
-            depth noise and the arm's tracking error; the spheres already bulge by 5-10 mm.
+            depth noise and the arm's tracking error. The spheres bulge beyond the robot by another
+            5-10 mm.
         object_margin: Clearance that the carried object must keep from the scene [m].
         ground_height: Height of the table in the world [m]; None without a table. The table is an
             infinite plane, because the cameras see only part of it.
@@ -63,7 +64,7 @@ class RobotCollisionChecker:
         self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Returns the robot's clearance (B,) [m] from the scene and from itself, capped.
+        """Returns the robot's clearance (B,) [m], the smaller of scene and self-clearance, capped.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -95,7 +96,7 @@ class RobotCollisionChecker:
         return clearance
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the clearance (B,) [m] between the shoulder links and the wrist, capped."""
+        """Returns the capped shoulder-wrist clearance (B,) [m] at link poses (B, 9, 4, 4)."""
         links, centers, radii = self._shoulder
         centers = _to_world(link_poses[:, links], centers)
         bounds = _to_world(

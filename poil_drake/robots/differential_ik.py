@@ -15,7 +15,7 @@ _FLAT = 1e-12
 """Components of joint-space directions whose absolute values are below this count as zero."""
 
 _LENGTH = 0.1
-"""Length that converts angular to linear speed where twists are compared [m]: about the distance
+"""Length that converts angular to linear speeds when twists are compared [m]: about the distance
 between the gripper and the object's points."""
 
 
@@ -25,8 +25,8 @@ class DifferentialInverseKinematicsConfig:
 
     Attributes:
         nominal_posture: (n,) joint positions towards which the null space pulls [rad].
-        centering_gain: Speed of that pull per distance [1/s]; slow compared with the task.
-        centering_speed: Largest speed of that pull [rad/s].
+        centering_gain: Speed of the pull per distance [1/s]; slow compared with the task.
+        centering_speed: Largest speed of the pull [rad/s].
         position_margin: Distance to keep from the joint limits [rad]; the Panda's own controller
             stops the arm at the limits.
         braking_gain: Largest speed of a joint per remaining distance to the margin [1/s]. At
@@ -50,7 +50,8 @@ class ResolvedTwist(NamedTuple):
     Attributes:
         velocity: (n,) joint velocities [rad/s].
         scale: The fraction of the twist that `velocity` achieves, in [0, 1]; 1 for a zero twist.
-        reachable_scale: The same without the acceleration limits; 0 where the arm is stuck.
+        reachable_scale: The fraction that is possible without acceleration limits; 0 if the arm is
+            stuck.
     """
 
     velocity: np.ndarray
@@ -73,8 +74,8 @@ def resolve_twist(
     [0, 1] that the joints' speed limits (reduced near position limits) allow, and a pull to the
     nominal posture in the null space of J. (2) `approach_velocity`: ONE factor shortens the change
     from `previous` to that velocity until every joint respects its acceleration limit. So the
-    twist has the desired direction when the arm starts from rest and while that direction is
-    steady. When it changes, the command moves along a line in joint space to the new velocity.
+    twist has the desired direction if the arm starts from rest and the direction is steady. When
+    the direction changes, the command moves along a line in joint space to the new velocity.
 
     A zero twist brings the arm to rest, including its motion in the null space.
 
@@ -113,9 +114,9 @@ def direction_preserving_velocity(
     highest: np.ndarray,
     pull_speed: float,
 ) -> tuple[np.ndarray, float]:
-    """Returns qdot (n,) and the largest a in [0, 1] with J qdot = a V within the bounds.
+    """Returns qdot (n,) [rad/s] and the largest a in [0, 1] with J qdot = a V within bounds.
 
-    Of these qdot it returns the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
+    Of all such qdot this is the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
     poses the same problem, but its solver, OSQP, takes milliseconds and fails near joint limits.
     With one redundant joint, qdot = a J^+ V + z n, where n spans the null space of J. A linear
     program in the plane (a, z) remains; eliminating z (Fourier-Motzkin) solves it exactly.
@@ -126,8 +127,8 @@ def direction_preserving_velocity(
         pull: (n,) desired velocities in the null space [rad/s].
         lowest: (n,) lowest joint velocities, at most 0 [rad/s].
         highest: (n,) highest joint velocities, at least 0 [rad/s].
-        pull_speed: Largest speed in the null space [rad/s]. That speed is also at most |J^+ V|, so
-            that it fades out with the twist.
+        pull_speed: Largest speed in the null space [rad/s]. It is also limited to |J^+ V|, so that
+            the pull fades out with the twist.
     """
     rows, n = J.shape
     U, S, Vt = np.linalg.svd(J)
@@ -185,10 +186,10 @@ def approach_velocity(
 
 
 def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray) -> float:
-    """Returns the fraction, in [0, 1], of the twist `wanted` (6,) that `achieved` (6,) amounts to.
+    """Returns the fraction, in [0, 1], of the twist `wanted` (6,) that `achieved` (6,) attains.
 
-    `achieved` is projected onto `wanted`, with angular speeds multiplied by a length of 0.1 m. The
-    fraction is 1 if `wanted` is zero.
+    It projects `achieved` onto `wanted`, with angular speeds multiplied by a length of 0.1 m. The
+    fraction is 1 if `wanted` is zero. Twists are (ω [rad/s], v [m/s]).
     """
     square = _LENGTH**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])
     product = _LENGTH**2 * float(wanted[:3] @ achieved[:3]) + float(wanted[3:] @ achieved[3:])

@@ -9,10 +9,10 @@ from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
-"""Offsets of joint 7 from the nominal posture in the seeds of the search [rad]."""
+"""Offsets of joint 7 from the nominal posture where searches start [rad]."""
 
 _ELBOW_SEEDS = (0.0, 0.7, -0.7)
-"""Offsets of joint 1, and with the opposite sign of joint 3 [rad], that swing the elbow aside."""
+"""Offsets of joint 1, and of joint 3 with the opposite sign [rad]; they swing the elbow aside."""
 
 ROTATION_SCALE = 0.15
 """Length that converts radians to metres in pose errors [m]: about the hand's size."""
@@ -31,16 +31,16 @@ DISTINCT = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class InverseKinematicsConfig:
-    """Parameters of a step of the search.
+    """Parameters of the search for a configuration.
 
     Attributes:
-        damping: Damping of the least squares [m]. A larger value makes the steps calmer near
+        damping: Damping of the least squares [m]. A larger value makes the steps smaller near
             singularities and the convergence slower elsewhere.
         posture_gain: Share of the way to the nominal posture that each step covers within the null
             space of the gripper's motion.
         largest_step: Largest change of a joint in a step [rad]; the linearisation holds that far.
-        limit_margin: Distance from the joint limits [rad], so that the controller, which starts
-            from a solution, can move both ways.
+        limit_margin: Distance of the solutions from the joint limits [rad]. It lets a controller
+            that starts from a solution move every joint both ways.
     """
 
     damping: float = 0.01
@@ -71,7 +71,7 @@ def damped_step(
 
     The step is J+ e + (I - J+ J) k (q_nominal - q) with the damped pseudo-inverse
     J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits stops at the limit, and the
-    step is solved again for the other joints, which thus use the redundancy first.
+    step is solved again for the other joints, so that these compensate as far as they can.
 
     Args:
         model: The arm.
@@ -115,7 +115,7 @@ def _solve_step(
 def solve_inverse_kinematics(
     model: PandaModel, X_WG: np.ndarray, seeds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Searches for a configuration for each gripper pose, starting at its seed.
+    """Searches for a configuration for each gripper pose, starting from a seed for each.
 
     Args:
         model: The arm.
@@ -144,7 +144,7 @@ def solve_inverse_kinematics(
 
 
 def distinct_solutions(model: PandaModel, X_WG: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds distinct configurations that reach each of the gripper poses.
+    """Finds, for each gripper pose, the distinct configurations that reach it.
 
     Args:
         model: The arm.

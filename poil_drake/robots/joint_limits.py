@@ -37,14 +37,14 @@ class JointLimits(SharedOnCopy):
     def velocity_bounds(
         self, positions: np.ndarray, *, margin: float, braking_gain: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lowest and highest velocities (n,) [rad/s] allowed at `positions` (n,).
+        """Returns the lowest and the highest allowed velocities, (n,) [rad/s] each.
 
         A joint approaches the point `margin` before its limit no faster than `braking_gain` times
         its distance from that point, so that it brakes smoothly and stops there. Beyond that point
-        it may only move back. Rest is always allowed.
+        the joint may only move back. Rest is always allowed.
 
         Args:
-            positions: Joint positions [rad].
+            positions: (n,) joint positions [rad].
             margin: Distance from the position limits [rad].
             braking_gain: Speed per remaining distance [1/s].
         """

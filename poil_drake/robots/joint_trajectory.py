@@ -37,11 +37,14 @@ class JointTrajectory(SharedOnCopy):
         return float(self.times[-1])
 
     def slowed(self, speed: float) -> "JointTrajectory":
-        """Returns the same path at the fraction `speed`, in (0, 1], of its speed."""
+        """Returns the same path, followed at the fraction `speed`, in (0, 1], of its speed."""
         return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions (J,) [rad] and velocities (J,) [rad/s]; at rest before and after."""
+        """Returns positions (J,) [rad] and velocities (J,) [rad/s] at `time` [s].
+
+        Before its start and after its end, the motion is at rest.
+        """
         if time <= 0.0:
             return self.positions[0], np.zeros(self.positions.shape[1])
         if time >= self.times[-1]:

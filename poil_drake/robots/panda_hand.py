@@ -36,7 +36,9 @@ class GripperGeometry:
     hand_bottom: float = -0.0374
 
     def finger_boxes(self, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lower and upper corners (4, 3) [m] of the boxes: +y tip and base, then -y.
+        """Returns the lower and upper corners, (4, 3) [m] each, of the boxes of the fingers.
+
+        The order is: tip and base of the finger at +y, tip and base of the finger at -y.
 
         Args:
             width: Distance between the pads [m].
@@ -55,7 +57,7 @@ class GripperGeometry:
         return np.concatenate([lower, far_lower]), np.concatenate([upper, far_upper])
 
     def hand_box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lower and upper corners (3,) [m] of the hand's body."""
+        """Returns the lower and the upper corner, (3,) [m] each, of the hand's body."""
         x, y, z = self.hand_size
         lower = np.array([-0.5 * x, -0.5 * y, self.hand_bottom - z])
         return lower, np.array([0.5 * x, 0.5 * y, self.hand_bottom])

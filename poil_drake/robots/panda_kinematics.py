@@ -10,7 +10,7 @@ from poil_drake.robots.robot_description import panda_urdf
 
 
 class PandaModel:
-    """The Panda arm with its fingers locked, read by Pinocchio from its URDF.
+    """The Panda arm with locked fingers, read by Pinocchio from the URDF.
 
     NumPy evaluates the chain of seven revolute joints for a whole batch of configurations in one
     call, as planning needs; from Python, Pinocchio takes one configuration at a time. A leading
@@ -55,7 +55,7 @@ class PandaModel:
         self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
         frames = [*self._placements, self._X_7G]
         self.link_lengths = np.array([np.linalg.norm(X[:3, 3]) for X in frames])
-        """(8,) from each link's frame to the next, panda_link0's first, the gripper's last [m]."""
+        """(8,) distances of the successive frames' origins, from panda_link0 to the gripper [m]."""
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
         """Returns the world poses (..., 9, 4, 4) of panda_link0 to panda_link7 and the gripper.
@@ -100,7 +100,7 @@ class PandaModel:
         return poses[..., 8, :, :], np.swapaxes(jacobian, -1, -2)
 
     def limit_margin(self, q: np.ndarray) -> np.ndarray:
-        """Returns each configuration's distance to its nearest joint limit [rad]; negative outside.
+        """Returns the distance (...) [rad] to the nearest joint limit; negative beyond it.
 
         Args:
             q: (..., 7) joint positions [rad].

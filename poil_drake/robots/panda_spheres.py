@@ -19,9 +19,9 @@ class RobotSpheresConfig:
 
     Attributes:
         arm_spacing: Distance between spheres along an arm cylinder [m]; closer spheres bulge less.
-        hand_cell: Largest edge of the cells into which the hand's box is divided [m]; a sphere
-            encloses each cell, so smaller cells bulge less beyond the box.
-        finger_cell: The same for the fingers, which come closest to other objects [m].
+        hand_cell: Largest edge of the cells into which the hand's box is divided [m]. A sphere
+            encloses each cell, so with smaller cells the spheres bulge less.
+        finger_cell: Largest edge of the fingers' cells [m]; the fingers come closest to objects.
         gripper: The shape of the hand.
     """
 
@@ -71,14 +71,14 @@ class RobotSpheres:
 def make_robot_spheres(
     *, finger_opening: float | None, config: RobotSpheresConfig | None = None
 ) -> RobotSpheres:
-    """Covers the collision primitives of the arm's description and the hand's boxes with spheres.
+    """Returns spheres that cover the arm's collision primitives and the hand's boxes.
 
     The description's primitives of the hand and the fingers are far thicker than the real parts,
     so the spheres cover the measured boxes of `config.gripper` instead.
 
     Args:
-        finger_opening: Distance between the pads [m]; None leaves the fingers out, for motions
-            in which other code checks them or they are meant to come close to an object.
+        finger_opening: Distance between the pads [m]. None leaves the fingers out, for motions in
+            which they are checked elsewhere or are meant to come close to an object.
         config: How finely the shape is covered.
 
     Raises:
@@ -99,12 +99,13 @@ def make_robot_spheres(
 
 
 def cover_box(lower: np.ndarray, upper: np.ndarray, cell: float) -> tuple[np.ndarray, float]:
-    """Returns centres (S, 3) and the radius of equal spheres that enclose a box's boundary.
+    """Returns centres (S, 3) and the radius [m] of equal spheres that enclose a box's boundary.
 
     Args:
         lower: (3,) lower corner [m].
         upper: (3,) upper corner [m].
-        cell: Largest edge of the cells, each of which gets one sphere [m].
+        cell: Largest edge [m] of the cells into which the box is divided. One sphere encloses each
+            cell at the boundary.
     """
     counts = np.maximum(np.ceil((upper - lower) / cell).astype(int), 1)
     edges = (upper - lower) / counts
@@ -115,7 +116,7 @@ def cover_box(lower: np.ndarray, upper: np.ndarray, cell: float) -> tuple[np.nda
 
 
 def cover_cylinder(length: float, radius: float, spacing: float) -> tuple[np.ndarray, float]:
-    """Returns centres (S, 3) and the radius of spheres that enclose a cylinder along z.
+    """Returns centres (S, 3) and the radius [m] of spheres that enclose a cylinder along z.
 
     Args:
         length: The cylinder's length [m].

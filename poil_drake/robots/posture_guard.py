@@ -23,7 +23,7 @@ _FIRST_LINK = 2
 """The first link to check; links 0 and 1 at most turn about their axis, and may touch the table."""
 
 _SELF_REACH = 0.05
-"""Cap on the self-clearance beyond its margin [m]; a smaller cap makes the check faster."""
+"""Cap on the self-clearance minus its margin [m]; a smaller cap makes the check faster."""
 
 _ROUNDING = 1e-9
 """Clearances that differ by no more than this count as equal [m]."""
@@ -49,15 +49,15 @@ class PostureGuardConfig:
     Attributes:
         gripper_lower: Lower corner of the box for the gripper point, between the finger tips.
         gripper_upper: Its upper corner.
-        body_lower: Lower corner of the box for the arm from panda_link2 on, including the elbow;
-            the box keeps the arm away from walls and people.
+        body_lower: Lower corner of the box for the arm from panda_link2 on, including the elbow.
+            The box keeps the arm away from walls and people.
         body_upper: Its upper corner.
         table_height: Height of the table, an infinite plane, in the world [m]; None without one.
         table_margin: Distance that the arm, the hand and the tips of the closed fingers keep from
-            the table [m]. It must be less than the 6 mm that planned grasps keep, and can be this
-            small because the model of the tips is exact.
-        self_margin: Distance that the wrist and the hand keep from the shoulder [m]; it is measured
-            between spheres that already bulge by 5-10 mm.
+            the table [m]. It must be less than the 6 mm that planned grasps keep. It can be small
+            because the model of the tips is exact.
+        self_margin: Distance that the wrist and the hand keep from the shoulder [m], measured
+            between spheres that bulge beyond the robot by 5-10 mm.
         spheres: How finely the robot's shape is covered.
     """
 
@@ -90,8 +90,8 @@ class PostureGuard:
     """Checks postures against the rules of `PostureGuardConfig`.
 
     The spheres of motion planning represent the arm. For the boxes and the table, the corners of
-    the hand's box and of the closed finger tips represent the hand; with open fingers, a tilted
-    hand reaches farther down by up to 4 cm times the sine of its tilt. Held objects are ignored.
+    the hand's box and of the closed finger tips represent the hand. The tips of open fingers reach
+    up to 4 cm times the sine of the hand's tilt farther down. Held objects are ignored.
     """
 
     def __init__(self, *, model: PandaModel, config: PostureGuardConfig | None = None):
@@ -122,8 +122,8 @@ class PostureGuard:
     def clearances(self, q: np.ndarray) -> np.ndarray:
         """Returns how far each posture is from breaking each rule, (B, 3) [m]; negative if broken.
 
-        The columns are `PostureRule`s: the depth inside the boxes, the height above the table less
-        its margin, and the self-clearance less its margin, capped at 5 cm.
+        The columns are indexed by `PostureRule`: the depth inside the boxes, the height above the
+        table minus `table_margin`, and the self-clearance minus `self_margin`, capped at 5 cm.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -150,17 +150,18 @@ class PostureGuard:
     def largest_displacement(self, turns: np.ndarray) -> float:
         """Returns a bound on how far any point of the arm moves [m].
 
-        It also bounds how much the distance of two points of the arm changes.
+        It also bounds how much the distance between two points of the arm changes.
 
         Args:
-            turns: (B, 7) by how much the joints turn [rad]; the bound holds for each.
+            turns: (B, 7) changes of the joint positions [rad]; the bound covers all B.
         """
         return float((np.abs(turns) @ self._reaches).max())
 
     def face_distances(self, q: np.ndarray) -> np.ndarray:
         """Returns how far each posture is inside each face of the boxes, (B, 12) [m].
 
-        A distance is negative beyond a face; the smallest is the first column of `clearances`.
+        A distance is negative beyond its face; the smallest is the first column of `clearances`.
+        The order is that of (lower or upper faces, gripper or arm, axis), row-major.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -168,7 +169,7 @@ class PostureGuard:
         return self._outer(self._model.link_poses(q))[0].reshape(len(q), 12)
 
     def tightest_face(self, q: np.ndarray) -> str:
-        """Returns a clause on the boxes' face that the postures are nearest to, or exceed most.
+        """Returns a clause on the face of a box that the postures come closest to or exceed most.
 
         Args:
             q: (B, 7) joint positions [rad], at least one.
@@ -184,7 +185,7 @@ class PostureGuard:
         return f"the {part} is {where} poil.safety.posture.{name}[{axis}], {limit:g} m"
 
     def tightest(self, q: np.ndarray) -> str:
-        """Returns a clause on the rule that `q` (7,) [rad] most nearly breaks, or breaks most."""
+        """Returns a clause on the rule that the posture `q` (7,) [rad] is closest to breaking."""
         rule = PostureRule(int(np.argmin(self.clearances(q[None])[0])))
         if rule is PostureRule.WORKSPACE:
             return self.tightest_face(q[None])
@@ -211,7 +212,7 @@ class PostureGuard:
     def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
         """Returns the first rule that any of the postures breaks, or None.
 
-        An arm that already breaks a rule may move back, but not break that rule by more.
+        An arm that already breaks a rule may move back, but not break the rule by more.
 
         Args:
             q: (B, 7) next postures [rad].
@@ -228,7 +229,7 @@ class PostureGuard:
 def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarray, np.ndarray]:
     """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) of the moving links' spheres.
 
-    Each link's spheres are repeated up to P. Those of the hand are its corners, of radius zero.
+    Spheres are repeated until every link has P. Those of the hand are its corners, of radius zero.
     """
     corners = _hand_corners(gripper)
     own = [np.flatnonzero(spheres.links == link) for link in range(_FIRST_LINK, GRIPPER_LINK)]

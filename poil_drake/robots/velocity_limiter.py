@@ -45,7 +45,8 @@ class GuardedStep(NamedTuple, Generic[Reason]):
         motion: The motion one period later.
         share: The share of the desired velocity that the arm heads for, in [0, 1]: 1 if no limit
             and no forbidden posture reduces it, 0 if the arm brakes instead.
-        reason: Why a larger share was refused; None if nothing but the joints' limits did so.
+        reason: What `refuse` of `guarded_step` returned for the largest share that it refused; None
+            if it refused none.
     """
 
     motion: JointMotion
@@ -94,9 +95,9 @@ class VelocityLimiter:
 
     Ruckig (Berscheid and Kroeger 2021) finds the fastest motion to a desired velocity. All joints
     share one scale, which keeps the direction where possible. After every step the arm can brake
-    within the position limits: before it takes a step, the limiter plans the braking that would
-    follow, and chooses a smaller share of the velocity, or brakes, if the arm would stop outside
-    the limits. So if the arm can stop from one motion, it can stop from all later ones.
+    within the position limits: the limiter also plans the braking that would follow the step. If
+    the arm would stop outside the limits, the limiter chooses a smaller share of the velocity, or
+    brakes. So if the arm can stop at the first step, it can stop at every later step.
 
     The limiter has no state; callers pass the last commanded motion.
 
@@ -151,7 +152,7 @@ class VelocityLimiter:
     def braking(self, motion: JointMotion) -> np.ndarray:
         """Returns the velocities (K, n) [rad/s] of the steps that bring the arm to rest.
 
-        The last one is zero; K is 0 for an arm at rest.
+        The last velocity is zero; K is 0 for an arm at rest.
 
         Args:
             motion: The current command; its position is ignored.
@@ -178,11 +179,11 @@ class VelocityLimiter:
         Args:
             motion: The current command.
             wanted: (n,) desired velocity [rad/s]; one that is not finite means rest.
-            refuse: Returns why one of the postures (3, n) [rad] is forbidden, or None. They are the
-                postures after the step, halfway through the braking that would follow, and at its
-                end. `refuse` is called only for steps that the joints' limits allow.
-            offset: (n,) position of the real arm relative to its command [rad]; the real arm stays
-                within the joints' limits, too.
+            refuse: Returns why one of three postures (3, n) [rad] is forbidden, or None: the
+                postures after the step, halfway through the braking that would follow, and at the
+                end of the braking. It is called only for steps that the joints' limits allow.
+            offset: (n,) position of the real arm relative to its command [rad]; the step keeps the
+                real arm within the joints' limits, too.
         """
         rest = np.zeros_like(motion.velocity)
         if not np.isfinite(wanted).all() or not wanted.any():
@@ -212,7 +213,7 @@ class VelocityLimiter:
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
         """Returns whether braking from `start` stays inside, or no farther outside than `before`.
 
-        Both are (K, n) positions [rad], `before` one period earlier; `braking` starts at zero.
+        `start` and `before`, one period earlier, are (K, n) positions [rad]; `braking` starts at 0.
         """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]

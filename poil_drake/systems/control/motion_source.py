@@ -18,8 +18,8 @@ JOINT_GAIN = 4.0
 """Feedback gain along joint trajectories [1/s]."""
 
 _JOINT_TOLERANCE = 0.02
-"""Largest distance of a joint from the end of a finished motion [rad]; an arm that was held up has
-not arrived."""
+"""A joint motion is not done while a joint is farther than this from the motion's end [rad], as in
+an arm that was held up."""
 
 
 class MotionSource(LeafSystem):
@@ -40,16 +40,22 @@ class MotionSource(LeafSystem):
         - velocity
         - motion_done
 
-    `spatial_velocity` (6,) (ω [rad/s], v [m/s]) of the gripper in the world is the input of the
-    inverse kinematics: the field while following, a straight twist while lifting (up) and
-    retreating (back along the approach axis), zero otherwise. `velocity` (7,) [rad/s] goes to the
-    supervisor: the approach and descent trajectories with feedback, else the inverse kinematics'
-    result in `ik_velocity` while there is a twist, else zero. `motion_done` is 1 once the phase's
-    own motion has ended and, if it is a joint motion, the arm has arrived.
+    Inputs: the `Phase` and its start [s], the measured joint positions (7,) [rad], the gripper's
+    pose (16,) X_WG row-major, the field's twist (6,), and the result (7,) [rad/s] of the inverse
+    kinematics. A twist is (ω [rad/s], v [m/s]) of the gripper in the world. Outputs:
 
-    Before the first update, and whenever an input that they depend on is NaN, both velocities are
-    zero, except that a NaN in `ik_velocity` is passed on for the safety supervisor to detect.
-    `motion_done` is 0 while the phase, its start or, in a joint motion, a position is NaN.
+    - `spatial_velocity` (6,): the twist for the inverse kinematics. It is the field's while
+      following, a straight motion while lifting (up) and retreating (back along the approach axis),
+      and zero otherwise.
+    - `velocity` (7,) [rad/s], for the supervisor: the trajectory with feedback in the approach and
+      the descent, `ik_velocity` in the phases with a twist, and zero otherwise.
+    - `motion_done` (1,): 1 once the straight or joint motion of the phase has ended and, after a
+      joint motion, the arm has arrived; 0 otherwise.
+
+    A straight motion starts with the first update in its phase, which latches the gripper's pose;
+    until then its twist and `motion_done` are zero. A NaN in `ik_velocity` is passed on, so that
+    the safety supervisor detects it. A NaN in any other input makes the outputs that are computed
+    from it zero.
     """
 
     def __init__(

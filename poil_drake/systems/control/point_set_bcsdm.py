@@ -37,9 +37,10 @@ class PointSetBcsdmConfig:
         max_angular_speed: Largest angular speed of the hand and the object [rad/s].
         max_linear_speed: Largest speed of the gripper and of the points' centroid [m/s]; an object
             held by its rim slips at much higher speeds.
-        workspace_lower: Points below this corner count as tracking errors [m, world]; the table
-            top is at z = 0 and depth cameras err by a few centimetres.
-        workspace_upper: The opposite corner [m, world]; the Panda reaches 0.855 m.
+        workspace_lower: Lower corner of the workspace [m, world]. Points outside the workspace
+            count as tracking errors. The table top is at z = 0, but depth cameras err by a few
+            centimetres.
+        workspace_upper: Upper corner of the workspace [m, world]; the Panda reaches 0.855 m.
     """
 
     bcsdm: BcsdmConfig = field(default_factory=BcsdmConfig)
@@ -90,7 +91,8 @@ def gripper_velocity(
         X_WG: (4, 4) pose of the gripper frame.
         reference: The reference motion of the same points.
         config: The field and the limits.
-        previous_tau: Time of the last closest configuration [s], for the field's progress window.
+        previous_tau: Time of the closest configuration in the last period [s], for the field's
+            progress window; None for no window.
     """
     confidence = confidence_in_workspace(points, confidence, config)
     output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
@@ -134,24 +136,24 @@ class PointSetBcsdm(LeafSystem):
 
     Inputs: `points` (3N,) row-major [m, world], `confidence` (N,), `gripper_pose` (16,) X_WG
     row-major, and the optional `reference`: a `PointTrajectory` replaces the constructor's, and
-    `ABSENT` commands rest. The mathematics is in `gripper_velocity`. Every output follows the
-    inputs directly (declared feedthrough), all from one computation:
+    `ABSENT` commands rest. The mathematics is in `gripper_velocity`. All outputs come from one
+    computation and have direct feedthrough:
 
     - `spatial_velocity` (6,): (ω [rad/s], v [m/s]) of the gripper frame in the world.
     - `tau` (1,): time of the reference's closest configuration [s].
     - `potential` (1,): D of POIL eq. 4 [m^2].
-    - `mean_error` (1,): mean distance of the points to that configuration [m].
+    - `mean_error` (1,): mean distance of the points to the closest configuration [m].
     - `goal_error` (1,): mean distance of the points to the reference's end [m].
     - `status` (1,): a `ControllerStatus`.
-    - `target_points` (3N,): that configuration [m, world].
+    - `target_points` (3N,): the closest configuration, row-major [m, world].
 
     With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
-    confidence (as before the first track, and when it is stale), the velocity is zero, the status
-    is LOST and the other outputs are NaN. Otherwise, if the gripper pose is not finite, the
-    velocity is zero and the status is INVALID_INPUT; while `reference` is `ABSENT`, the velocity is
-    zero, the status is HOLDING, and the other outputs are for the constructor's reference. The only
-    state, if the field has a progress window, is the last finite `tau` with its reference. It
-    survives periods without a reference.
+    confidence (as before the first track, and once the last track is stale), the velocity is zero,
+    the status is LOST and the other outputs are NaN. Otherwise, while `reference` is `ABSENT`, the
+    velocity is zero, the status is HOLDING, and the other outputs refer to the constructor's
+    reference. Otherwise, while the gripper pose is not finite, the velocity is zero and the status
+    is INVALID_INPUT. The system has state only if the field has a progress window: the last finite
+    `tau` and the reference it belongs to, which are kept while `reference` is `ABSENT`.
     """
 
     def __init__(
@@ -209,7 +211,7 @@ class PointSetBcsdm(LeafSystem):
             self.DeclareVectorOutputPort(name, size, calc, {self._answer.ticket()})
 
     def _reference_to_follow(self, context: Context) -> PointTrajectory | None:
-        """Returns the reference to follow, or None to rest."""
+        """Returns the reference to follow, or None if the object should rest."""
         given = self._given.Eval(context) if self._given.HasValue(context) else self._reference
         return None if given is ABSENT else given
 

@@ -26,23 +26,21 @@ class SafeEntry(LeafSystem):
 
     Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,).
     Points outside the controller's workspace are ignored. The mathematics is in `safe_entry_step`,
-    which runs once per period, in an unrestricted update. The controller updates its memory in such
-    an update, too, and all updates at one instant read the state before that instant. So commands
-    computed from that instant on follow the new plan, but the controller remembers no closest
-    configuration on it until its next update, and searches the whole plan. Planning happens within
-    the update and blocks the loop: for tens of milliseconds if there is a path, for a few seconds
-    if there is none.
+    which runs once per period, in an unrestricted update. The controller follows a new plan at
+    once. Until its next update it remembers no closest configuration on that plan, so it searches
+    the whole plan. Planning happens within the update and blocks the loop: for tens of milliseconds
+    if there is a path, for a few seconds if there is none.
 
     Every output is a function of the state alone:
 
-    - `reference`: a `PointTrajectory` for the port of the same name of `PointSetBcsdm`, which
-      should use the planner's field. Each plan is a new object. `ABSENT` while the object should
-      rest: before the first three points, while it is off its path, and while there is no path.
-    - `status` (1,): an `EntryStatus`; WAITING before the first three points. While it is FAILED
-      and the fallback is the paper's field, the reference is the demonstration, for a controller
-      with the field that was given to the planner.
+    - `reference`: a `PointTrajectory` for the input `reference` of a `PointSetBcsdm` that uses the
+      planner's field. Each plan is a new object. `reference` is `ABSENT` while the object should
+      rest: before three points have been observed, while the object is off its path, and while
+      there is no path.
+    - `status` (1,): an `EntryStatus`; WAITING before three points have been observed. While the
+      status is FAILED and the config's fallback is "field", `reference` is the demonstration.
 
-    Points that are later lost, stale or NaN leave both outputs unchanged.
+    Points that are lost, stale or NaN later leave both outputs unchanged.
     """
 
     def __init__(
@@ -59,7 +57,7 @@ class SafeEntry(LeafSystem):
             planner: The planner for the reference, the scene and the object's shape.
             period: The control period [s].
             config: When to replan.
-            controller: Parameters of the controller, for its workspace.
+            controller: Parameters of the controller, of which only the workspace is used.
         """
         super().__init__()
         self._planner = planner

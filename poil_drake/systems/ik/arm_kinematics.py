@@ -18,13 +18,13 @@ from poil_drake.robots.panda import ARM_JOINTS, BASE_LINK, GRIPPER_FRAME
 class ArmKinematics:
     """The arm's joints and its gripper frame G in a finalized plant.
 
-    It has no state: its methods compute in a scratch context of the plant, which a system keeps in
-    a cache entry of its context (`declare_scratch`). It uses Drake's kinematics rather than
-    `PandaModel`, so that the loop computes poses as the simulated plant does, to the last bit.
+    The class has no state. Its methods compute in `scratch`, a context of the plant that a system
+    keeps in a cache entry of its own context (see `declare_scratch`). The kinematics is Drake's
+    rather than `PandaModel`'s, so that poses equal those of the simulated plant to the last bit.
 
     Attributes:
         num_joints: The number of the arm's joints, n.
-        joint_limits: Their limits.
+        joint_limits: The limits of these joints.
     """
 
     def __init__(self, *, plant: MultibodyPlant, frame: Frame, joint_names: Sequence[str]):
@@ -68,7 +68,7 @@ class ArmKinematics:
         return self._frame.CalcPoseInWorld(scratch).GetAsMatrix4()
 
     def jacobian(self, scratch: Context, positions: np.ndarray) -> np.ndarray:
-        """Returns J (6, n) with V_WG = J qdot, (ω, v) in the world, at joint positions (n,)."""
+        """Returns J (6, n) at joint positions (n,) [rad]: V_WG = J qdot, (ω, v) in the world."""
         self._set_positions(scratch, positions)
         world = self._plant.world_frame()
         J = self._plant.CalcJacobianSpatialVelocity(

@@ -37,7 +37,7 @@ class DifferentialInverseKinematics(LeafSystem):
         - command_time
 
     Port `spatial_velocity` (6,) is (ω [rad/s], v [m/s]) of the gripper frame in the world;
-    `position_measured` (n,) [rad] is the arm's. The mathematics is in
+    `position_measured` (n,) [rad] holds the arm's joint positions. The mathematics is in
     `poil_drake.robots.differential_ik`. Every output is discrete state, updated at the control
     period; there is no direct feedthrough.
 
@@ -48,9 +48,9 @@ class DifferentialInverseKinematics(LeafSystem):
     - `command_time` (1,) [s]: the time at which `velocity` was last computed, so that a driver can
       detect a stale command; minus infinity before the first update.
 
-    While an input is not finite the status is INVALID_INPUT and the velocity goes to zero as fast
+    While an input is not finite, the status is INVALID_INPUT and the velocity goes to zero as fast
     as the joints' acceleration limits allow; from rest it stays exactly zero. The system does not
-    check the age of its inputs: the source of the twist sets it to zero when it is stale.
+    check the age of its inputs: the source of the twist must output zero when its data is stale.
     """
 
     def __init__(
@@ -80,10 +80,14 @@ class DifferentialInverseKinematics(LeafSystem):
         self._config = config or DifferentialInverseKinematicsConfig()
         n = self._kinematics.num_joints
         posture = self._config.nominal_posture
-        if n > 7 or len(posture) != n:
+        if n > 7:
             raise InvalidValueError(
-                f"The arm has {n} joints, and nominal_posture has {len(posture)} values.",
-                remedy="Use an arm with at most 7 joints, and set one value for each joint.",
+                f"The arm has {n} joints.", remedy="Use an arm with at most 7 joints."
+            )
+        if len(posture) != n:
+            raise InvalidValueError(
+                f"nominal_posture has {len(posture)} values, but the arm has {n} joints.",
+                remedy="Set one value for each joint.",
             )
         self._scratch = self._kinematics.declare_scratch(self)
         self._twist = self.DeclareVectorInputPort("spatial_velocity", 6)

@@ -1,4 +1,4 @@
-"""Positions of a whole plant, of which only the arm's and the hand's are measured."""
+"""Outputs the positions of a whole plant of which only the robot is measured."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -20,9 +20,9 @@ class MeasuredPosture(LeafSystem):
         output_ports:
         - positions
 
-    `position_measured` (7,) [rad] is the arm's, `width_measured` (1,) [m] the hand's opening.
-    `positions` (nq,) are the plant's. While an input is NaN, as before the first message, its
-    joints stay at their defaults.
+    `position_measured` (7,) [rad] holds the arm's joint positions, `width_measured` (1,) [m] the
+    hand's opening, and `positions` (nq,) the plant's generalized positions. While an input is not
+    finite, as before the first message, the arm or the fingers are at their default positions.
     """
 
     def __init__(self, *, plant: MultibodyPlant, robot: ModelInstanceIndex):
@@ -30,7 +30,7 @@ class MeasuredPosture(LeafSystem):
 
         Args:
             plant: The plant.
-            robot: The model instance of the Panda.
+            robot: The model instance of the Panda with its hand.
         """
         super().__init__()
         self._plant, self._robot = plant, robot

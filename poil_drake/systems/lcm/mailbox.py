@@ -10,7 +10,7 @@ from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
 
 _SET_BACK = 10
-"""After this many consecutive late messages in order, their sender's clock counts as set back."""
+"""This many consecutive late messages with rising stamps mean that a clock was set back."""
 
 _CHANGES, _WITHIN = 10, 1.0
 """This many changes of sender within this time [s] mean two senders; a restart makes one change."""
@@ -28,16 +28,18 @@ S = TypeVar("S", bound=Stamped)
 
 
 class LcmMailbox(Generic[S]):
-    """Keeps the newest message of a channel; counts late, repeated and malformed messages.
+    """Keeps the newest message of a channel; counts late and malformed messages.
 
-    Many consecutive late messages in order mean that the sender's clock was set back; the last of
-    them then becomes the newest.
+    A message is late if its stamp is not newer than that of `newest`. Ten consecutive late
+    messages, each with a newer stamp than the message before, mean that the sender's clock was set
+    back; the last of the ten then becomes `newest`.
 
     Attributes:
-        newest: The message with the newest stamp; None before the first.
-        late: Number of messages whose stamp was not newer than that of an earlier one.
+        newest: The newest message; None before the first.
+        late: Number of late messages.
         malformed: Number of messages that could not be decoded.
-        offset: `clock` minus the stamp of the last message, late or not, when it arrived [s].
+        offset: How far `clock` was ahead of the stamp of the last message when that arrived [s];
+            NaN before the first. Late messages count, too.
     """
 
     def __init__(

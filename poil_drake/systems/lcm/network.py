@@ -1,4 +1,4 @@
-"""An LCM network that handles every message, not only the first since the last update."""
+"""An LCM network that queues all messages, and a system that handles them."""
 
 import math
 import select
@@ -16,7 +16,7 @@ from poil_drake.runtime.real_time import RealTimeScheduling
 from poil_drake.systems.control_period import CONTROL_PERIOD
 
 Clock = Callable[[], float]
-"""Returns the current time [s since the epoch]."""
+"""A function that returns the current time [s since the epoch]."""
 
 _LONGEST_CHANNEL = 63
 """LCM's own limit on channel names [bytes]."""
@@ -49,16 +49,16 @@ class MessageNetwork(Protocol):
         """Calls the handler with each message from now on; the handler must not raise."""
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
-        """Handles all messages, after waiting up to the timeout for one; returns their number."""
+        """Waits up to the timeout for a message, then handles all; returns their number."""
 
 
 class LcmNetwork:
-    """A network through LCM's own Python interface, with the methods of Drake's.
+    """A network through LCM's own Python interface, with methods named like those of `DrakeLcm`.
 
-    Drake's `DrakeLcm` keeps only the first message of each channel between two calls of
-    `HandleSubscriptions` and drops the rest, which Python cannot change. After a pause that message
-    is old, and another sender on the channel can crowd out the robot's messages. Here each channel
-    has a queue that holds the messages of a second or two.
+    Between two calls of `HandleSubscriptions`, `DrakeLcm` keeps only the first message of each
+    channel, and its Python interface cannot change that. After a pause this message is old, and a
+    second sender on the channel can crowd out the robot. Here each channel has a queue that holds
+    the messages of one or two seconds.
     """
 
     def __init__(self, url: str, *, queue_capacity: int = 2048, realtime_priority: int = 0):
@@ -103,7 +103,7 @@ class LcmNetwork:
     def HandleSubscriptions(self, timeout_millis: int) -> int:
         """See `MessageNetwork`.
 
-        A call that waits for messages is not urgent: it takes its turn (see `InterpreterTurns`).
+        A call with a positive timeout is not urgent: it waits its turn (see `InterpreterTurns`).
         """
         if timeout_millis > 0:
             select.select([self._lcm.fileno()], [], [], 1e-3 * timeout_millis)
@@ -122,7 +122,7 @@ class LcmPump(LeafSystem):
 
         name: LcmPump
 
-    It does so in an unrestricted update. Drake runs the unrestricted updates of one instant in the
+    The pump uses an unrestricted update. Drake runs the unrestricted updates of one instant in the
     order in which their systems were added, so add the pump before all systems that read messages.
 
     Attributes:

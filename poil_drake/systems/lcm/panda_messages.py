@@ -87,11 +87,12 @@ class PandaStatus(NamedTuple):
 def decode_panda_status(message: bytes) -> PandaStatus:
     """Decodes an `lcmt_panda_status`.
 
-    The driver reports external torques with the opposite sign of Drake's; the result has Drake's.
+    The driver reports external torques with the sign opposite to Drake's; the result has Drake's
+    sign.
 
     Raises:
-        InvalidValueError: if the message is of another type, its robot has another number of joints
-            or an unknown mode, or a joint value is not finite.
+        InvalidValueError: if the message is of another type, the robot does not have 7 joints, its
+            mode is unknown, or a joint value is not finite.
     """
     decoded = _decode(lcmt_panda_status, message, "Panda status")
     joints = np.array(
@@ -101,7 +102,7 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
         raise InvalidValueError(
             f"A Panda status needs a known robot mode and {NUM_JOINTS} finite values per quantity, "
-            f"but has the mode {decoded.robot_mode} and the joint values {joints.tolist()}.",
+            f"but one has the mode {decoded.robot_mode} and the joint values {joints.tolist()}.",
             remedy=_OTHER_SENDERS,
         )
     return PandaStatus(
@@ -139,10 +140,10 @@ def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> 
 
 _MAX_JUMP, _MAX_SPEED = 0.1, 3.0
 """Between two statuses of the same robot, a joint moves by at most this offset [rad] plus this
-speed [rad/s] times the elapsed time, which repeated and late statuses can make long."""
+speed [rad/s] times the elapsed time."""
 
 _MAX_CLOCK_JUMP = 0.5
-"""Between two statuses of the same robot, its clock drifts from the driver's by up to this [s]."""
+"""Between two statuses, the robot's clock drifts from the driver's clock by at most this [s]."""
 
 
 def same_panda(before: PandaStatus, after: PandaStatus) -> bool:
@@ -160,7 +161,7 @@ class PandaCommand(NamedTuple):
     Attributes:
         stamp: Time by the sender's clock [s since the epoch].
         mode: The control mode that the sender expects, see `PandaControlMode`.
-        sizes: Numbers of positions, velocities and torques.
+        sizes: Numbers of positions, velocities and torques in the command.
         velocity: (n,) desired velocities [rad/s].
     """
 
@@ -201,10 +202,10 @@ def encode_panda_command(velocity: np.ndarray, stamp: float) -> bytes:
 
 
 class HandOpening(NamedTuple):
-    """The measured opening in a status of the hand, or the desired one in a command to it.
+    """The opening of the hand: the measured one in a status, the desired one in a command.
 
-    The Franka driver uses the messages of the Schunk WSG for its hand. In its statuses the force is
-    always zero, and the speed is made up.
+    The Franka driver uses the messages of the Schunk WSG for its hand. In the statuses, the force
+    is always zero, and the speed only tells whether the hand is moving.
 
     Attributes:
         stamp: Time by the sender's clock [s since the epoch].
@@ -238,7 +239,8 @@ def decode_hand_command(message: bytes) -> HandOpening:
 def _hand_opening(utime: int, millimetres: float) -> HandOpening:
     if not math.isfinite(millimetres):
         raise InvalidValueError(
-            f"A message gives the hand's opening as {millimetres} mm.", remedy=_OTHER_SENDERS
+            f"The opening in a hand message is {millimetres} mm, which is not finite.",
+            remedy=_OTHER_SENDERS,
         )
     return HandOpening(stamp=1e-6 * utime, width=1e-3 * millimetres)
 

@@ -16,8 +16,8 @@ _MAX_HAND_AGE = 0.5
 """Largest age of a valid hand status [s]; the driver sends ten a second."""
 
 _HAND_GRACE = 0.1
-"""The opening of a hand stays valid for this long after its status became too old [s], so that the
-supervisor detects a failure of the whole robot first."""
+"""How long an opening stays valid once its status is too old [s], so that the supervisor detects a
+failure of the whole robot first."""
 
 
 class FrankaStatusReceiver(LeafSystem):
@@ -39,9 +39,9 @@ class FrankaStatusReceiver(LeafSystem):
     the discrete updates of the same instant see it. `position_measured` [rad], `velocity_measured`
     [rad/s] and `torque_external` [N m] are (7,), NaN before the first status. `status` (3,) holds
     the `RobotMode`, the age [s] and the share of commands that reach the robot in time. The age is
-    the clock at the last update minus the driver's stamp: it grows when statuses stop, arrive late
-    or repeat, and is negative if the driver's clock is ahead. Before the first status, `status` is
-    OTHER, infinity and 0. An update raises a StationError if two drivers alternate on the channel.
+    the time by `clock` at the last update minus the stamp of the newest status; it is negative if
+    the driver's clock is ahead. Before the first status, `status` is OTHER, infinity and 0. An
+    update raises a StationError if two drivers alternate on the channel.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class HandStatusReceiver(LeafSystem):
         - width_measured
 
     `width_measured` (1,) [m] is state; an unrestricted update takes it from the mailbox once per
-    period. It is NaN before the first status, and once the newest status's stamp has differed from
-    the clock by more than 0.5 s for 0.1 s.
+    period. It is NaN before the first status. It becomes NaN again when the stamp of the newest
+    status has differed from `clock` by more than 0.5 s for 0.1 s.
     """
 
     def __init__(

@@ -44,21 +44,21 @@ class FrankaCommandSender(LeafSystem):
         - velocity
         - velocity_time
 
-    Drake's `PandaCommandSender` stamps commands with the context's time, so that the driver drops
-    them as expired, and sends whatever its input holds.
+    Drake's `PandaCommandSender` sends whatever its input holds. It stamps commands with the
+    context's time, so the driver drops them as expired.
 
-    A publish event sends `velocity` (7,) [rad/s] once per period with the clock's time as its
-    stamp. The arm brakes if `velocity` is not connected or not finite, or if the time [s] in
-    `velocity_time` is connected and more than 0.1 s old: the sender commands rest and does not rely
-    on the driver's expiry alone. It sends nothing before the first status has arrived, nor if the
-    period's update was too long ago by the clock: its results are then outdated, and the next
-    update follows at once. `SendRest` brings the arm to rest at the end of a run.
+    A publish event sends `velocity` (7,) [rad/s] once per period, stamped with the time by `clock`.
+    If `velocity` is not connected or not finite, or was computed more than 0.1 s ago according to
+    the optional `velocity_time` (1,) [s], the sender commands a braking motion instead. It sends
+    nothing before the first status has arrived, and nothing while `outdated` returns true.
+    `SendRest` brings the arm to rest at the end of a run.
 
-    The sender also listens to its own channel: an event raises a StationError once another process
+    The sender also listens to its own channel: its event raises a StationError once another process
     has commanded the arm.
 
     Attributes:
-        commanding: Whether the sender has sent anything since `SendRest` ended at rest.
+        commanding: Whether the sender has sent a command since `SendRest` last brought the arm to
+            rest.
         channel: The channel of the commands.
     """
 
@@ -85,11 +85,10 @@ class FrankaCommandSender(LeafSystem):
             limiter: Computes the braking, at the same period.
             period: Time between two commands [s].
             offset: Time of the first command [s]. With a fraction of the period, each command goes
-                out this long after the update that computes it, at an even pace if the loop waits
-                for that time.
+                out this long after the update that computed it.
             expiry: How long the driver follows a command [s of the context's time].
-            outdated: Returns whether the period's update was too long ago by the clock, as after
-                the process was suspended.
+            outdated: Returns whether the last update was so long ago that its results must not be
+                sent, as after the process was suspended.
             clock: Returns the current time [s since the epoch]; the driver's clock must agree.
             time_scale: Seconds by `clock` per second of real time.
         """
@@ -110,9 +109,9 @@ class FrankaCommandSender(LeafSystem):
     def SendRest(self, duration: float) -> None:
         """Brakes from the last command, then sends zero velocities; returns when both are done.
 
-        The limiter plans the braking as after a fault, so that the arm stays in its allowed space.
+        The limiter plans the same braking as after a fault, so the arm stays in its allowed space.
         If the last command is so old that the driver has stopped the arm, there is no braking.
-        Signals are held back until the end.
+        Unix signals such as Ctrl-C take effect only at the end.
 
         Args:
             duration: How long to send zeros [s], longer than the driver's expiry.
@@ -148,8 +147,8 @@ class FrankaCommandSender(LeafSystem):
     def _motion(self) -> JointMotion:
         """Returns the last commanded motion; rest if the driver has stopped the arm since.
 
-        Its acceleration is the mean over the last period, clipped to the limiter's; a period is
-        long enough for the allowed jerk to build that up.
+        Its acceleration is the mean over the last period, clipped to the limiter's largest. A
+        period is long enough for the allowed jerk to reach that acceleration.
         """
         newest, before = self._sent
         followed = self._time_scale * (time.monotonic() - self._sent_at) <= self._expiry
@@ -174,15 +173,15 @@ class HandCommandSender(LeafSystem):
         input_ports:
         - width
 
-    Drake's `SchunkWsgCommandSender`, whose messages the driver accepts, sends openings that are
-    outdated or not finite.
+    The driver accepts the messages of Drake's `SchunkWsgCommandSender`, but that also sends
+    openings that are outdated or not finite.
 
-    A publish event sends `width` (1,) [m] once per period. It sends nothing if `width` is not
-    connected or not finite, before the hand's first status, and if the control period's update was
-    too long ago by the clock; the hand then keeps its opening. The driver grips when the opening
-    shrinks, and ignores a command that repeats the last one.
+    A publish event sends `width` (1,) [m] once per period. It sends nothing before the hand's first
+    status, while `width` is not connected or not finite, and while `outdated` returns true; the
+    hand then keeps its opening. The driver grips when the opening shrinks, and ignores a command
+    that repeats the last one.
 
-    The sender also listens to its own channel: an event raises a StationError once another process
+    The sender also listens to its own channel: its event raises a StationError once another process
     has commanded the hand.
 
     Attributes:

@@ -6,7 +6,7 @@ from poil_drake.errors import StationError
 from poil_drake.systems.lcm.network import MessageNetwork
 
 _REMEMBERED = 1024
-"""Number of sent messages that a channel recognizes as its own echo: those of four seconds."""
+"""Number of sent messages that a channel recognizes on reception: the last four seconds'."""
 
 
 class SharedChannel:

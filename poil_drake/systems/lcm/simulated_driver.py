@@ -22,7 +22,7 @@ from poil_drake.systems.statuses import RobotMode
 _SIZES = (0, NUM_JOINTS, 0)
 
 _REFLEX_SEC = 0.1
-"""How long the driver reports a reflex before it ends [s]."""
+"""How long the driver reports a reflex before the driver ends [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +34,8 @@ class SimulatedDriverConfig:
             [s], as the real one does.
         torque_limit: External torque on a joint at which the robot's reflex stops it [N m]; the
             real driver's default is 100, Franka's examples use 20.
-        status_period: Time between two statuses [s]; the real driver sends a thousand a second, and
-            this period is exact in binary.
+        status_period: Time between two statuses [s]. The real driver sends 1000 statuses a second;
+            1/1024 s is exact in binary.
     """
 
     expire_sec: float = 0.1
@@ -58,20 +58,20 @@ class SimulatedDriver(LeafSystem):
         - velocity
         - velocity_time
 
-    Drake's `PandaCommandReceiver` checks neither the age of a command nor the robot's reflex, and
-    its `PandaStatusSender` has no robot mode and stamps statuses with the context's time.
+    Drake's `PandaCommandReceiver` does not check the age of a command and has no reflex. Its
+    `PandaStatusSender` has no robot mode and stamps statuses with the context's time.
 
-    Once per period of the plant, the driver reads the last command. A command in a mode other than
-    velocity control, or of another size, ends the driver (with a StationError), as it ends the real
-    one. The driver drops a command whose stamp differs from its clock by more than `expire_sec`. It
-    sends statuses at their own rate, with the joints' values as in `lcmt_panda_status`; between two
-    steps of the plant it extrapolates the positions with the velocities.
+    Once per period of the plant, the driver reads the last command. A command that is not in
+    velocity mode, or does not hold seven velocities, ends the driver with a StationError, as it
+    ends the real driver. The driver drops a command whose stamp differs from its clock by more than
+    `expire_sec`. It sends an `lcmt_panda_status` every `status_period`; between two steps of the
+    plant it extrapolates the positions with the velocities.
 
-    `velocity` (7,) [rad/s] is that of the last command, zero before the first; `velocity_time` (1,)
-    [s] is the simulation time of its stamp, minus infinity before the first, so that the arm rests
-    once the command is older than the arm's own expiry. An external torque above the limit triggers
-    the robot's reflex: `velocity` is zero from then on, the driver reports the mode REFLEX, and
-    ends 0.1 s later.
+    `velocity` (7,) [rad/s] is the velocity in the last command, zero before the first command.
+    `velocity_time` (1,) [s] is the simulation time at the command's stamp, minus infinity before
+    the first command; from it the arm's interface detects an old command. An external torque above
+    the limit triggers the robot's reflex: `velocity` is zero from then on, the driver reports the
+    mode REFLEX, and ends with a StationError 0.1 s later.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""The simulated and the recorded Panda and its hand; `systems/lcm` connects the real ones."""
+"""The simulated and the recorded Panda with its hand; `systems/lcm` connects the real robot."""

@@ -1,4 +1,4 @@
-"""The simulated Panda hand's interface: an opening width, followed at a limited speed."""
+"""The driver of the simulated Panda hand, which follows a desired opening at a limited speed."""
 
 import math
 
@@ -10,14 +10,21 @@ from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
 def step_width(*, width: float, wanted: float, speed: float, time_step: float) -> float:
-    """Returns the commanded width [m], moved by at most speed * time_step towards `wanted`."""
+    """Returns the commanded width [m] after one time step.
+
+    Args:
+        width: The commanded width before [m].
+        wanted: The width to move to [m]; it is clipped to the hand's range.
+        speed: Largest rate of change [m/s].
+        time_step: Duration of the step [s].
+    """
     wanted = min(max(wanted, 0.0), MAX_HAND_WIDTH)
     change = speed * time_step
     return min(max(wanted, width - change), width + change)
 
 
 class HandDriver(LeafSystem):
-    """Converts a width command to the desired state of the finger's position controller.
+    """Converts a width command to the desired state of the actuated finger; the other mirrors it.
 
     .. pydrake_system::
 
@@ -29,13 +36,14 @@ class HandDriver(LeafSystem):
         - finger_position
         - finger_velocity
 
-    Port `width` is the desired opening between the pads [m]; if it is NaN or not connected, the
-    hand holds its opening. A width smaller than the object between the fingers grips the object;
-    the actuator's effort limit bounds the force.
+    Port `width` (1,) [m] is the desired opening between the pads; if it is NaN or not connected,
+    the hand holds its opening. A width smaller than the object between the fingers grips the
+    object; the actuator's effort limit bounds the force. `width_measured` (1,) [m] is the measured
+    opening.
 
-    `finger_position` [m] and `finger_velocity` [m/s] are those of one finger: half of the commanded
-    width and half of its rate. Before the first step, and until the measured width is finite, they
-    are half of the measured width and zero.
+    `finger_position` (1,) [m] is half of the commanded width, and `finger_velocity` (1,) [m/s] is
+    half of its rate. Before the first step, and until `width_measured` is finite, they are half of
+    `width_measured` and zero.
     """
 
     def __init__(self, *, speed: float = PandaDriver.hand_speed, time_step: float = 1 / 512):
@@ -59,11 +67,14 @@ class HandDriver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._step)
 
     def Reset(self, context: Context) -> None:
-        """Forgets the commanded width, so that the hand holds its next measured opening."""
+        """Forgets the commanded width, so that the next step starts from the measured opening.
+
+        Call it with this system's context after setting the plant's positions.
+        """
         context.SetDiscreteState(self._state, np.array([math.nan, 0.0]))
 
     def _commanded_width(self, context: Context) -> float:
-        """Returns the commanded width [m]; the measured one before the first step."""
+        """Returns the commanded width [m]; before the first step, the measured width."""
         width = context.get_discrete_state(self._state).value()[0]
         return float(self._measured.Eval(context)[0] if math.isnan(width) else width)
 

@@ -48,14 +48,14 @@ class RecordedRobot(LeafSystem):
     The inputs match those of the other robots, and are ignored. `position_measured` [rad],
     `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `width_measured` (1,) [m] is
     the hand's opening, and `status` (3,) holds the mode, the age [s] and the share of commands in
-    time. All outputs show the newest sample at or before the context's time, NaN before the first.
-    `position_commanded` (7,) [rad] is the run's commanded posture; it cannot be computed from the
-    commands of the replay, which the robot does not follow.
+    time. `position_commanded` (7,) [rad] is the commanded posture of the recorded run; it cannot be
+    computed from the commands of the replay, which the robot does not follow.
 
-    A sample holds the values before the updates at its time. The signals of a plant, and those
-    received from a real robot, change in unrestricted updates, so that the discrete updates at the
-    same time see values that only the next sample holds. To reproduce this, an unrestricted update
-    at each period's start sets such `leading` signals to the newest sample at the period's end.
+    Each output shows the newest sample at or before the context's time, and NaN before the first
+    sample. The signals that `leading` names show the newest sample at or before the end of the
+    present period instead. The reason is that a sample holds the values before the updates at its
+    time. In the recorded run, an unrestricted update then changed these signals, and the discrete
+    updates at the same time saw the new values, which only the next sample holds.
     """
 
     def __init__(
@@ -72,13 +72,14 @@ class RecordedRobot(LeafSystem):
         """Constructs the robot.
 
         Args:
-            joints: (T, 21) positions, velocities and external torques.
-            hand: (T, 1) openings of the hand.
-            status: (T, 4) mode, age, share of commands in time, and the clock's time [s].
-            postures: (T, 7) commanded positions.
+            joints: (T, 21) positions [rad], velocities [rad/s] and external torques [N m].
+            hand: (T, 1) openings of the hand [m].
+            status: (T, 4) mode, age [s], share of commands in time, and the clock's time [s].
+            postures: (T, 7) commanded positions [rad].
             period: The control period [s].
             clock: The run's clock, which the robot sets at the beginning of each period.
-            leading: Which of `JOINTS`, `HAND` and `STATUS` change in unrestricted updates.
+            leading: Those of `JOINTS`, `HAND` and `STATUS` that an unrestricted update changed in
+                the recorded run.
         """
         super().__init__()
         self._period, self._clock, self._status = period, clock, status

@@ -26,8 +26,8 @@ class PandaDriver:
     Attributes:
         expire_sec: A command older than this [s] means zero velocity, as in the real driver.
         low_pass_hz: Cut-off of the first-order filter on commands [Hz], as in the real driver.
-        leash: Largest difference between commanded and measured position [rad]: a blocked arm
-            pushes no harder than stiffness * leash, and does not run away when it comes free.
+        leash: Largest difference between a joint's commanded and measured position [rad]: a blocked
+            arm pushes no harder than stiffness * leash, and does not run away when it comes free.
         limit_margin: Distance from the joints' position limits [rad].
         stiffness: Joint stiffness [N m / rad]; libfranka's default joint impedance.
         damping: Joint damping [N m s / rad]; about critical for the arm's own inertia.
@@ -78,8 +78,10 @@ def step_joints(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Advances the joints' commanded positions by one step.
 
-    A low-pass filter smooths the desired velocity. Limits of speed, of braking distance to the
-    position limits, and of acceleration then apply to each joint, as in libfranka's rate limiter.
+    A low-pass filter smooths the desired velocity. As in libfranka's rate limiter, each joint's
+    velocity is then limited to its largest speed, to a speed from which it can brake before its
+    position limits, and to its largest acceleration. Finally, the commanded position is clipped to
+    at most `config.leash` from the measured position.
 
     Args:
         position: (7,) commanded positions [rad].
@@ -118,10 +120,11 @@ def step_joints(
 def eval_velocity(
     context: Context, velocity: InputPort, velocity_time: InputPort, *, max_age: float
 ) -> np.ndarray | None:
-    """Returns the velocity at a port, or None if it must be ignored.
+    """Returns the velocity at a port if there is a valid one, else None.
 
-    It must be ignored if it is not connected or not finite, or if its time [s] is connected and is
-    NaN or more than `max_age` [s] older than the context's.
+    A velocity is valid if it is finite and not more than `max_age` [s] old. Its age is the
+    context's time minus the time [s] at the port `velocity_time`, where a NaN makes it invalid. If
+    `velocity_time` is not connected, the age does not matter.
     """
     if not velocity.HasValue(context):
         return None
@@ -148,15 +151,15 @@ class PandaVelocityDriver(LeafSystem):
         - velocity_commanded
         - status
 
-    Port `velocity` is (7,) [rad/s]. It means zero if it is not connected, holds a NaN, or if
-    `velocity_time` is connected and the stamp [s] in it is NaN or more than `expire_sec` old: the
-    arm then brakes within its acceleration limits and holds still, as with the real driver.
-    `position_measured` is (7,) [rad].
+    Port `velocity` (7,) [rad/s] is the command; the optional `velocity_time` (1,) [s] is the time
+    at which it was computed. A command counts as zero if it is not connected, not finite or more
+    than `expire_sec` old, or if its time is NaN: the arm then brakes within its acceleration limits
+    and holds still, as with the real driver. `position_measured` is (7,) [rad].
 
-    Before the first step `position_commanded` is the measured position and `velocity_commanded`
-    is zero: the arm holds still. `status` is (3,): the robot mode as in `lcmt_panda_status` (always
-    kMove), the age of this report [s] (always 0), and the share of commands that reach the robot
-    in time (always 1).
+    Before the first step, `position_commanded` (7,) [rad] is the measured position and
+    `velocity_commanded` (7,) [rad/s] is zero: the arm holds still. `status` (3,) holds the robot
+    mode as in `lcmt_panda_status` (always kMove), the age of the status [s] (always 0), and the
+    share of commands that reach the robot in time (always 1).
     """
 
     def __init__(
@@ -194,7 +197,7 @@ class PandaVelocityDriver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._step)
 
     def Reset(self, context: Context) -> None:
-        """Forgets the commanded position, so that the arm holds its next measured position.
+        """Forgets the commanded position, so that the next step starts from the measured position.
 
         Call it with this system's context after setting the plant's positions.
         """

@@ -43,17 +43,19 @@ class FkPropagator(LeafSystem):
 
     - `points` (3N,) row-major [m, world]: NaN before the first track, and for points that the last
       track did not observe.
-    - `confidence` (N,): zero before the first track and when `age` exceeds `max_age`.
+    - `confidence` (N,): that of the track; zero before the first track and when `age` exceeds
+      `max_age`.
     - `age` (1,) [s]: time since the capture of the last track; infinite before the first track.
     - `gripper_pose` (16,) X_WG row-major: at the last finite joint positions; NaN before the first.
     - `object_motion` (16,) X_M row-major at `image_time` (1,) [s], the capture time of the images
-      that the tracker processes next, or at present while that port is not connected or NaN. It is
+      that the tracker processes next, or X_M now while `image_time` is not connected or NaN. It is
       the identity before the first grasp, and NaN if the images are older than the history.
 
-    `position_measured` (n,) [rad] is the arm's. The system accepts a track if its stamp is newer
-    than the last one's and at least one of its points was observed: through a short loss it
-    propagates the last good track until that is too old. While the joint positions are not finite,
-    the motion rests and the age grows. A NaN in `holding` means not holding.
+    `position_measured` (n,) [rad] holds the arm's joint positions. The system accepts a track if
+    its stamp is newer than that of the last accepted track and at least one point was observed.
+    While the object is lost, the system thus propagates the last accepted track, up to `max_age`.
+    While the joint positions are not finite, X_M does not change and `age` grows. A NaN in
+    `holding` means not holding.
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class FkPropagator(LeafSystem):
             period: The control period [s].
             max_age: Age beyond which points have no confidence [s]: several periods of the tracker
                 and its latency, yet short enough that slip in the hand matters little.
-            history: How far back the motion is known, for late tracks [s]; if None, `max_age`.
+            history: How far back X_M is stored, for late tracks [s]; None for `max_age`.
             stopwatch: Records the durations of the updates as "control".
         """
         super().__init__()

@@ -19,19 +19,19 @@ _ON_GRID = 1e-6
 
 
 def empty_history(duration: float, period: float) -> np.ndarray:
-    """Returns an empty history (M, 17) that reaches back over `duration` [s]."""
+    """Returns an empty history (M, 17) for `duration` [s], with a row for every `period` [s]."""
     return np.full((math.ceil(duration / period) + 2, ROW_SIZE), np.nan)
 
 
 def record_motion(history: np.ndarray, time: float, X: np.ndarray, period: float) -> None:
-    """Replaces the oldest sample with X (4, 4) at `time` [s], a multiple of `period`."""
+    """Replaces the oldest row by X (4, 4) at `time` [s], a multiple of `period` [s]; in place."""
     row = history[round(time / period) % len(history)]
     row[0] = time
     row[1:] = X.ravel()
 
 
 def motion_at(history: np.ndarray, time: float, period: float) -> np.ndarray | None:
-    """Returns X (4, 4) at `time` [s], or None if the history does not cover it.
+    """Returns X (4, 4) at `time` [s], or None if the history does not cover that time.
 
     Between two samples the translation is interpolated linearly, the rotation along the geodesic.
     """
@@ -57,7 +57,7 @@ def _sample(history: np.ndarray, tick: int, period: float) -> np.ndarray | None:
 
 
 def carried_along(X_M: np.ndarray, X_WG_before: np.ndarray, X_WG_now: np.ndarray) -> np.ndarray:
-    """Returns the motion X_M (4, 4) of a held object after the hand has moved.
+    """Returns the motion X_M (4, 4) of a held object after the gripper moved between two poses.
 
     X_M(t) = X_WG(t) X_WG(t - dt)^-1 X_M(t - dt).
     """

@@ -32,7 +32,7 @@ class SafetyFault(DescribedEnum):
 
 
 POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
-"""The fault for each rule that the arm is about to break."""
+"""The fault that stops the arm when it is about to break a rule, for each rule."""
 
 
 def _limiter() -> VelocityLimiterConfig:
@@ -44,9 +44,10 @@ class SafetyConfig:
     """Thresholds of the faults, and limits of the arm's motion.
 
     Attributes:
-        limiter: Shares of the joints' limits. The default acceleration share exceeds that of the
-            inverse kinematics (0.8), so that the limiter does not slow it down; half of the jerk
-            limits delays a velocity by at most 4 ms. `velocity_scale` is the speed override.
+        limiter: Shares of the joints' limits that the arm may use. The default acceleration share
+            is larger than the 0.8 of the inverse kinematics, whose commands thus pass unchanged.
+            The default jerk share delays a velocity by at most 4 ms. `velocity_scale` is the speed
+            override.
         posture: The workspace that the arm must stay in.
         status_age_limit: Largest difference between the clock and the stamp of the robot's status
             [s]: a dozen control periods.
@@ -54,21 +55,21 @@ class SafetyConfig:
             that is off, not a slow network.
         min_success_rate: Smallest share of commands that must reach the robot in time; Franka's
             communication test rejects a network with less.
-        success_rate_time: How long the share may stay below `min_success_rate` [s]: the robot
-            counts over its last 0.1 s, and has nothing to count before the first commands.
+        success_rate_time: How long the share may stay below `min_success_rate` [s]. The share
+            is low at first, because the robot counts the commands of its last 0.1 s.
         command_age_limit: Largest age of the desired velocity [s]: a dozen control periods.
         external_torque: Largest external torque on each joint [N m], as in the motion examples
             of Franka's library. Grasping and hanging a mug takes up to 7 N m.
         external_torque_time: How long a torque may exceed its limit [s]: longer than a single bad
             measurement, shorter than a person's reaction.
         tracking_leash: Largest difference between a joint's commanded and its measured position
-            [rad]: at 1 rad/s a status may be 0.05 rad behind, and a driver may hold back an arm in
-            contact by as much.
+            [rad]. At 1 rad/s the status may lag by 0.05 rad, and the driver may hold back an arm in
+            contact by another 0.05 rad.
         rest_speed: An arm with all measured joint speeds below this is at rest [rad/s].
         image_age_limit: Largest age of a camera's newest image [s]: more than a tracker can bridge.
         image_ahead_limit: How far the stamp of an image may be in the future [s].
-        stall_limit: Longest time between two updates by the clock, if there is one [s]: shorter
-            than the time for which the driver follows a command.
+        stall_limit: Longest time between two updates by the supervisor's clock [s]: shorter than
+            the time for which the driver follows a command. Without a clock it has no effect.
     """
 
     limiter: VelocityLimiterConfig = field(default_factory=_limiter)

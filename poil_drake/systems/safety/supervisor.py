@@ -67,27 +67,29 @@ class SafetySupervisor(LeafSystem):
 
     Outputs, all discrete state that is updated every control period:
 
-    - `velocity` (7,) [rad/s]: the command to the robot. It is always within the limits of speed,
-      acceleration and jerk, and the arm can brake from it within the joints' position limits and
-      the rules of the posture guard, both from its commanded and from its measured posture. Only
-      after the process was suspended does it jump to the measured velocity, or to zero if the
-      robot's driver has stopped the arm since.
+    - `velocity` (7,) [rad/s]: the command to the robot. It respects the limits of speed,
+      acceleration and jerk. From the commanded as well as from the measured posture, the arm can
+      brake within the joints' position limits and the rules of the posture guard. There is one
+      exception: after the process was suspended, the command jumps to the measured velocity, or to
+      zero if the robot's driver has stopped the arm meanwhile.
     - `velocity_time` (1,) [s]: when `velocity` was computed.
-    - `fault` (1,): a `SafetyFault`. After a fault the arm brakes, and rests until a reset arrives
-      while it is at rest and no cause persists.
+    - `fault` (1,): a `SafetyFault`. After a fault the arm brakes and rests. A reset ends the fault
+      if the arm is at rest and no cause of a fault persists.
     - `scale` (1,): the share of the desired velocity that the arm heads for, usually 1; 0 while it
       brakes or rests because of a fault.
     - `updated_at` (1,) [s]: when the last update took place, by `clock`; NaN without a clock.
     - `position` (7,) [rad]: the commanded posture; NaN before the start.
 
-    Before the first update, and until the robot has been measured at rest with a fresh status, the
-    velocity is zero, its time minus infinity, and the scale 0. While the status is not fresh, or
-    holds a NaN, the arm brakes along its command; a NaN in any other input is a fault.
+    A status is fresh if it is not older than `status_age_limit` and its position is finite. Before
+    the first update, and until the robot has been measured at rest with a fresh status, `velocity`
+    is zero, `velocity_time` minus infinity, and `scale` 0. While the status is not fresh, the arm
+    brakes to rest. A NaN in `velocity`, `torque_external` or `stop` is a fault.
 
-    The commanded posture is state as well. At rest it is set to the measured one. While the arm
-    moves, each velocity is integrated over the time for which it was commanded, by `clock`, even if
-    updates are late. If the station reports `position_commanded` (7,) [rad], each update sets the
-    posture to that instead. A velocity that a rule refuses at every speed is a fault.
+    While the arm is at rest, each update sets the commanded posture to the measured one. While the
+    arm moves, the commanded posture integrates the commanded velocities, each over the time by
+    `clock` for which it was commanded, even if updates are late. If `position_commanded` (7,) [rad]
+    is connected, each update starts from that posture instead. It is a fault if the posture guard
+    refuses the desired velocity even at an eighth of its speed.
     """
 
     def __init__(
@@ -111,7 +113,7 @@ class SafetySupervisor(LeafSystem):
             clock: Returns a monotonic time [s], from which the supervisor detects that the process
                 was suspended; the context's time does not advance meanwhile. None disables this
                 detection, as in simulation.
-            command_expiry: How long the robot's driver follows a command [s], by that clock.
+            command_expiry: How long the robot's driver follows a command [s], by `clock`.
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
@@ -161,14 +163,18 @@ class SafetySupervisor(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def commanded_motion(self, context: Context) -> JointMotion:
-        """Returns the commanded motion in the system's `context`; its position is NaN at first."""
+        """Returns the commanded motion in the system's `context`; the position is NaN at first."""
         parts = ("position", "velocity", "acceleration")
         return JointMotion(
             *(np.array(context.get_discrete_state(self._state[part]).value()) for part in parts)
         )
 
     def posture_problem(self, context: Context) -> str | None:
-        """Returns a clause on the rule behind a posture fault in the system's `context`, if any."""
+        """Returns a clause on the rule behind a posture fault, or None without such a fault.
+
+        Args:
+            context: The system's context.
+        """
         fault = SafetyFault(int(context.get_discrete_state(self._state["fault"]).value()[0]))
         if fault not in POSTURE_FAULTS.values():
             return None
@@ -222,11 +228,11 @@ class SafetySupervisor(LeafSystem):
         return 0.0 if math.isnan(before) else float(updated_at[0]) - before
 
     def _motion_after(self, stalled: float, motion: JointMotion, context: Context) -> JointMotion:
-        """Returns the motion of an arm whose last command was `stalled` seconds ago by the clock.
+        """Returns the present motion of an arm that was last commanded `stalled` seconds ago.
 
-        After a long time the measurements may be outdated: a process that was suspended handles old
-        messages first, or was suspended just after it had read the newest. They count only if their
-        status is fresh and `stalled` is not longer than an arm takes to come to rest.
+        After a suspension the measurements may be older than they look, because the process handles
+        old messages first. So the measured velocity counts only if the status is fresh and
+        `stalled` is not longer than an arm takes to come to rest.
         """
         driven_on = motion.position + (stalled - self._period) * motion.velocity
         if stalled <= self._config.stall_limit:
@@ -253,14 +259,15 @@ class SafetySupervisor(LeafSystem):
     ) -> GuardedStep[PostureRule]:
         """Returns the limiter's step for an arm that is `offset` (7,) [rad] from its command.
 
-        Postures that cannot have used up the clearance of the last ones are not checked again.
+        Postures are checked only if they may have used up the clearance of the postures that were
+        checked last.
 
         Args:
             context: The system's context.
             motion: The commanded motion.
             offset: The measured position relative to the command.
-            cleared: (43,) the least clearance [m] of the last postures that were checked, and these
-                (6, 7) [rad]; updated.
+            cleared: (43,) the least clearance [m] of the postures that were checked last, then
+                those six postures (6, 7) [rad]; updated in place.
         """
         present = np.repeat([motion.position, motion.position + offset], 3, axis=0)
 
@@ -310,5 +317,5 @@ class SafetySupervisor(LeafSystem):
 
 
 def _optional(port: InputPort, context: Context, default: float) -> float:
-    """Returns the number at a port of size 1, or the default if it is not connected."""
+    """Returns the number at a port of size 1, or the default if the port is not connected."""
     return float(port.Eval(context)[0]) if port.HasValue(context) else default

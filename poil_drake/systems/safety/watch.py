@@ -22,8 +22,8 @@ class SafetyObservation(NamedTuple):
         command_finite: Whether the desired velocity is finite.
         command_age: Age of the desired velocity [s]: infinity before the first one; zero without
             stamps.
-        image_age: Age of the oldest of the cameras' newest images [s]; zero without images.
-        image_ahead: How far the newest of all images is in the future [s]; zero without images.
+        image_age: Largest age of any camera's newest image [s]; zero without images.
+        image_ahead: How far the newest stamp of an image is in the future [s]; zero if it is not.
         stalled: Time since the last update by the clock [s]; zero without a clock.
         stops: Number of stop requests.
         resets: Number of reset requests.
@@ -53,11 +53,11 @@ class SafetyMemory(NamedTuple):
         received: 1 once a status has arrived.
         fresh: 1 while the robot's status is fresh.
         last_age: Age of the status in the last period [s]; NaN before the first.
-        silent_for: Time without a newer status [s].
-        off_for: Time with statuses whose stamps differ too much from the clock [s].
-        rate_low_for: Time with a success rate below its limit [s].
-        torque_high_for: Time with an external torque above its limit [s].
-        commanded: 1 once a velocity was computed.
+        silent_for: How long no newer status has arrived [s].
+        off_for: How long the status's stamp has differed too much from the clock [s].
+        rate_low_for: How long the success rate has been below its limit [s].
+        torque_high_for: How long an external torque has been above its limit [s].
+        commanded: 1 once the controller has computed a velocity.
         stops: Number of stop requests up to the last period.
         resets: Number of reset requests up to the last period.
     """
@@ -81,7 +81,7 @@ def watch(
     """Returns the memory after one control period, with a fault if there is a cause.
 
     A fault stays until `resets` grows while the arm is at rest and no cause persists; an earlier
-    reset has no effect. Before the first status only a stop is a fault.
+    reset has no effect. Before the first status, only a stop request causes a fault.
 
     Args:
         memory: The memory before.
@@ -131,7 +131,7 @@ def _remember(
 def _cause(
     memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig
 ) -> SafetyFault:
-    """Returns the most severe cause that is present."""
+    """Returns the most severe fault whose cause is present, or NONE."""
     if not memory.received:
         return SafetyFault.NONE
     if observation.stalled > config.stall_limit:
@@ -158,8 +158,8 @@ def _status_fault(
     """Distinguishes a driver that fell silent from one whose clock is off.
 
     With a silent driver, the age of its status grows with time; with a wrong clock, it stays
-    constant. After a jump of the age there is no fault yet, as a delay of this process may have
-    caused it; the next periods decide.
+    constant. A single jump of the age is no fault yet, because a delay of this process may have
+    caused the jump; the next periods decide.
     """
     if not math.isfinite(observation.status_age) or not observation.position_known:
         return SafetyFault.NO_STATUS

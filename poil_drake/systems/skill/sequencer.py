@@ -32,7 +32,7 @@ _INPUTS = (
 
 
 class SkillSequencer(LeafSystem):
-    """A state machine that takes the skill from waiting through grasp and goal to the retreat.
+    """Runs the skill's state machine, from waiting over the grasp and the goal to the retreat.
 
     .. pydrake_system::
 
@@ -55,14 +55,18 @@ class SkillSequencer(LeafSystem):
         - holding
         - detect_request
 
-    Every port has size 1, and every output is a function of the state alone. Before the first
-    update the phase is WAIT, the hand opens, and `holding` and `detect_request` are 0. A NaN in
-    `tau` or an error counts as no progress; a NaN in the hand's `width_measured` [m], or a nonzero
-    `safety_fault` (a `SafetyFault`, or NaN), is a fault. The sequencer reads the controller's
-    outputs only in the phase FOLLOW. `phase` is a `Phase`, `fault` a `Fault` of
-    `poil_drake.systems.skill.phases`. `width` [m] is the commanded opening of the hand, which a
-    fault leaves unchanged; `holding` is 1 while the object moves with the gripper; `detect_request`
-    counts the requests to the part detector to search again.
+    Every port has size 1. The statuses are a `TrackerStatus`, a `ControllerStatus` and an
+    `IkStatus`. `tau` [s], `mean_error` [m] and `goal_error` [m] come from the controller, which the
+    sequencer reads only in the phase FOLLOW; a NaN there counts as no progress. `motion_done` is 1
+    once the phase's own motion has ended. A NaN in the hand's `width_measured` [m] is a fault, and
+    so is a `safety_fault` other than `SafetyFault.NONE`.
+
+    Every output is a function of the state alone. `phase` is a `Phase` that began at `phase_start`
+    [s], and `fault` is a `Fault`, both of `poil_drake.systems.skill.phases`. `width` [m] is the
+    commanded opening of the hand, which a fault leaves unchanged; `holding` is 1 while the object
+    moves with the gripper; `detect_request` counts the requests to the part detector to search
+    again. Before the first update the phase is WAIT, the hand opens, and `holding` and
+    `detect_request` are 0.
     """
 
     def __init__(

@@ -28,16 +28,17 @@ class SkillConfig:
         finger_still_speed: Finger speed that counts as standing still [m/s].
         release_time: Time for the fingers to open and the object to come to rest [s].
         settle_time: Time in which the object is observed after the retreat [s].
-        goal_hold_time: How long the goal must hold before release [s].
-        goal_patience: After this time without progress, an error below `accepted_error` leads to
-            release and a larger one to a fault [s].
-        accepted_error: Largest mean distance from the reference's end at release [m].
-        progress_step: A decrease of the error, or an advance along the reference, that counts as
-            progress [m, s].
+        goal_hold_time: How long the points must stay at the goal before the release [s].
+        goal_patience: How long the points may make no progress towards the goal [s]. After that,
+            the hand releases the object if the points are within `accepted_error`; otherwise there
+            is a fault.
+        accepted_error: Largest mean distance of the points from the reference's end at release [m].
+        progress_step: Smallest decrease of the mean error [m], or smallest advance along the
+            reference [s], that counts as progress.
         lost_grace: How long the points may be lost before the part detector searches again [s];
             while the robot waits for the first track, the detector searches once per this time.
         lost_fault: How long the points may be lost before a fault [s].
-        stuck_time: How long the inverse kinematics may be stuck [s].
+        stuck_time: How long the inverse kinematics may be stuck before a fault [s].
         phase_time_limit: Longest duration of a phase [s].
     """
 
@@ -70,7 +71,7 @@ class Observation(NamedTuple):
         mean_error: Mean distance of the points to the current target [m].
         goal_error: Mean distance of the points to the reference's end [m].
         motion_done: Whether the commanded joint or straight motion has ended.
-        ik_stuck: Whether the inverse kinematics cannot follow.
+        ik_stuck: Whether the inverse kinematics cannot follow the twist.
         hand_width: Measured finger opening [m]; NaN if unknown.
         safe: Whether the safety supervisor lets the arm move.
     """
@@ -101,11 +102,11 @@ class SkillState(NamedTuple):
         goal_since: When the goal was reached [s]; NaN while it is not.
         lost_since: When the points were lost [s]; NaN while they are not.
         stuck_since: When the inverse kinematics got stuck [s]; NaN while it is not.
-        best_error: Smallest error since the last progress [m].
+        best_error: The mean error at the last progress [m].
         best_tau: Largest progress along the reference [s].
         progress_at: Time of the last progress [s].
         detect_requests: Number of requests to the part detector to search again.
-        asked: 1 once there was a request because of the present loss.
+        asked: 1 once the present loss of the points has led to a request.
         width: Finger opening to command [m], which a fault leaves unchanged.
     """
 
@@ -210,7 +211,7 @@ def _stalled(state: SkillState, observation: Observation, config: SkillConfig) -
 def _has_ended(
     phase: Phase, state: SkillState, observation: Observation, config: SkillConfig
 ) -> bool:
-    """Returns whether a phase ends now; comparisons with NaN are false."""
+    """Returns whether the phase ends now; comparisons with NaN are false."""
     elapsed = observation.time - state.phase_start
     match phase:
         case Phase.WAIT:
@@ -236,7 +237,7 @@ def _has_ended(
 def _fault(
     phase: Phase, state: SkillState, observation: Observation, config: SkillConfig, ended: bool
 ) -> Fault:
-    """Returns the most severe fault; comparisons with NaN are false."""
+    """Returns the most severe fault, or NONE; comparisons with NaN are false."""
     now, width = observation.time, observation.hand_width
     if not observation.safe:
         return Fault.SAFETY

@@ -66,7 +66,7 @@ class StopRequests(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def close(self) -> None:
-        """Removes the button from the page; its clicks still count, and the switch still works."""
+        """Removes the button from the page; earlier clicks still count, the switch still works."""
         self._count_clicks()
         if self._meshcat is not None:
             self._meshcat.DeleteButton(BUTTON, strict=False)

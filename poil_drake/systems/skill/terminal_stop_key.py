@@ -20,16 +20,16 @@ STOP_KEYS = b" \r\nqQ\x1b"
 def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> Iterator[bool]:
     """Requests a stop for every stop key that is typed inside the `with` block.
 
-    It takes the terminal out of its line mode, so that keys arrive without Enter and without echo,
-    and restores the mode at the end. Ctrl-C still interrupts. It does nothing if the stream is not
-    a terminal, or if another program controls the terminal, as for a background job.
+    Inside the block the terminal is not in line mode, so keys arrive without Enter and without
+    echo; Ctrl-C still interrupts. Closing the terminal requests a stop, too. If `stream` is not a
+    terminal, or another program controls the terminal, as for a background job, nothing happens.
 
     Args:
         switch: Receives the requests.
         stream: The terminal; None for the standard input.
 
     Yields:
-        Whether it listens for keys.
+        Whether stop keys are in effect.
     """
     stream = stream or sys.stdin
     is_terminal = stream is not None and not stream.closed and stream.isatty()
@@ -73,7 +73,7 @@ def _listen(switch: StopSwitch, terminal: int, wake_reader: int) -> None:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Returns whether this process may change a terminal; background jobs that do are suspended."""
+    """Returns whether this process may change a terminal; a background job would be suspended."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:  # It is not the controlling terminal, so there is no such restriction.
