@@ -10,12 +10,7 @@ from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.ik.arm_kinematics import ArmKinematics, MakePandaKinematics
-from poil_drake.systems.propagation.motion_history import (
-    carried_along,
-    empty_history,
-    motion_at,
-    record_motion,
-)
+from poil_drake.systems.propagation.motion_history import empty_history, motion_at, record_motion
 
 
 class FkPropagator(LeafSystem):
@@ -164,7 +159,7 @@ class FkPropagator(LeafSystem):
         X_WG_now = self._kinematics.pose(self._scratch.Eval(context), joints)
         held = self._holding.Eval(context)[0] > 0.5 and np.isfinite(X_WG).all()
         if held:
-            X_M[:] = carried_along(X_M, X_WG, X_WG_now)
+            X_M[:] = X_WG_now @ inverse(X_WG) @ X_M
         X_WG[:] = X_WG_now
         return held
 

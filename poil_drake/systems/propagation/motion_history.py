@@ -4,12 +4,7 @@ import math
 
 import numpy as np
 
-from poil_drake.geometry.rigid_transform import (
-    inverse,
-    make_transform,
-    rotation_exp,
-    rotation_log,
-)
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, rotation_log
 
 ROW_SIZE = 17
 """Size of a row of a history: the time of the sample [s], then X (4, 4) row-major."""
@@ -54,11 +49,3 @@ def _sample(history: np.ndarray, tick: int, period: float) -> np.ndarray | None:
     row = history[tick % len(history)]
     held = abs(row[0] - tick * period) < 0.5 * period  # False for NaN
     return row[1:].reshape(4, 4).copy() if held else None
-
-
-def carried_along(X_M: np.ndarray, X_WG_before: np.ndarray, X_WG_now: np.ndarray) -> np.ndarray:
-    """Returns the motion X_M (4, 4) of a held object after the gripper moved between two poses.
-
-    X_M(t) = X_WG(t) X_WG(t - dt)^-1 X_M(t - dt).
-    """
-    return X_WG_now @ inverse(X_WG_before) @ X_M

@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from poil_drake.systems.propagation.motion_history import (
-    carried_along,
-    empty_history,
-    motion_at,
-    record_motion,
-)
+from poil_drake.systems.propagation.motion_history import empty_history, motion_at, record_motion
 
 PERIOD = 1 / 256
 
@@ -45,16 +40,6 @@ def test_between_samples_the_motion_is_interpolated() -> None:
     X = motion_at(history, 95.25 * PERIOD, PERIOD)
 
     np.testing.assert_allclose(X, turn_about_z(0.9525, 9.525), atol=1e-12)
-
-
-def test_a_held_object_turns_with_the_hand() -> None:
-    # The hand is at x = 1 and turns by 90 degrees; the object at the origin swings to (1, -1).
-    before, now = turn_about_z(0.0, 1.0), turn_about_z(np.pi / 2, 1.0)
-
-    X_M = carried_along(np.eye(4), before, now)
-
-    np.testing.assert_allclose(X_M[:3, 3], [1.0, -1.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(X_M[:3, :3], now[:3, :3], atol=1e-12)
 
 
 @pytest.mark.parametrize("error", [0.0, 1e-13, -1e-13])
