@@ -1,7 +1,7 @@
 """The system that runs the skill's state machine."""
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.safety.faults import SafetyFault
-from poil_drake.systems.skill.phases import HOLDING, Phase
+from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.state_machine import (
     Observation,
     SkillConfig,
@@ -29,6 +29,7 @@ _INPUTS = (
     "width_measured",
     "safety_fault",
 )
+_OUTPUTS = ("phase", "phase_start", "fault", "width", "holding", "detect_request")
 
 
 class SkillSequencer(LeafSystem):
@@ -89,28 +90,15 @@ class SkillSequencer(LeafSystem):
         self._inputs = {name: self.DeclareVectorInputPort(name, 1) for name in _INPUTS}
         self.DeclareDiscreteState(np.array(SkillState(width=self._config.open_width)))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        outputs: dict[str, Callable[[SkillState], float]] = {
-            "phase": lambda state: state.phase,
-            "phase_start": lambda state: state.phase_start,
-            "fault": lambda state: state.fault,
-            "width": lambda state: state.width,
-            "holding": lambda state: float(Phase(int(state.phase)) in HOLDING),
-            "detect_request": lambda state: state.detect_requests,
-        }
-        for name, function in outputs.items():
-
-            def calc(
-                context: Context,
-                output: BasicVector,
-                function: Callable[[SkillState], float] = function,
-            ) -> None:
-                output.SetAtIndex(0, function(self.skill_state(context)))
-
-            self.DeclareVectorOutputPort(name, 1, calc, {self.xd_ticket()})
+        for name in _OUTPUTS:
+            self.DeclareVectorOutputPort(name, 1, partial(self._calc, name), {self.xd_ticket()})
 
     def skill_state(self, context: Context) -> SkillState:
         """Returns the sequencer's memory in the system's `context`."""
         return SkillState(*context.get_discrete_state_vector().value().tolist())
+
+    def _calc(self, name: str, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, getattr(self.skill_state(context), name))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         with self._stopwatch.measure("control"):

@@ -105,7 +105,7 @@ class SkillState(NamedTuple):
         best_error: The mean error at the last progress [m].
         best_tau: Largest progress along the reference [s].
         progress_at: Time of the last progress [s].
-        detect_requests: Number of requests to the part detector to search again.
+        detect_request: Number of requests to the part detector to search again.
         asked: 1 once the present loss of the points has led to a request.
         width: Finger opening to command [m], which a fault leaves unchanged.
     """
@@ -122,9 +122,14 @@ class SkillState(NamedTuple):
     best_error: float = np.inf
     best_tau: float = -np.inf
     progress_at: float = 0.0
-    detect_requests: float = 0.0
+    detect_request: float = 0.0
     asked: float = 0.0
     width: float = MAX_HAND_WIDTH
+
+    @property
+    def holding(self) -> float:
+        """1 while the object moves with the gripper, else 0."""
+        return float(self.phase in HOLDING)
 
 
 def next_state(state: SkillState, observation: Observation, config: SkillConfig) -> SkillState:
@@ -199,7 +204,7 @@ def _remember(
         best_error=observation.mean_error if progressed else state.best_error,
         best_tau=float(np.fmax(observation.tau, state.best_tau)),  # A NaN is no progress.
         progress_at=now if progressed or not following or lost else state.progress_at,
-        detect_requests=state.detect_requests + ask,
+        detect_request=state.detect_request + ask,
         asked=float(lost and not ask_again and (ask or state.asked)),
     )
 

@@ -133,9 +133,9 @@ def test_faults(phase: Phase, seen: Observation, duration: float, fault: Fault) 
 def test_detection_is_requested_once_after_the_grace_time() -> None:
     lost = SEEN._replace(points_lost=True)
     states = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_fault - 0.1)
-    asked = [s.last_time for s in states if s.detect_requests == 1.0]
+    asked = [s.last_time for s in states if s.detect_request == 1.0]
     assert asked[0] == pytest.approx(SEEN.time + 1 / 256 + CONFIG.lost_grace, abs=1e-9)
-    assert states[-1].detect_requests == 1.0
+    assert states[-1].detect_request == 1.0
 
 
 def test_each_loss_requests_a_detection() -> None:
@@ -143,15 +143,15 @@ def test_each_loss_requests_a_detection() -> None:
     once = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_grace + 0.1)[-1]
     again = run(once, found._replace(time=once.last_time), duration=0.1)[-1]
     twice = run(again, lost._replace(time=again.last_time), duration=CONFIG.lost_grace + 0.1)[-1]
-    assert (once.detect_requests, again.asked, twice.detect_requests) == (1.0, 0.0, 2.0)
+    assert (once.detect_request, again.asked, twice.detect_request) == (1.0, 0.0, 2.0)
 
 
 def test_while_the_robot_waits_detections_are_requested_repeatedly() -> None:
     hidden = SEEN._replace(tracking=False)
     waiting = run(in_phase(Phase.WAIT), hidden, duration=4.5 * CONFIG.lost_grace)[-1]
     begun = run(waiting, SEEN._replace(time=waiting.last_time), duration=0.1)[-1]
-    assert (Phase(int(waiting.phase)), waiting.detect_requests) == (Phase.WAIT, 4.0)
-    assert (Phase(int(begun.phase)), begun.detect_requests) == (Phase.APPROACH, 4.0)
+    assert (Phase(int(waiting.phase)), waiting.detect_request) == (Phase.WAIT, 4.0)
+    assert (Phase(int(begun.phase)), begun.detect_request) == (Phase.APPROACH, 4.0)
 
 
 def test_fingers_at_rest_before_they_could_have_moved_hold_nothing() -> None:
