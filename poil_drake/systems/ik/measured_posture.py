@@ -39,12 +39,8 @@ class MeasuredPosture(LeafSystem):
         self._robot_default = plant.GetPositions(context, robot)
         self._arm = self.DeclareVectorInputPort("position_measured", NUM_JOINTS)
         self._hand = self.DeclareVectorInputPort("width_measured", 1)
-        self.DeclareVectorOutputPort(
-            "positions",
-            plant.num_positions(),
-            self._calc,
-            {self._arm.ticket(), self._hand.ticket()},
-        )
+        measured = {self._arm.ticket(), self._hand.ticket()}
+        self.DeclareVectorOutputPort("positions", plant.num_positions(), self._calc, measured)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         robot = self._robot_default.copy()
@@ -55,4 +51,4 @@ class MeasuredPosture(LeafSystem):
             robot[NUM_JOINTS:] = width[0] / (robot.size - NUM_JOINTS)
         positions = self._default.copy()
         self._plant.SetPositionsInArray(self._robot, robot, positions)
-        output.SetFromVector(positions if np.isfinite(positions).all() else self._default)
+        output.SetFromVector(positions)
