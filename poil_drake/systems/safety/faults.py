@@ -35,10 +35,6 @@ POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
 """The fault that stops the arm when it is about to break a rule, for each rule."""
 
 
-def _limiter() -> VelocityLimiterConfig:
-    return VelocityLimiterConfig(acceleration_scale=0.9, jerk_scale=0.5)
-
-
 @dataclass(frozen=True, kw_only=True)
 class SafetyConfig:
     """Thresholds of the faults, and limits of the arm's motion.
@@ -72,7 +68,9 @@ class SafetyConfig:
             the time for which the driver follows a command. Without a clock it has no effect.
     """
 
-    limiter: VelocityLimiterConfig = field(default_factory=_limiter)
+    limiter: VelocityLimiterConfig = field(
+        default_factory=lambda: VelocityLimiterConfig(acceleration_scale=0.9, jerk_scale=0.5)
+    )
     posture: PostureGuardConfig = field(default_factory=PostureGuardConfig)
     status_age_limit: float = 0.05
     clock_off_age: float = 0.5
