@@ -45,10 +45,9 @@ class JointTrajectory(SharedOnCopy):
 
         Before its start and after its end, the motion is at rest.
         """
-        if time <= 0.0:
-            return self.positions[0], np.zeros(self.positions.shape[1])
-        if time >= self.times[-1]:
-            return self.positions[-1], np.zeros(self.positions.shape[1])
+        if not 0.0 < time < self.times[-1]:
+            end = self.positions[0 if time <= 0.0 else -1]
+            return end, np.zeros(end.size)
         after = int(np.searchsorted(self.times, time, side="right"))
         ratio = (time - self.times[after - 1]) / (self.times[after] - self.times[after - 1])
         blend = np.array([1.0 - ratio, ratio])
