@@ -109,8 +109,7 @@ def cover_box(lower: np.ndarray, upper: np.ndarray, cell: float) -> tuple[np.nda
     """
     counts = np.maximum(np.ceil((upper - lower) / cell).astype(int), 1)
     edges = (upper - lower) / counts
-    index = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), -1)
-    index = index.reshape(-1, 3)
+    index = np.indices(counts).reshape(3, -1).T
     boundary = np.any((index == 0) | (index == counts - 1), axis=1)
     return lower + (index[boundary] + 0.5) * edges, 0.5 * float(np.linalg.norm(edges))
 
