@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context
+from system_bench import SystemBench
 
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.station import MakeStation
@@ -21,10 +21,7 @@ def dut(plant: MultibodyPlant) -> MeasuredPosture:
 
 
 def posture(dut: MeasuredPosture, arm: np.ndarray, width: float) -> np.ndarray:
-    context: Context = dut.CreateDefaultContext()
-    dut.GetInputPort("position_measured").FixValue(context, arm)
-    dut.GetInputPort("width_measured").FixValue(context, [width])
-    return dut.get_output_port().Eval(context)
+    return SystemBench(dut, position_measured=arm, width_measured=width).read("positions")
 
 
 def test_only_the_robot_leaves_its_default(dut: MeasuredPosture, plant: MultibodyPlant) -> None:
