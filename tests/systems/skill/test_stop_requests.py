@@ -2,7 +2,7 @@ import threading
 
 import pytest
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
+from system_bench import SystemBench
 
 from poil_drake.systems.skill.stop_requests import BUTTON, StopRequests, StopSwitch
 
@@ -16,10 +16,10 @@ def click(meshcat: Meshcat) -> None:
     )
 
 
-def shown(dut: StopRequests, simulator: Simulator, time: float) -> float:
-    simulator.AdvanceTo(time)
-    simulator.AdvancePendingEvents()
-    return dut.GetOutputPort("stop").Eval(simulator.get_context())[0]
+def shown(bench: SystemBench, time: float) -> float:
+    bench.advance_to(time)
+    bench.simulator.AdvancePendingEvents()
+    return bench.read("stop")[0]
 
 
 @pytest.fixture(scope="module")
@@ -30,43 +30,40 @@ def page() -> Meshcat:
 def test_requests_at_the_switch_are_counted_from_the_first_update_on() -> None:
     switch = StopSwitch()
     switch.request()
-    dut = StopRequests(period=PERIOD, switch=switch)
-    simulator = Simulator(dut)
-    assert dut.GetOutputPort("stop").Eval(dut.CreateDefaultContext())[0] == 0.0
+    bench = SystemBench(StopRequests(period=PERIOD, switch=switch))
+    assert bench.read("stop")[0] == 0.0
 
-    first = shown(dut, simulator, 0.0)
+    first = shown(bench, 0.0)
     for _ in range(2):
         switch.request()
-    second = shown(dut, simulator, PERIOD)
+    second = shown(bench, PERIOD)
 
     assert (first, second) == (1.0, 3.0)
 
 
 def test_clicks_and_requests_add_up(page: Meshcat) -> None:
     switch = StopSwitch()
-    dut = StopRequests(period=PERIOD, meshcat=page, switch=switch)
-    simulator = Simulator(dut)
+    bench = SystemBench(StopRequests(period=PERIOD, meshcat=page, switch=switch))
 
-    before = shown(dut, simulator, 0.0)
+    before = shown(bench, 0.0)
     click(page)
     switch.request()
-    after = shown(dut, simulator, PERIOD)
-    dut.close()
+    after = shown(bench, PERIOD)
+    bench.dut.close()
 
     assert (before, after) == (0.0, 2.0)
 
 
 def test_the_button_goes_when_closed_and_its_clicks_stay(page: Meshcat) -> None:
-    dut = StopRequests(period=PERIOD, meshcat=page)
-    simulator = Simulator(dut)
+    bench = SystemBench(StopRequests(period=PERIOD, meshcat=page))
     assert BUTTON in page.GetButtonNames()
     click(page)
 
-    dut.close()
-    dut.close()  # Closing twice is no error.
+    bench.dut.close()
+    bench.dut.close()  # Closing twice is no error.
 
     assert BUTTON not in page.GetButtonNames()
-    assert shown(dut, simulator, PERIOD) == 1.0
+    assert shown(bench, PERIOD) == 1.0
 
 
 def test_a_switch_may_be_pressed_from_many_threads() -> None:
