@@ -28,6 +28,7 @@ SEEN = Observation(
 )
 ON_THE_WAY = SEEN._replace(mean_error=0.001, goal_error=0.2)
 UNKNOWN = SEEN._replace(mean_error=np.nan, goal_error=np.nan, tau=np.nan)
+LOST = SEEN._replace(points_lost=True)
 
 
 def in_phase(phase: Phase, **memory: float) -> SkillState:
@@ -105,12 +106,7 @@ def test_a_small_residual_is_released_after_patience() -> None:
         (Phase.FOLLOW, ON_THE_WAY, CONFIG.goal_patience + 0.1, Fault.NO_PROGRESS),
         (Phase.FOLLOW, UNKNOWN, CONFIG.goal_patience + 0.1, Fault.NO_PROGRESS),
         (Phase.FOLLOW, SEEN._replace(tracking=False), CONFIG.lost_fault + 0.1, Fault.TRACKING_LOST),
-        (
-            Phase.FOLLOW,
-            SEEN._replace(points_lost=True),
-            CONFIG.lost_fault + 0.1,
-            Fault.TRACKING_LOST,
-        ),
+        (Phase.FOLLOW, LOST, CONFIG.lost_fault + 0.1, Fault.TRACKING_LOST),
         (Phase.FOLLOW, SEEN._replace(hand_width=0.0), 0.02, Fault.OBJECT_DROPPED),
         (Phase.LIFT, SEEN._replace(ik_stuck=True), CONFIG.stuck_time + 0.1, Fault.IK_STUCK),
         (Phase.GRASP, SEEN._replace(hand_width=0.0), 0.02, Fault.GRASP_MISSED),
@@ -131,18 +127,16 @@ def test_faults(phase: Phase, seen: Observation, duration: float, fault: Fault) 
 
 
 def test_detection_is_requested_once_after_the_grace_time() -> None:
-    lost = SEEN._replace(points_lost=True)
-    states = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_fault - 0.1)
+    states = run(in_phase(Phase.FOLLOW), LOST, duration=CONFIG.lost_fault - 0.1)
     asked = [s.last_time for s in states if s.detect_request == 1.0]
     assert asked[0] == pytest.approx(SEEN.time + 1 / 256 + CONFIG.lost_grace, abs=1e-9)
     assert states[-1].detect_request == 1.0
 
 
 def test_each_loss_requests_a_detection() -> None:
-    lost, found = SEEN._replace(points_lost=True), SEEN
-    once = run(in_phase(Phase.FOLLOW), lost, duration=CONFIG.lost_grace + 0.1)[-1]
-    again = run(once, found._replace(time=once.last_time), duration=0.1)[-1]
-    twice = run(again, lost._replace(time=again.last_time), duration=CONFIG.lost_grace + 0.1)[-1]
+    once = run(in_phase(Phase.FOLLOW), LOST, duration=CONFIG.lost_grace + 0.1)[-1]
+    again = run(once, SEEN._replace(time=once.last_time), duration=0.1)[-1]
+    twice = run(again, LOST._replace(time=again.last_time), duration=CONFIG.lost_grace + 0.1)[-1]
     assert (once.detect_request, again.asked, twice.detect_request) == (1.0, 0.0, 2.0)
 
 
@@ -175,25 +169,20 @@ def test_lost_points_do_not_count_as_lack_of_progress() -> None:
     assert states[-1].phase == Phase.FOLLOW
 
 
-@pytest.mark.parametrize(("tau", "progress_at"), [(1.001, 1.1), (0.9, 1.0)])
-def test_progress_is_that_beyond_the_farthest_before_a_loss(tau: float, progress_at: float) -> None:
+@pytest.mark.parametrize(
+    ("taus", "best_tau", "progress_at"),
+    [((0.8, 1.001), 1.001, 1.5), ((0.8, 0.9), 1.0, 1.0), ((1.1,), 1.1, 1.25)],
+)
+def test_progress_is_that_beyond_the_farthest_before_a_loss(
+    taus: tuple[float, ...], best_tau: float, progress_at: float
+) -> None:
     state = in_phase(Phase.FOLLOW, best_error=0.1, best_tau=1.0)
-    lost = UNKNOWN._replace(points_lost=True, time=1.0)
+    state = next_state(state, UNKNOWN._replace(points_lost=True, time=1.0), CONFIG)
 
-    for tick in (lost, SEEN._replace(tau=0.8, time=1.05), SEEN._replace(tau=tau, time=1.1)):
-        state = next_state(state, tick, CONFIG)
+    for tick, tau in enumerate(taus, start=1):
+        state = next_state(state, SEEN._replace(tau=tau, time=1.0 + 0.25 * tick), CONFIG)
 
-    assert state.progress_at == progress_at
-
-
-def test_progress_shows_right_after_a_loss() -> None:
-    before = in_phase(Phase.FOLLOW, best_error=0.1, best_tau=1.0)
-
-    lost = next_state(before, UNKNOWN._replace(points_lost=True, time=1.0), CONFIG)
-    found = next_state(lost, SEEN._replace(tau=1.1, time=1.1), CONFIG)
-
-    assert found.best_tau == 1.1
-    assert found.progress_at == 1.1
+    assert (state.best_tau, state.progress_at) == (best_tau, progress_at)
 
 
 @pytest.mark.parametrize("phase", [Phase.DONE, Phase.FAULT])
