@@ -19,6 +19,7 @@ UPRIGHT = np.zeros(7)
 # measures: x = 0.088, z = 0.333 + 0.316 + 0.384 - 0.107 - 0.1034.
 UPRIGHT_GRIPPER = np.array([0.088, 0.0, 0.8226])
 TIP_END = GripperGeometry().tip_end
+SPHERES = make_robot_spheres(finger_opening=None)
 FOLDED = np.array([0.0, -1.0, 0.0, -3.0, 0.0, 0.2, 0.0])
 """The hand is bent back upon the shoulder."""
 LOW = np.array([0.0, 0.5, 0.0, -2.2, 0.0, 2.7, np.pi / 4])
@@ -64,9 +65,8 @@ def test_the_box_moves_with_the_base_of_the_robot() -> None:
 
 def test_the_whole_arm_keeps_the_larger_box() -> None:
     # The wrist is the highest part of the upright arm; its spheres reach beyond its centre.
-    spheres = make_robot_spheres(finger_opening=None)
-    heights = spheres.world_centers(MODEL.link_poses(UPRIGHT))[:, 2] + spheres.radii
-    top = heights[spheres.links < 8].max()
+    heights = SPHERES.world_centers(MODEL.link_poses(UPRIGHT))[:, 2] + SPHERES.radii
+    top = heights[SPHERES.links < 8].max()
 
     found = clearance(PostureRule.WORKSPACE, UPRIGHT, body_upper=(1.1, 1.1, top + 0.01))
 
@@ -112,9 +112,8 @@ def test_closed_finger_tips_keep_off_the_table() -> None:
 def test_the_elbow_keeps_off_the_table() -> None:
     # Lying forward, the arm is lowest at its spheres; the hand, bent up, is higher.
     q = np.array([0.0, 1.7, 0.0, -0.3, 0.0, 3.5, 0.0])
-    spheres = make_robot_spheres(finger_opening=None)
-    lows = spheres.world_centers(MODEL.link_poses(q))[:, 2] - spheres.radii
-    lowest = lows[(spheres.links >= 2) & (spheres.links < 8)].min()
+    lows = SPHERES.world_centers(MODEL.link_poses(q))[:, 2] - SPHERES.radii
+    lowest = lows[(SPHERES.links >= 2) & (SPHERES.links < 8)].min()
 
     found = clearance(PostureRule.TABLE, q, table_height=0.1, table_margin=0.0)
 
@@ -131,7 +130,7 @@ def test_distance_to_itself_is_that_of_the_planners_check(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(MODEL.lower, MODEL.upper, size=(20, 7))
     checker = RobotCollisionChecker(
         model=MODEL,
-        spheres=make_robot_spheres(finger_opening=None),
+        spheres=SPHERES,
         scene=SceneCloud(np.zeros((0, 3))),
         config=CollisionConfig(max_distance=1.0),
     )
