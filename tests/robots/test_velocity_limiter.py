@@ -11,6 +11,8 @@ PERIOD = 1 / 256
 LIMITS = PandaModel().joint_limits
 JERK = np.array(dut.VelocityLimiterConfig().jerk)
 MIDDLE = 0.5 * (LIMITS.lower + LIMITS.upper)
+OUTSIDE = np.where(np.arange(7) == 3, LIMITS.upper - 0.01, MIDDLE)
+"""Joint 4 is beyond its margin, inside its limit."""
 MOVING = dut.JointMotion(MIDDLE, np.full(7, 0.5), np.zeros(7))
 
 
@@ -79,14 +81,11 @@ def test_arm_stops_before_its_limits_and_returns():
 
 
 def test_arm_outside_of_its_limits_may_only_return():
-    start = MIDDLE.copy()
-    start[3] = LIMITS.upper[3] - 0.01
+    out, _ = drive(make_limiter(), OUTSIDE, np.tile([0, 0, 0, 0.5, 0, 0, 0], (100, 1)))
+    back, _ = drive(make_limiter(), OUTSIDE, np.tile([0, 0, 0, -0.5, 0, 0, 0], (100, 1)))
 
-    out, _ = drive(make_limiter(), start, np.tile([0, 0, 0, 0.5, 0, 0, 0], (100, 1)))
-    back, _ = drive(make_limiter(), start, np.tile([0, 0, 0, -0.5, 0, 0, 0], (100, 1)))
-
-    np.testing.assert_allclose(out[:, 3], start[3], atol=1e-9)
-    assert back[-1, 3] < start[3] - 0.1
+    np.testing.assert_allclose(out[:, 3], OUTSIDE[3], atol=1e-9)
+    assert back[-1, 3] < OUTSIDE[3] - 0.1
 
 
 def test_velocity_that_is_not_finite_means_rest():
@@ -168,12 +167,10 @@ def test_if_every_share_is_refused_the_arm_brakes_with_a_reason():
 
 
 def test_joint_limits_are_no_reason():
-    start = MIDDLE.copy()
-    start[3] = LIMITS.upper[3] - 0.01
     asked = []
 
     step = make_limiter().guarded_step(
-        dut.JointMotion.at_rest(start), 0.5 * np.eye(7)[3], asked.append
+        dut.JointMotion.at_rest(OUTSIDE), 0.5 * np.eye(7)[3], asked.append
     )
 
     assert (step.share, step.reason) == (0.0, None)

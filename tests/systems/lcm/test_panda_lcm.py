@@ -4,10 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from drake import (
-    lcmt_panda_status,
-    lcmt_schunk_wsg_status,
-)
+from drake import lcmt_panda_status, lcmt_schunk_wsg_status
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from panda_bench import JOINTS, PERIOD, RobotBench, arm_status, hand_status

@@ -212,33 +212,28 @@ def test_an_arm_moved_by_hand_after_a_fault_continues_from_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "towards", "config", "fault", "said"),
+    ("start", "towards", "posture", "fault", "said"),
     [
         # The gripper point is 1 cm higher than the finger tips.
         (
             LOW,
             DOWN,
-            PostureGuardConfig(gripper_lower=(-0.85, -0.85, 0.03)),
+            {"gripper_lower": (-0.85, -0.85, 0.03)},
             SafetyFault.WORKSPACE,
             r"the gripper is \S+ mm from poil.safety.posture.gripper_lower\[2\], 0.03 m",
         ),
-        (
-            LOW,
-            DOWN,
-            PostureGuardConfig(),
-            SafetyFault.TABLE,
-            r"the arm is [2-6]\.\d mm above the table",
-        ),
+        (LOW, DOWN, {}, SafetyFault.TABLE, r"the arm is [2-6]\.\d mm above the table"),
         (
             FOLDING,
             -np.eye(7)[3],
-            PostureGuardConfig(),
+            {},
             SafetyFault.SELF_COLLISION,
             "the wrist or the hand is close to the shoulder",
         ),
     ],
 )
-def test_the_arm_stops_before_it_breaks_a_rule(start, towards, config, fault, said) -> None:
+def test_the_arm_stops_before_it_breaks_a_rule(start, towards, posture, fault, said) -> None:
+    config = PostureGuardConfig(**posture)
     dut = SupervisorBench(start, config=SafetyConfig(posture=config))
     guard = PostureGuard(model=MODEL, config=config)
 
@@ -326,9 +321,7 @@ def test_images_are_expected_only_after_the_first() -> None:
 
 def test_torques_and_joints_must_be_seven() -> None:
     with pytest.raises(InvalidValueError, match="external_torque"):
-        SafetySupervisor(
-            config=SafetyConfig(external_torque=(20.0,) * 6),
-        )
+        SafetySupervisor(config=SafetyConfig(external_torque=(20.0,) * 6))
 
 
 @given(st.integers(0, 2**32 - 1))
