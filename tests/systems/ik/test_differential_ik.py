@@ -84,16 +84,6 @@ def test_saturation_keeps_the_direction(bench: ArmBench) -> None:
     assert bench.read("status") == IkStatus.LIMITED
 
 
-def test_a_step_is_limited_by_one_factor_for_all_joints(bench: ArmBench) -> None:
-    twist = np.array([0.1, 0.0, 0.0, 0.0, 0.2, 0.4])
-
-    velocity = bench.step(twist)
-
-    # 0.8 of 8 m/s^2 for one period, for the fastest joint; the others in proportion.
-    np.testing.assert_allclose(velocity[[4, 2, 3]], np.array([0.25, 0.5, 1.0]) * 6.4 * PERIOD)
-    assert bench.read("status") == IkStatus.LIMITED
-
-
 def test_at_a_joint_limit_it_slows_down_and_is_stuck(bench: ArmBench) -> None:
     up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
     statuses = []
