@@ -1,4 +1,4 @@
-"""Lets a system start work at a capture and show the result at a later release."""
+"""Lets a system start work at one event, a capture, and show the result at a later release."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -19,20 +19,20 @@ Work = Callable[[], Any]
 
 @dataclass(frozen=True, eq=False)
 class _Released(SharedOnCopy):
-    """The result released last, and the number of its capture."""
+    """The last released result, and the number of its capture."""
 
     tick: int
     result: Any
 
 
 class CaptureAndRelease:
-    """Adds captures, the work they start, and releases of the results to a system.
+    """Adds periodic work to a system: a capture starts it, and a later release shows its result.
 
     Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
     state is in the context.
 
     Attributes:
-        tickets: Prerequisites of output ports that show a result.
+        tickets: The prerequisites of output ports that use `result` or `capture_time`.
     """
 
     def __init__(
@@ -52,10 +52,12 @@ class CaptureAndRelease:
             system: Receives the state and events.
             timing: When to capture and when to release.
             nothing: The result before the first release.
-            begin: Copies what the work needs from the context and returns the work, or None if
-                there is nothing to capture. Its last argument is the previous capture, if any.
-            wanted: Returns whether there is something new to capture.
-            thread: Name of the thread that does the work; None: the capture does the work itself.
+            begin: Called at a capture with the context, the state to update and the previous
+                capture, if any. Copies what the work needs and returns the work, a function without
+                arguments; None if there is nothing to capture.
+            wanted: Returns whether there is something new to capture, given the context and the
+                previous capture, if any.
+            thread: Name of the thread that does the work; None: the work is done at the capture.
             stopwatch: Records the time spent waiting for results ("waiting").
         """
         self._timing, self._begin, self._wanted = timing, begin, wanted
@@ -74,7 +76,7 @@ class CaptureAndRelease:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
 
     def result(self, context: Context) -> Any:
-        """Returns the result released last; `nothing` before the first release."""
+        """Returns the last released result; `nothing` before the first release."""
         return context.get_abstract_state(self._released).get_value().result
 
     def capture_time(self, context: Context) -> float:
@@ -84,18 +86,21 @@ class CaptureAndRelease:
     def DeclareTimesPort(self) -> None:
         """Declares the output port `times` (3,) [s].
 
-        Its elements are the times of the last capture, of the last release, and of the capture
-        whose result was released then; each is minus infinity until it is known.
+        Its elements are the time of the last capture, the time of the last release, and the capture
+        time of the last released result. Each is minus infinity until it is known.
         """
         self._system.DeclareStateOutputPort("times", self._times)
 
     def close(self) -> None:
-        """Finishes the work in progress, drops the rest, ends the thread. No capture may follow."""
+        """Finishes the work in progress, cancels queued work and ends the thread.
+
+        No capture may follow.
+        """
         if self._background is not None:
             self._background.close()
 
     def submit(self, work: Work) -> Future[Any]:
-        """Submits work to the thread, or does it at once if there is none; returns its future.
+        """Runs work on the thread, or at once if there is none; returns the future of its result.
 
         Raises:
             StationError: after `close`.

@@ -158,10 +158,10 @@ def test_a_replay_skips_releases_of_unknown_captures() -> None:
 @pytest.mark.parametrize(
     ("captured", "released", "said"),
     [
-        ([0.3, 0.1], [], "not in order of time"),
-        ([0.1], [(0.05, 0)], "release at 0.05 s has no earlier capture with the number 0"),
-        ([0.1], [(0.2, 1)], "release at 0.2 s has no earlier capture with the number 1"),
-        ([0.1, 0.2], [(0.4, 1), (0.3, 0)], "not in order of time"),
+        ([0.3, 0.1], [], "captures are not in order of time"),
+        ([0.1], [(0.05, 0)], "release at 0.05 s refers to capture 0, but no earlier capture"),
+        ([0.1], [(0.2, 1)], "release at 0.2 s refers to capture 1, but no earlier capture"),
+        ([0.1, 0.2], [(0.4, 1), (0.3, 0)], "releases are not in order of time"),
     ],
 )
 def test_impossible_recordings_are_rejected(

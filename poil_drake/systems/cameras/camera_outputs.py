@@ -23,15 +23,15 @@ def DeclareCameraOutputs(
 ) -> None:
     """Declares `<camera>.rgb_image`, `.depth_image`, `.label_image` and `.image_time`.
 
-    A port holds an empty image while there is nothing to show.
+    An image port holds an empty image while there is nothing to show.
 
     Args:
         system: Receives the ports.
         camera: The camera's name.
         image: Returns the image to show, or None.
-        time: Returns the capture time of that image [s].
-        labels: Whether to declare the label port, which shows the labels of `image`; or a function
-            that returns the label image (H, W) to show, or None.
+        time: Returns the value of `image_time` [s], NaN before the first image.
+        labels: False: there is no label port. True: the port shows the labels of `image`. A
+            function: it returns the label image (H, W) to show, or None.
         prerequisites: Tickets of everything that these functions depend on.
     """
 

@@ -15,7 +15,7 @@ class TrackerReport(Protocol):
 
     @property
     def points(self) -> TrackedPoints:
-        """The points."""
+        """The tracked points."""
 
     @property
     def status(self) -> TrackerStatus:

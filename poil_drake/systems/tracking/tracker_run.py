@@ -1,4 +1,4 @@
-"""Advances a tracker by one frame: when to start, step and restart."""
+"""Advances a tracker by one frame: decides whether it waits, starts, steps or restarts."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,8 +24,8 @@ class TrackerInputs(SharedOnCopy):
         masks: The latest detection; None before the first.
         query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN until
             known.
-        object_motion: (4, 4) X_M, the object's motion since a fixed time, from forward kinematics;
-            None if unknown.
+        object_motion: (4, 4) X_M, the object's motion in the world since a fixed time, from forward
+            kinematics; None if unknown.
     """
 
     frame: MultiViewFrame
@@ -42,10 +42,12 @@ class TrackerRun(SharedOnCopy):
         points: The points to report.
         status: Whether the tracker follows the object.
         tracker_state: The tracker's own state; None before the first start.
-        state_motion: (4, 4) X_M at the frame of `tracker_state`; None if unknown.
-        masks: The detection used at the last attempt to start.
-        query_points: (N, 3) the query points of the last start; None before it.
-        query_motion: (4, 4) X_M when those points were first used; None if unknown.
+        state_motion: (4, 4) `object_motion` at the frame of `tracker_state`; None if unknown.
+        masks: The detection at the last attempt to start; None before the first attempt.
+        query_points: (N, 3) the query points at the last attempt to start [m, world]; None before
+            the first attempt.
+        query_motion: (4, 4) `object_motion` at the first attempt with these query points; None if
+            unknown.
     """
 
     points: TrackedPoints
@@ -58,12 +60,18 @@ class TrackerRun(SharedOnCopy):
 
 
 def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    """Returns the run after one more frame.
+    """Returns the state of tracking after one more frame.
 
-    A start needs query points and a new detection. The first start uses the query points as they
-    are; a restart after a loss applies the object's motion since their first use, which is right
-    while the grasp is rigid. Otherwise, the tracker steps, with the object's motion since the last
-    usable frame as its prior; it also steps while lost, because it may recover by itself.
+    A tracker that is not tracking starts or restarts when query points and a new detection are
+    known. The first start uses the query points as they are. A restart moves them by the object's
+    motion since their first use, which is correct while the grasp is rigid. In all other frames, a
+    tracker that has started steps, with the object's motion since the last usable frame as its
+    prior. It also steps while the object is lost, because it may find it again.
+
+    Args:
+        tracker: The tracker to start or step.
+        run: The state after the previous frame.
+        inputs: The inputs at this frame.
     """
     query = inputs.query_points
     fresh = inputs.masks is not None and inputs.masks is not run.masks
@@ -76,7 +84,12 @@ def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> Tracker
 
 
 def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if either is unknown."""
+    """Returns the motion from `before` to `now`, X_M(now) X_M(before)^-1; None if one is None.
+
+    Args:
+        before: (4, 4) X_M at the earlier time, or None.
+        now: (4, 4) X_M at the later time, or None.
+    """
     return None if before is None or now is None else now @ inverse(before)
 
 
