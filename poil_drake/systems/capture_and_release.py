@@ -2,27 +2,17 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.runtime.background_thread import Background
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.capture_timing import Captured, CaptureTiming, Queue
 
 Work = Callable[[], Any]
-
-
-@dataclass(frozen=True, eq=False)
-class _Released(SharedOnCopy):
-    """The last released result, and the number of its capture."""
-
-    tick: int
-    result: Any
 
 
 class CaptureAndRelease:
@@ -64,12 +54,10 @@ class CaptureAndRelease:
         self._stopwatch = stopwatch or Stopwatch()
         self._background = None if thread is None else Background(thread)
         self._queue = system.DeclareAbstractState(Value(()))
-        self._released = system.DeclareAbstractState(Value(_Released(-1, nothing)))
+        before = Captured(-1, -np.inf, _done(nothing))
+        self._released = system.DeclareAbstractState(Value(before))
         self._times = system.DeclareDiscreteState(np.full(3, -np.inf))
-        self.tickets: set[Any] = {
-            system.abstract_state_ticket(self._released),
-            system.discrete_state_ticket(self._times),
-        }
+        self.tickets: set[Any] = {system.abstract_state_ticket(self._released)}
         self._system = system
         system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.capture_event, self._capture)
         if timing.release_event is not None:
@@ -77,11 +65,11 @@ class CaptureAndRelease:
 
     def result(self, context: Context) -> Any:
         """Returns the last released result; `nothing` before the first release."""
-        return context.get_abstract_state(self._released).get_value().result
+        return context.get_abstract_state(self._released).get_value().result.result()
 
     def capture_time(self, context: Context) -> float:
         """Returns the capture time [s] of `result`; minus infinity before the first release."""
-        return float(context.get_discrete_state(self._times)[2])
+        return context.get_abstract_state(self._released).get_value().time
 
     def DeclareTimesPort(self) -> None:
         """Declares the output port `times` (3,) [s].
@@ -105,11 +93,7 @@ class CaptureAndRelease:
         Raises:
             StationError: after `close`.
         """
-        if self._background is not None:
-            return self._background.submit(work)
-        future: Future[Any] = Future()
-        future.set_result(work())
-        return future
+        return _done(work()) if self._background is None else self._background.submit(work)
 
     def _capture(self, context: Context, state: State) -> None:
         queue: Queue = context.get_abstract_state(self._queue).get_value()
@@ -128,12 +112,18 @@ class CaptureAndRelease:
 
     def _release_due(self, queue: Queue, context: Context, state: State) -> None:
         due = self._timing.due(queue, context.get_time())
-        released: _Released = context.get_abstract_state(self._released).get_value()
+        released: Captured = context.get_abstract_state(self._released).get_value()
         if due is None or due.tick <= released.tick:
             return
         with self._stopwatch.measure("waiting"):
-            result = due.result.result()
-        state.get_mutable_abstract_state(self._released).set_value(_Released(due.tick, result))
+            due.result.result()
+        state.get_mutable_abstract_state(self._released).set_value(due)
         times = state.get_mutable_discrete_state(self._times)
         times.SetAtIndex(1, context.get_time())
         times.SetAtIndex(2, due.time)
+
+
+def _done(result: Any) -> Future[Any]:
+    future: Future[Any] = Future()
+    future.set_result(result)
+    return future
