@@ -59,7 +59,7 @@ class CaptureAndRelease:
         self._times = system.DeclareDiscreteState(np.full(3, -np.inf))
         self.tickets: set[Any] = {system.abstract_state_ticket(self._released)}
         self._system = system
-        system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.capture_event, self._capture)
+        system.DeclarePeriodicUnrestrictedUpdateEvent(timing.period, timing.offset, self._capture)
         if timing.release_event is not None:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
 

@@ -52,11 +52,6 @@ class CaptureTiming(ABC):
     offset: float = 0.0
 
     @property
-    def capture_event(self) -> tuple[float, float]:
-        """Period and offset [s] of the events at which a capture may happen."""
-        return self.period, self.offset
-
-    @property
     @abstractmethod
     def release_event(self) -> tuple[float, float] | None:
         """Period and offset [s] of the release events; None if results are released at capture."""
