@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy
@@ -179,14 +179,15 @@ class RecordedTiming(CaptureTiming):
 
     Attributes:
         captured: When each capture happened [s], ascending.
-        released: (time [s], index of the released capture in `captured`) of each release, in order
-            of time. Some captures may have no release.
+        released: (time of the release, time of its capture) [s], in order of release. A capture
+            may have no release. A release of a capture that is not in `captured` shows nothing,
+            because a recording may begin between the two.
         period: Time between checks for a due capture or release [s]: the control period.
         offset: Time of the first check for a capture [s]; checks for releases start at 0.
     """
 
     captured: Sequence[float]
-    released: Sequence[tuple[float, int]]
+    released: Sequence[tuple[float, float]]
     period: float = 1 / 256
 
     def __post_init__(self) -> None:
@@ -196,40 +197,12 @@ class RecordedTiming(CaptureTiming):
                 raise InvalidValueError(
                     f"The recorded {name} are not in order of time.", remedy="Sort them by time."
                 )
-        for time, tick in self.released:
-            if not (0 <= tick < len(self.captured) and time >= self.captured[tick] - _ROUNDING):
+        for time, capture in self.released:
+            if time < capture - _ROUNDING:
                 raise InvalidValueError(
-                    f"The release at {time} s refers to capture {tick}, but no earlier capture has "
-                    "this number.",
-                    remedy="Use the number of an earlier capture; "
-                    f"{len(self.captured)} captures are numbered from 0.",
+                    f"The release at {time} s precedes its capture at {capture} s.",
+                    remedy="Pass releases that follow their captures.",
                 )
-
-    @classmethod
-    def of(
-        cls,
-        captured: Sequence[float],
-        released: Sequence[tuple[float, float]],
-        *,
-        period: float,
-        offset: float,
-    ) -> Self:
-        """Creates the timing from releases whose captures are given by their times.
-
-        Args:
-            captured: When each capture happened [s], ascending.
-            released: (time of the release, time of its capture) [s], in order of the releases.
-                Releases of captures that are not in `captured` are left out, because a recording
-                may begin after a capture.
-            period: See `RecordedTiming`.
-            offset: See `RecordedTiming`.
-        """
-        numbered = []
-        for time, capture in released:
-            tick = bisect_right(captured, capture + _ROUNDING) - 1
-            if tick >= 0 and abs(captured[tick] - capture) < _ROUNDING:
-                numbered.append((time, tick))
-        return cls(captured=tuple(captured), released=tuple(numbered), period=period, offset=offset)
 
     @property
     def release_event(self) -> tuple[float, float]:
@@ -245,8 +218,14 @@ class RecordedTiming(CaptureTiming):
         return bisect_right(self.captured, time + _ROUNDING) - 1
 
     def _may_be_released(self, entry: Captured, time: float) -> bool:
-        return any(tick == entry.tick and at > time - _ROUNDING for at, tick in self.released)
+        return any(
+            at > time - _ROUNDING and self._belongs(capture, entry) for at, capture in self.released
+        )
 
     def _is_due(self, entry: Captured, time: float) -> bool:
-        index = bisect_right(self.released, (time + _ROUNDING, len(self.captured))) - 1
-        return index >= 0 and self.released[index][1] == entry.tick
+        index = bisect_right(self.released, (time + _ROUNDING, math.inf)) - 1
+        return index >= 0 and self._belongs(self.released[index][1], entry)
+
+    def _belongs(self, capture: float, entry: Captured) -> bool:
+        """Returns whether a recorded capture time [s] is that of a capture."""
+        return abs(self.captured[entry.tick] - capture) < _ROUNDING
