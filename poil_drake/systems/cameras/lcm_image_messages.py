@@ -117,17 +117,15 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
         raise _unusable(f"an image has the unsupported channel type {image.channel_type}")
     dtype = _DTYPES[image.channel_type]
     row = width * channels * dtype.itemsize
-    methods = {
-        lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED: lambda: image.data,
-        lcmt_image.COMPRESSION_METHOD_ZLIB: lambda: _inflated(image.data, height * row),
-    }
-    if image.compression_method in methods:
-        data = methods[image.compression_method]()
-        if len(data) != height * row:
-            raise _unusable(f"an image holds {len(data)} bytes instead of {height * row}")
-        pixels = np.frombuffer(data, dtype.newbyteorder(">" if image.bigendian else "<"))
-        return pixels.reshape(height, width, channels).astype(dtype, copy=False)
-    return _decompressed(image, (height, width, channels), dtype)
+    data = image.data
+    if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
+        data = _inflated(data, height * row)
+    elif image.compression_method != lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
+        return _decompressed(image, (height, width, channels), dtype)
+    if len(data) != height * row:
+        raise _unusable(f"an image holds {len(data)} bytes instead of {height * row}")
+    pixels = np.frombuffer(data, dtype.newbyteorder(">" if image.bigendian else "<"))
+    return pixels.reshape(height, width, channels).astype(dtype, copy=False)
 
 
 def _inflated(data: bytes, size: int) -> bytes:
