@@ -94,13 +94,10 @@ class CapturedCameras(LeafSystem):
         state.get_mutable_abstract_state(self._newest).set_value(after)
 
     def _declare_outputs(self, view: int, name: str, labelled: bool) -> None:
-        def image(context: Context) -> RgbdImage | None:
-            return self._shown(context, view).image
-
         DeclareCameraOutputs(
             self,
             name,
-            image=image,
+            image=lambda context: self._shown(context, view).image,
             time=lambda context: self._shown(context, view).time,
             labels=labelled,
             prerequisites={self.abstract_state_ticket(self._newest)},

@@ -135,19 +135,17 @@ class DelayedCameras(LeafSystem):
         self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:
-        def shown(context: Context) -> _Rendered | None:
-            return self._rendered.result(context)
-
         def image(context: Context) -> RgbdImage | None:
-            rendered = shown(context)
+            rendered: _Rendered | None = self._rendered.result(context)
             return None if rendered is None else rendered.images[view]
 
         def label(context: Context) -> np.ndarray | None:
-            rendered = shown(context)
+            rendered: _Rendered | None = self._rendered.result(context)
             return None if rendered is None else rendered.labels()[view]
 
         def time(context: Context) -> float:
-            return np.nan if shown(context) is None else self._rendered.capture_time(context)
+            capture = self._rendered.capture_time(context)
+            return capture if np.isfinite(capture) else np.nan
 
         DeclareCameraOutputs(
             self,
