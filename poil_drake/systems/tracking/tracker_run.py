@@ -83,13 +83,8 @@ def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> Tracker
     return _step(tracker, run, inputs)
 
 
-def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns the motion from `before` to `now`, X_M(now) X_M(before)^-1; None if one is None.
-
-    Args:
-        before: (4, 4) X_M at the earlier time, or None.
-        now: (4, 4) X_M at the later time, or None.
-    """
+def _motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
+    """Returns X_M(now) X_M(before)^-1 (4, 4); None if one of the motions is unknown."""
     return None if before is None or now is None else now @ inverse(before)
 
 
@@ -99,7 +94,7 @@ def _start(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerR
     if run.query_points is None or not np.array_equal(query, run.query_points):
         run = replace(run, query_points=query, query_motion=inputs.object_motion)
     run = replace(run, masks=masks)
-    since = motion_between(run.query_motion, inputs.object_motion)
+    since = _motion_between(run.query_motion, inputs.object_motion)
     points_now = query if since is None else transform_points(since, query)
     try:
         output = tracker.start(inputs.frame, points_now, masks.object_masks)
@@ -109,7 +104,7 @@ def _start(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerR
 
 
 def _step(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    prior = motion_between(run.state_motion, inputs.object_motion)
+    prior = _motion_between(run.state_motion, inputs.object_motion)
     try:
         output = tracker.step(run.tracker_state, inputs.frame, prior)
     except TrackingError:
