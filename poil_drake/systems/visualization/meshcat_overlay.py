@@ -52,8 +52,8 @@ class MeshcatOverlay:
         self,
         meshcat: Meshcat,
         *,
-        phase_names: Sequence[str] = (),
-        legend: Mapping[str, Rgba] | None = None,
+        phase_names: Sequence[str],
+        legend: Mapping[str, Rgba],
     ):
         """Draws everything that can be shown, and hides all but the legend.
 
@@ -62,7 +62,7 @@ class MeshcatOverlay:
         Args:
             meshcat: Where to draw.
             phase_names: The phases' names, in the order of their indices.
-            legend: Label -> colour, for each thing drawn; None or empty for no legend.
+            legend: Label -> colour, for each thing drawn.
         """
         self._meshcat, self._num_phases = meshcat, len(phase_names)
         meshcat.SetProperty(CAMERA_PATH, "fov", math.degrees(FIELD_OF_VIEW))
@@ -80,8 +80,7 @@ class MeshcatOverlay:
         self._place_line("error", _ERROR_HEIGHT, _ERROR_SIZE, width)
         self._draw_text("error/line", [(_ERROR_LINE, _TEXT_COLOR)], _ERROR_SIZE)
         self._draw_digits()
-        if legend:
-            self._draw_legend(legend)
+        self._draw_legend(legend)
         self.show_phase(None)
         self.show_error(math.nan)
 
