@@ -173,19 +173,15 @@ def DrawTubes(
     count = 0
     for curve in curves:
         tube, tube_faces, kept = make_tube_mesh(curve, radius=radius)
-        if len(kept) == 0:
-            continue
         share = (kept / (len(curve) - 1))[:, None]
-        colors.append(
-            np.repeat((1.0 - share) * ends[0] + share * ends[1], len(tube) // len(kept), axis=0)
-        )
+        colors.append(np.repeat((1.0 - share) * ends[0] + share * ends[1], _SIDES, axis=0))
         vertices.append(tube)
         faces.append(tube_faces + count)
         count += len(tube)
-    if vertices:
+    if count:
         meshcat.SetTriangleColorMesh(
             path,
             np.asfortranarray(np.concatenate(vertices).T),
-            np.asfortranarray(np.concatenate(faces).T.astype(np.int32)),
+            np.asfortranarray(np.concatenate(faces).T),
             np.asfortranarray(np.concatenate(colors).T),
         )
