@@ -11,7 +11,7 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.systems.statuses import TrackerStatus
 
 
@@ -73,47 +73,28 @@ def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> Tracker
         run: The state after the previous frame.
         inputs: The inputs at this frame.
     """
-    query = inputs.query_points
-    fresh = inputs.masks is not None and inputs.masks is not run.masks
-    ready = fresh and query is not None and bool(np.all(np.isfinite(query)))
-    if ready and run.status is not TrackerStatus.TRACKING:
-        return _start(tracker, run, inputs)
-    if run.tracker_state is None:
-        return replace(run, points=_lost(run, inputs))
-    return _step(tracker, run, inputs)
-
-
-def _motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4); None if one of the motions is unknown."""
-    return None if before is None or now is None else now @ inverse(before)
-
-
-def _start(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     query, masks = inputs.query_points, inputs.masks
-    assert query is not None and masks is not None  # noqa: PT018 (`advance` has checked)
-    if run.query_points is None or not np.array_equal(query, run.query_points):
-        run = replace(run, query_points=query, query_motion=inputs.object_motion)
-    run = replace(run, masks=masks)
-    since = _motion_between(run.query_motion, inputs.object_motion)
-    points_now = query if since is None else transform_points(since, query)
+    lost = TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
     try:
-        output = tracker.start(inputs.frame, points_now, masks.object_masks)
+        if (
+            run.status is not TrackerStatus.TRACKING
+            and (masks is not None and masks is not run.masks)
+            and (query is not None and np.all(np.isfinite(query)))
+        ):
+            if run.query_points is None or not np.array_equal(query, run.query_points):
+                run = replace(run, query_points=query, query_motion=inputs.object_motion)
+            run = replace(run, masks=masks)
+            since = _motion_between(run.query_motion, inputs.object_motion)
+            points_now = query if since is None else transform_points(since, query)
+            output = tracker.start(inputs.frame, points_now, masks.object_masks)
+        elif run.tracker_state is not None:
+            prior = _motion_between(run.state_motion, inputs.object_motion)
+            output = tracker.step(run.tracker_state, inputs.frame, prior)
+        else:
+            return replace(run, points=lost)
     except TrackingError:
-        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
-    return _after(run, output, inputs)
-
-
-def _step(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    prior = _motion_between(run.state_motion, inputs.object_motion)
-    try:
-        output = tracker.step(run.tracker_state, inputs.frame, prior)
-    except TrackingError:
-        # State and motion stay those of the last usable frame.
-        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
-    return _after(run, output, inputs)
-
-
-def _after(run: TrackerRun, output: TrackerOutput, inputs: TrackerInputs) -> TrackerRun:
+        # The tracker's state and the motion stay those of the last usable frame.
+        return replace(run, points=lost, status=TrackerStatus.LOST)
     return replace(
         run,
         points=output.points,
@@ -123,5 +104,6 @@ def _after(run: TrackerRun, output: TrackerOutput, inputs: TrackerInputs) -> Tra
     )
 
 
-def _lost(run: TrackerRun, inputs: TrackerInputs) -> TrackedPoints:
-    return TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
+def _motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
+    """Returns X_M(now) X_M(before)^-1 (4, 4); None if one of the motions is unknown."""
+    return None if before is None or now is None else now @ inverse(before)
