@@ -1,9 +1,8 @@
 """Simulated cameras whose images appear a fixed delay after their capture."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
@@ -33,14 +32,8 @@ class SceneRenderer(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class _Rendered:
-    """The rendered images of a capture.
-
-    Attributes:
-        images: The images.
-        labels: Returns the label images. The first call renders them.
-    """
+class _Rendered(NamedTuple):
+    """The images of a capture, and a function that renders the label images at its first call."""
 
     images: tuple[RgbdImage, ...]
     labels: Callable[[], tuple[np.ndarray, ...]]

@@ -120,8 +120,7 @@ class SnapshotRecorder(LeafSystem):
                 time of a capture would still see the previous frame.
         """
         super().__init__()
-        self._album, self._reference = album, reference
-        self._camera = camera
+        self._album, self._camera, self._reference = album, camera, reference
         no_track = TrackedPoints.lost(reference.positions.shape[1], -np.inf)
         self._frame = self.DeclareAbstractInputPort("frame", Value(ABSENT))
         self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(no_track))
