@@ -45,12 +45,8 @@ class Pulse:
 def half_sine(time: float, start: float, duration: float) -> float:
     """Returns the strength of a pulse at `time` [s], as a fraction of its peak.
 
-    It is half a period of a sine during the pulse, and zero before and after it.
-
-    Args:
-        time: The current time [s].
-        start: When the pulse begins [s].
-        duration: How long the pulse lasts [s].
+    It is half a period of a sine, which begins at `start` [s] and lasts for `duration` [s], and
+    zero before and after.
     """
     phase = (time - start) / duration
     return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0

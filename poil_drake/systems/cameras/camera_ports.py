@@ -117,13 +117,9 @@ class CameraPorts:
 def copied_image(
     rgba: np.ndarray, depth: np.ndarray, label: np.ndarray | None, *, stamp: float
 ) -> RgbdImage:
-    """Returns an image that holds copies of the data of Drake's images.
+    """Returns an image, captured at `stamp` [s], that copies Drake's arrays (H, W, channels).
 
-    Args:
-        rgba: (H, W, 4) uint8 colour.
-        depth: (H, W, 1) float32 depth [m]; non-finite values become 0 in the copy.
-        label: (H, W, 1) int16 labels, or None.
-        stamp: Capture time [s].
+    Non-finite depth becomes 0.
     """
     return RgbdImage(
         rgb=cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB),

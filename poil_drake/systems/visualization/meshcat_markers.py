@@ -50,12 +50,7 @@ class SphereMarkers:
                 self._meshcat.SetTransform(path, RigidTransform(position), time)
 
     def choose_looks(self, looks: np.ndarray, time: float | None = None) -> None:
-        """Gives each sphere one look at `time` in the recording [s].
-
-        Args:
-            looks: (N,) index of each sphere's look; -1 hides the sphere.
-            time: Time in the recording [s].
-        """
+        """Shows one look of each sphere, by index (N,), or none for -1; `time` is as in `move`."""
         for path, chosen in zip(self._paths, looks, strict=True):
             for look in range(self._looks):
                 self._meshcat.SetProperty(f"{path}/{look}", "visible", look == int(chosen), time)
@@ -158,15 +153,10 @@ def DrawTubes(
     start_color: Rgba,
     end_color: Rgba,
 ) -> None:
-    """Draws curves as tubes whose colour changes from start to end.
+    """Draws curves (N, T, 3) [m, world] as tubes, all in one object at the Meshcat path `path`.
 
-    Args:
-        meshcat: Where to draw.
-        path: The Meshcat path of the new object.
-        curves: (N, T, 3) points of the curves [m, world].
-        radius: The tubes' radius [m].
-        start_color: The colour at the first point of a curve.
-        end_color: The colour at the last point of a curve.
+    The tubes have the radius `radius` [m]. Their colour changes from `start_color` at the first
+    point of a curve to `end_color` at the last one.
     """
     vertices, faces, colors = [], [], []
     ends = np.array([[c.r(), c.g(), c.b()] for c in (start_color, end_color)])
