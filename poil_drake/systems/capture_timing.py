@@ -69,10 +69,11 @@ class CaptureTiming(ABC):
     def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
         """Returns the queue with a new capture at `time` [s], whose work has the future `result`.
 
-        Keeps the previous capture, and earlier captures that may still be released.
+        Drops all captures before the one that is due, because they will not be released any more.
         """
-        kept = tuple(entry for entry in queue[:-1] if self._may_be_released(entry, time))
-        return (*kept, *queue[-1:], Captured(self._tick(queue, time), time, result))
+        due = self.due(queue, time)
+        kept = queue if due is None else queue[queue.index(due) :]
+        return (*kept, Captured(self._tick(queue, time), time, result))
 
     def due(self, queue: Queue, time: float) -> Captured | None:
         """Returns the newest capture whose result is due at `time` [s], or None.
@@ -84,13 +85,6 @@ class CaptureTiming(ABC):
     @abstractmethod
     def _tick(self, queue: Queue, time: float) -> int:
         """Returns the number of a new capture at `time` [s], given the queue of earlier ones."""
-
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        """Returns whether a capture may still be released at `time` [s] or later.
-
-        The queue keeps the newest two captures in any case.
-        """
-        return False
 
     @abstractmethod
     def _is_due(self, entry: Captured, time: float) -> bool:
@@ -130,15 +124,9 @@ class SimulatedDelay(CaptureTiming):
     def _tick(self, queue: Queue, time: float) -> int:
         return round((time - self.offset) / self.period)
 
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        # A capture due right now stays: at one instant, captures may run before releases.
-        return entry.tick >= self._tick_due(time)
-
     def _is_due(self, entry: Captured, time: float) -> bool:
-        return entry.tick <= self._tick_due(time)
-
-    def _tick_due(self, time: float) -> int:
-        return math.floor((time - self.offset - self.latency) / self.period + _SAME)
+        tick = math.floor((time - self.offset - self.latency) / self.period + _SAME)
+        return entry.tick <= tick
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,15 +205,6 @@ class RecordedTiming(CaptureTiming):
         """Returns the number of the last capture at or before `time` [s]; -1 before the first."""
         return bisect_right(self.captured, time + _ROUNDING) - 1
 
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        return any(
-            at > time - _ROUNDING and self._belongs(capture, entry) for at, capture in self.released
-        )
-
     def _is_due(self, entry: Captured, time: float) -> bool:
         index = bisect_right(self.released, (time + _ROUNDING, math.inf)) - 1
-        return index >= 0 and self._belongs(self.released[index][1], entry)
-
-    def _belongs(self, capture: float, entry: Captured) -> bool:
-        """Returns whether a recorded capture time [s] is that of a capture."""
-        return abs(self.captured[entry.tick] - capture) < _ROUNDING
+        return index >= 0 and (abs(self.released[index][1] - self.captured[entry.tick]) < _ROUNDING)
