@@ -35,8 +35,8 @@ class SceneRenderer(Protocol):
 class _Rendered(NamedTuple):
     """The images of a capture, and a function that renders the label images at its first call."""
 
-    images: tuple[RgbdImage, ...]
-    labels: Callable[[], tuple[np.ndarray, ...]]
+    images: tuple[RgbdImage | None, ...]
+    labels: Callable[[], tuple[np.ndarray | None, ...]]
 
 
 class DelayedCameras(LeafSystem):
@@ -112,10 +112,11 @@ class DelayedCameras(LeafSystem):
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
+        empty = (None,) * len(self.cameras)
         self._rendered = CaptureAndRelease(
             system=self,
             timing=timing,
-            nothing=None,
+            nothing=_Rendered(empty, lambda: empty),
             begin=self._begin,
             thread="cameras' thread",
             stopwatch=stopwatch,
@@ -128,14 +129,6 @@ class DelayedCameras(LeafSystem):
         self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:
-        def image(context: Context) -> RgbdImage | None:
-            rendered: _Rendered | None = self._rendered.result(context)
-            return None if rendered is None else rendered.images[view]
-
-        def label(context: Context) -> np.ndarray | None:
-            rendered: _Rendered | None = self._rendered.result(context)
-            return None if rendered is None else rendered.labels()[view]
-
         def time(context: Context) -> float:
             capture = self._rendered.capture_time(context)
             return capture if np.isfinite(capture) else np.nan
@@ -143,9 +136,9 @@ class DelayedCameras(LeafSystem):
         DeclareCameraOutputs(
             self,
             name,
-            image=image,
+            image=lambda context: self._rendered.result(context).images[view],
             time=time,
-            labels=label,
+            labels=lambda context: self._rendered.result(context).labels()[view],
             prerequisites=self._rendered.tickets,
         )
 
