@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -18,6 +17,7 @@ from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.tracker_outputs import DeclareTrackerOutputs
+from poil_drake.systems.tracking.tracker_run import TrackerRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +48,6 @@ class GroundTruthTrackerConfig:
                 "one is out of range.",
                 remedy="Set a noise of at least 0 m, and dropout probabilities in [0, 1].",
             )
-
-
-class _Report(NamedTuple):
-    points: TrackedPoints
-    status: TrackerStatus
 
 
 def observe(
@@ -128,11 +123,10 @@ class GroundTruthTracker(LeafSystem):
         )
         self._query = self.DeclareVectorInputPort("query_points", 3 * num_points)
         self._body_points = self.DeclareDiscreteState(np.full(3 * num_points, np.nan))
-        nothing = _Report(TrackedPoints.lost(num_points, -np.inf), TrackerStatus.WAITING)
         reports = CaptureAndRelease(
             system=self,
             timing=SimulatedDelay(period=self._config.period, latency=self._config.latency),
-            nothing=nothing,
+            nothing=TrackerRun(points=TrackedPoints.lost(num_points, -np.inf)),
             begin=self._begin,
         )
         DeclareTrackerOutputs(
@@ -142,7 +136,7 @@ class GroundTruthTracker(LeafSystem):
 
     def _begin(
         self, context: Context, state: State, previous: Captured | None
-    ) -> Callable[[], _Report] | None:
+    ) -> Callable[[], TrackerRun] | None:
         X_WB = self._poses.Eval(context)[self._body_index].GetAsMatrix4()
         p_B = context.get_discrete_state(self._body_points).value().reshape(-1, 3)
         if not np.all(np.isfinite(p_B)):
@@ -157,5 +151,5 @@ class GroundTruthTracker(LeafSystem):
         tick = round(time / self._config.period)
         points = observe(transform_points(X_WB, p_B), time, tick, self._config)
         seen = bool(np.any(points.confidence > 0.0))
-        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST)
-        return lambda: report
+        status = TrackerStatus.TRACKING if seen else TrackerStatus.LOST
+        return lambda: TrackerRun(points=points, status=status)
