@@ -6,6 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from poil_drake.errors import InvalidValueError
@@ -131,7 +132,7 @@ class SimulatedDelay(CaptureTiming):
 
 @dataclass(frozen=True, kw_only=True)
 class Worker(CaptureTiming):
-    """Captures once the last result is ready, and releases each result once it is; never waits.
+    """Captures once the last result is ready, and releases a result when it is ready; never waits.
 
     It suits hardware, where the loop must not be delayed. Frames that arrive while the work is in
     progress are skipped.
@@ -181,10 +182,13 @@ class RecordedTiming(CaptureTiming):
     def __post_init__(self) -> None:
         releases = [time for time, _ in self.released]
         for name, times in (("captures", self.captured), ("releases", releases)):
-            if list(times) != sorted(times):
-                raise InvalidValueError(
-                    f"The recorded {name} are not in order of time.", remedy="Sort them by time."
-                )
+            for before, after in pairwise(times):
+                if before > after:
+                    raise InvalidValueError(
+                        f"The recorded {name} are not in order of time: {after} s follows {before} "
+                        "s.",
+                        remedy=f"Sort the {name} by time.",
+                    )
         for time, capture in self.released:
             if time < capture - _ROUNDING:
                 raise InvalidValueError(

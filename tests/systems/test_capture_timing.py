@@ -157,7 +157,7 @@ def test_a_release_of_an_unknown_capture_shows_nothing() -> None:
 @pytest.mark.parametrize(
     ("captured", "released", "said"),
     [
-        ([0.3, 0.1], [], "captures are not in order of time"),
+        ([0.3, 0.1], [], "captures are not in order of time: 0.1 s follows 0.3 s"),
         ([0.1], [(0.05, 0.1)], "release at 0.05 s precedes its capture at 0.1 s"),
         ([0.1, 0.2], [(0.4, 0.2), (0.3, 0.1)], "releases are not in order of time"),
     ],

@@ -143,7 +143,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     ):
         raise _unusable(f"an image has the unsupported compression {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
-        raise _unusable(f"a compressed image has {len(image.data)} bytes, more than uncompressed")
+        raise _unusable(f"a compressed image has {len(image.data)} bytes, more than its raw pixels")
     # Before decoding: a few bytes may decode to very many pixels.
     said = _encoded_size(image.data)
     if said != shape[:2]:

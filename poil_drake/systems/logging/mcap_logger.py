@@ -90,9 +90,9 @@ class McapLogger(LeafSystem):
     - all status topics but `hand`, each with one (1,) port per field;
     - `applied_spatial_force`, the plant's external forces, while there are any and when they end.
 
-    Every port is optional. Nothing is logged of tracked points, times and frames before the first,
-    nor of a gripper pose that is not finite; NaN in other signals is logged as NaN. Periodic and
-    forced publish events write everything, so a sample shows the state at the end of its step.
+    Every port is optional. Tracked points, times and frames are logged from the first one on, and a
+    gripper pose only if it is finite. NaN in other signals is logged as NaN. Periodic and forced
+    publish events write everything, so a sample shows the state at the end of its step.
 
     The code that opened the log must close it after the run.
     """
