@@ -60,18 +60,13 @@ class TrackerRun(SharedOnCopy):
 
 
 def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    """Returns the state of tracking after one more frame.
+    """Returns the state of tracking after one more frame, given the state `run` before it.
 
     A tracker that is not tracking starts or restarts when query points and a new detection are
     known. The first start uses the query points as they are. A restart moves them by the object's
     motion since their first use, which is correct while the grasp is rigid. In all other frames, a
     tracker that has started steps, with the object's motion since the last usable frame as its
     prior. It also steps while the object is lost, because it may find it again.
-
-    Args:
-        tracker: The tracker to start or step.
-        run: The state after the previous frame.
-        inputs: The inputs at this frame.
     """
     query, masks = inputs.query_points, inputs.masks
     lost = TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
