@@ -1,4 +1,4 @@
-"""The value of an abstract port that has no value yet."""
+"""`ABSENT`, which abstract ports hold while they have nothing to show."""
 
 from typing import Final
 
@@ -6,11 +6,11 @@ from poil_drake.geometry.frozen_array import SharedOnCopy
 
 
 class Absent(SharedOnCopy):
-    """Replaces None, which newer versions of Drake reject as an abstract value."""
+    """The type of `ABSENT`. Newer versions of Drake reject None as an abstract value."""
 
     def __repr__(self) -> str:
         return "ABSENT"
 
 
 ABSENT: Final = Absent()
-"""The only instance."""
+"""The only instance of `Absent`."""

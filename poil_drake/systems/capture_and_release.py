@@ -1,15 +1,13 @@
-"""Lets a system start work at a capture and show the result at a later release."""
+"""Lets a system start work at one event, a capture, and show the result at a later release."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.runtime.background_thread import Background
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.capture_timing import Captured, CaptureTiming, Queue
@@ -17,22 +15,14 @@ from poil_drake.systems.capture_timing import Captured, CaptureTiming, Queue
 Work = Callable[[], Any]
 
 
-@dataclass(frozen=True, eq=False)
-class _Released(SharedOnCopy):
-    """The result released last, and the number of its capture."""
-
-    tick: int
-    result: Any
-
-
 class CaptureAndRelease:
-    """Adds captures, the work they start, and releases of the results to a system.
+    """Adds periodic work to a system: a capture starts it, and a later release shows its result.
 
     Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
     state is in the context.
 
     Attributes:
-        tickets: Prerequisites of output ports that show a result.
+        tickets: The prerequisites of output ports that use `result` or `capture_time`.
     """
 
     def __init__(
@@ -52,59 +42,58 @@ class CaptureAndRelease:
             system: Receives the state and events.
             timing: When to capture and when to release.
             nothing: The result before the first release.
-            begin: Copies what the work needs from the context and returns the work, or None if
-                there is nothing to capture. Its last argument is the previous capture, if any.
-            wanted: Returns whether there is something new to capture.
-            thread: Name of the thread that does the work; None: the capture does the work itself.
+            begin: Called at a capture with the context, the state to update and the previous
+                capture, if any. Copies what the work needs and returns the work, a function without
+                arguments; None if there is nothing to capture.
+            wanted: Returns whether there is something new to capture, given the context and the
+                previous capture, if any.
+            thread: Name of the thread that does the work; None: the work is done at the capture.
             stopwatch: Records the time spent waiting for results ("waiting").
         """
         self._timing, self._begin, self._wanted = timing, begin, wanted
         self._stopwatch = stopwatch or Stopwatch()
         self._background = None if thread is None else Background(thread)
         self._queue = system.DeclareAbstractState(Value(()))
-        self._released = system.DeclareAbstractState(Value(_Released(-1, nothing)))
+        before = Captured(-1, -np.inf, _done(nothing))
+        self._released = system.DeclareAbstractState(Value(before))
         self._times = system.DeclareDiscreteState(np.full(3, -np.inf))
-        self.tickets: set[Any] = {
-            system.abstract_state_ticket(self._released),
-            system.discrete_state_ticket(self._times),
-        }
+        self.tickets: set[Any] = {system.abstract_state_ticket(self._released)}
         self._system = system
-        system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.capture_event, self._capture)
+        system.DeclarePeriodicUnrestrictedUpdateEvent(timing.period, timing.offset, self._capture)
         if timing.release_event is not None:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
 
     def result(self, context: Context) -> Any:
-        """Returns the result released last; `nothing` before the first release."""
-        return context.get_abstract_state(self._released).get_value().result
+        """Returns the last released result; `nothing` before the first release."""
+        return context.get_abstract_state(self._released).get_value().result.result()
 
     def capture_time(self, context: Context) -> float:
         """Returns the capture time [s] of `result`; minus infinity before the first release."""
-        return float(context.get_discrete_state(self._times)[2])
+        return context.get_abstract_state(self._released).get_value().time
 
     def DeclareTimesPort(self) -> None:
         """Declares the output port `times` (3,) [s].
 
-        Its elements are the times of the last capture, of the last release, and of the capture
-        whose result was released then; each is minus infinity until it is known.
+        Its elements are the time of the last capture, the time of the last release, and the capture
+        time of the last released result. Each is minus infinity until it is known.
         """
         self._system.DeclareStateOutputPort("times", self._times)
 
     def close(self) -> None:
-        """Finishes the work in progress, drops the rest, ends the thread. No capture may follow."""
+        """Finishes the work in progress, cancels queued work and ends the thread.
+
+        No capture may follow.
+        """
         if self._background is not None:
             self._background.close()
 
     def submit(self, work: Work) -> Future[Any]:
-        """Submits work to the thread, or does it at once if there is none; returns its future.
+        """Runs work on the thread, or at once if there is none; returns the future of its result.
 
         Raises:
             StationError: after `close`.
         """
-        if self._background is not None:
-            return self._background.submit(work)
-        future: Future[Any] = Future()
-        future.set_result(work())
-        return future
+        return _done(work()) if self._background is None else self._background.submit(work)
 
     def _capture(self, context: Context, state: State) -> None:
         queue: Queue = context.get_abstract_state(self._queue).get_value()
@@ -123,12 +112,18 @@ class CaptureAndRelease:
 
     def _release_due(self, queue: Queue, context: Context, state: State) -> None:
         due = self._timing.due(queue, context.get_time())
-        released: _Released = context.get_abstract_state(self._released).get_value()
+        released: Captured = context.get_abstract_state(self._released).get_value()
         if due is None or due.tick <= released.tick:
             return
         with self._stopwatch.measure("waiting"):
-            result = due.result.result()
-        state.get_mutable_abstract_state(self._released).set_value(_Released(due.tick, result))
+            due.result.result()
+        state.get_mutable_abstract_state(self._released).set_value(due)
         times = state.get_mutable_discrete_state(self._times)
         times.SetAtIndex(1, context.get_time())
         times.SetAtIndex(2, due.time)
+
+
+def _done(result: Any) -> Future[Any]:
+    future: Future[Any] = Future()
+    future.set_result(result)
+    return future

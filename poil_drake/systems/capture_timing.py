@@ -1,4 +1,4 @@
-"""When captures happen and results are released: in simulation, on hardware, in a replay."""
+"""Decides when captures happen and results are released, for simulation, hardware and replay."""
 
 import math
 from abc import ABC, abstractmethod
@@ -6,7 +6,8 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Self
+from itertools import pairwise
+from typing import Any
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy
@@ -15,17 +16,17 @@ _SAME = 1e-6
 """Event times closer than this fraction of a period are the same instant."""
 
 _ROUNDING = 1e-6
-"""Recorded times closer than this [s] are the same instant; far below any control period."""
+"""Recorded times closer than this [s] are the same instant. It is far below a control period."""
 
 
 @dataclass(frozen=True, eq=False)
 class Captured(SharedOnCopy):
-    """A capture whose result may still be released. Copies of a context share it.
+    """A capture whose result may still be released. Copies of a context share this object.
 
     Attributes:
         tick: Number of the capture.
-        time: When it happened [s].
-        result: The future of its result.
+        time: When the capture happened [s].
+        result: The future of the result.
     """
 
     tick: int
@@ -44,22 +45,17 @@ class CaptureTiming(ABC):
     It holds no state: its methods take the queue of captures.
 
     Attributes:
-        period: Period of the event that may capture [s].
-        offset: Time of the first such event [s].
+        period: Period of the events at which a capture may happen [s].
+        offset: Time of the first of these events [s].
     """
 
     period: float
     offset: float = 0.0
 
     @property
-    def capture_event(self) -> tuple[float, float]:
-        """Period and offset [s] of the event that may capture."""
-        return self.period, self.offset
-
-    @property
     @abstractmethod
     def release_event(self) -> tuple[float, float] | None:
-        """Period and offset [s] of the event that releases; None: captures release at once."""
+        """Period and offset [s] of the release events; None if results are released at capture."""
 
     def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
         """Returns whether to capture at this event.
@@ -72,24 +68,24 @@ class CaptureTiming(ABC):
         return wanted
 
     def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
-        """Returns the queue with a capture at `time` [s]; drops those that will not be released."""
-        kept = tuple(entry for entry in queue[:-1] if self._may_be_released(entry, time))
-        return (*kept, *queue[-1:], Captured(self._tick(queue, time), time, result))
+        """Returns the queue with a new capture at `time` [s], whose work has the future `result`.
+
+        Drops all captures before the one that is due, because they will not be released any more.
+        """
+        due = self.due(queue, time)
+        kept = queue if due is None else queue[queue.index(due) :]
+        return (*kept, Captured(self._tick(queue, time), time, result))
 
     def due(self, queue: Queue, time: float) -> Captured | None:
-        """Returns the newest capture whose result is due at `time` [s], if any.
+        """Returns the newest capture whose result is due at `time` [s], or None.
 
-        The caller may have to wait for the result.
+        The result may be due before it is ready.
         """
         return next((entry for entry in reversed(queue) if self._is_due(entry, time)), None)
 
     @abstractmethod
     def _tick(self, queue: Queue, time: float) -> int:
-        """Returns the number of a capture at `time` [s] after those in the queue."""
-
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        """Returns whether a capture before the newest two may be released from `time` [s] on."""
-        return False
+        """Returns the number of a new capture at `time` [s], given the queue of earlier ones."""
 
     @abstractmethod
     def _is_due(self, entry: Captured, time: float) -> bool:
@@ -114,9 +110,9 @@ class SimulatedDelay(CaptureTiming):
     def __post_init__(self) -> None:
         if not (self.period > 0.0 and self.latency >= 0.0 and self.offset >= 0.0):
             raise InvalidValueError(
-                f"A simulated delay cannot have the period {self.period} s, the latency "
-                f"{self.latency} s and the offset {self.offset} s.",
-                remedy="Use a positive period, and a latency and an offset of at least 0.",
+                f"SimulatedDelay has period={self.period} s, latency={self.latency} s and offset="
+                f"{self.offset} s, of which at least one is out of range.",
+                remedy="Set a positive period, and a latency and an offset of at least 0 s.",
             )
 
     @property
@@ -129,23 +125,17 @@ class SimulatedDelay(CaptureTiming):
     def _tick(self, queue: Queue, time: float) -> int:
         return round((time - self.offset) / self.period)
 
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        # A capture due right now stays: at one instant, captures may run before releases.
-        return entry.tick >= self._tick_due(time)
-
     def _is_due(self, entry: Captured, time: float) -> bool:
-        return entry.tick <= self._tick_due(time)
-
-    def _tick_due(self, time: float) -> int:
-        return math.floor((time - self.offset - self.latency) / self.period + _SAME)
+        tick = math.floor((time - self.offset - self.latency) / self.period + _SAME)
+        return entry.tick <= tick
 
 
 @dataclass(frozen=True, kw_only=True)
 class Worker(CaptureTiming):
-    """Captures when the last result is ready and releases results as they arrive; never waits.
+    """Captures once the last result is ready, and releases a result when it is ready; never waits.
 
-    It suits hardware, where the loop must not be delayed. Frames that arrive while the worker is
-    busy are skipped.
+    It suits hardware, where the loop must not be delayed. Frames that arrive while the work is in
+    progress are skipped.
 
     Attributes:
         period: Time between checks for something new to capture [s].
@@ -178,49 +168,33 @@ class RecordedTiming(CaptureTiming):
 
     Attributes:
         captured: When each capture happened [s], ascending.
-        released: The time of each release [s], ascending, and the number of its capture, counted
-            from 0. Not every capture needs a release.
+        released: (time of the release, time of its capture) [s], in order of release. A capture
+            may have no release. A release of a capture that is not in `captured` shows nothing,
+            because a recording may begin between the two.
         period: Time between checks for a due capture or release [s]: the control period.
         offset: Time of the first check for a capture [s]; checks for releases start at 0.
     """
 
     captured: Sequence[float]
-    released: Sequence[tuple[float, int]]
+    released: Sequence[tuple[float, float]]
     period: float = 1 / 256
 
     def __post_init__(self) -> None:
-        times = [time for time, _ in self.released]
-        if list(self.captured) != sorted(self.captured) or times != sorted(times):
-            raise InvalidValueError(
-                "The recorded captures or releases are not in order of time.",
-                remedy="Sort both by time.",
-            )
-        for time, tick in self.released:
-            if not (0 <= tick < len(self.captured) and time >= self.captured[tick] - _ROUNDING):
+        releases = [time for time, _ in self.released]
+        for name, times in (("captures", self.captured), ("releases", releases)):
+            for before, after in pairwise(times):
+                if before > after:
+                    raise InvalidValueError(
+                        f"The recorded {name} are not in order of time: {after} s follows {before} "
+                        "s.",
+                        remedy=f"Sort the {name} by time.",
+                    )
+        for time, capture in self.released:
+            if time < capture - _ROUNDING:
                 raise InvalidValueError(
-                    f"The release at {time} s has no earlier capture with the number {tick}.",
-                    remedy=f"Use the number of an earlier capture, below {len(self.captured)}.",
+                    f"The release at {time} s precedes its capture at {capture} s.",
+                    remedy="Pass releases that follow their captures.",
                 )
-
-    @classmethod
-    def of(
-        cls,
-        captured: Sequence[float],
-        released: Sequence[tuple[float, float]],
-        *,
-        period: float,
-        offset: float,
-    ) -> Self:
-        """Creates the timing from releases given as (time, time of the capture) [s].
-
-        Leaves out releases of unknown captures, because a recording may begin late.
-        """
-        numbered = []
-        for time, capture in released:
-            tick = bisect_right(captured, capture + _ROUNDING) - 1
-            if tick >= 0 and abs(captured[tick] - capture) < _ROUNDING:
-                numbered.append((time, tick))
-        return cls(captured=tuple(captured), released=tuple(numbered), period=period, offset=offset)
 
     @property
     def release_event(self) -> tuple[float, float]:
@@ -228,16 +202,13 @@ class RecordedTiming(CaptureTiming):
         return self.period, 0.0
 
     def captures(self, queue: Queue, time: float, *, wanted: bool) -> bool:
-        """See `CaptureTiming`; the recording decides, and `wanted` is ignored."""
+        """See `CaptureTiming.captures`. The recording alone decides; `wanted` is ignored."""
         return self._tick(queue, time) > (queue[-1].tick if queue else -1)
 
     def _tick(self, queue: Queue, time: float) -> int:
         """Returns the number of the last capture at or before `time` [s]; -1 before the first."""
         return bisect_right(self.captured, time + _ROUNDING) - 1
 
-    def _may_be_released(self, entry: Captured, time: float) -> bool:
-        return any(tick == entry.tick and at > time - _ROUNDING for at, tick in self.released)
-
     def _is_due(self, entry: Captured, time: float) -> bool:
-        index = bisect_right(self.released, (time + _ROUNDING, len(self.captured))) - 1
-        return index >= 0 and self.released[index][1] == entry.tick
+        index = bisect_right(self.released, (time + _ROUNDING, math.inf)) - 1
+        return index >= 0 and (abs(self.released[index][1] - self.captured[entry.tick]) < _ROUNDING)

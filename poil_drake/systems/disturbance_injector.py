@@ -19,8 +19,8 @@ class Pulse:
 
     Attributes:
         body: The body that the pulse acts on, "<model instance>::<body>".
-        start: When it begins [s].
-        duration: How long it lasts [s].
+        start: When the pulse begins [s].
+        duration: How long the pulse lasts [s].
         force: Peak force [N, world].
         torque: Peak torque [N m, world].
         point: Where on the body the force acts [m, body frame].
@@ -36,13 +36,18 @@ class Pulse:
     def __post_init__(self) -> None:
         if not self.duration > 0.0:
             raise InvalidValueError(
-                f"The pulse on '{self.body}' has the duration {self.duration} s.",
+                f"The duration of the pulse on '{self.body}' is {self.duration} s, but must be "
+                "positive.",
                 remedy="Set a positive duration.",
             )
 
 
 def half_sine(time: float, start: float, duration: float) -> float:
-    """Returns the strength of a pulse at `time`, in [0, 1]: a half sine, zero outside."""
+    """Returns the strength of a pulse at `time` [s], as a fraction of its peak.
+
+    It is half a period of a sine, which begins at `start` [s] and lasts for `duration` [s], and
+    zero before and after.
+    """
     phase = (time - start) / duration
     return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
 
@@ -56,8 +61,9 @@ class DisturbanceInjector(LeafSystem):
         output_ports:
         - applied_spatial_force
 
-    `applied_spatial_force` is a list of `ExternallyAppliedSpatialForce` for the plant's input port
-    of the same name: one for each pulse, zero outside its duration. It depends on time alone.
+    `applied_spatial_force` is a list with one `ExternallyAppliedSpatialForce` for each pulse, for
+    the plant's input port of the same name. A force is zero before and after its pulse. The output
+    depends on time alone.
     """
 
     def __init__(self, *, plant: MultibodyPlant, pulses: Sequence[Pulse]):
@@ -78,7 +84,7 @@ class DisturbanceInjector(LeafSystem):
         for pulse in pulses:
             if pulse.body not in bodies:
                 raise ScenarioError(
-                    f"A pulse acts on '{pulse.body}', but the plant has no such body.",
+                    f"A pulse acts on '{pulse.body}', but the plant has no body of this name.",
                     remedy=f"Choose one of: {', '.join(bodies)}.",
                 )
         self._pulses = [(pulse, bodies[pulse.body]) for pulse in pulses]

@@ -1,4 +1,4 @@
-"""Enumerations of the values on status ports."""
+"""Enumerations of the values that status ports output."""
 
 from enum import IntEnum
 from typing import Self
@@ -26,7 +26,7 @@ class DetectorStatus(IntEnum):
 
     WAITING = 0  # No images yet.
     FOUND = 1
-    NOT_FOUND = 2  # The last search failed; the outputs keep the results of an earlier one.
+    NOT_FOUND = 2  # The last search failed; masks and cloud stay those of an earlier search.
 
 
 class TrackerStatus(IntEnum):

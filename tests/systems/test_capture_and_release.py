@@ -146,7 +146,9 @@ def test_a_workers_late_result_is_late_and_blocks_nothing() -> None:
 def test_a_recording_captures_and_releases_at_its_times() -> None:
     # Captures in unequal steps; the second result was never released.
     timing = RecordedTiming(
-        captured=(1 / 64, 10 / 64, 20 / 64), released=((9 / 64, 0), (31 / 64, 2)), period=1 / 64
+        captured=(1 / 64, 10 / 64, 20 / 64),
+        released=((9 / 64, 1 / 64), (31 / 64, 20 / 64)),
+        period=1 / 64,
     )
     bench = SystemBench(Chain(timing))
     shown = []

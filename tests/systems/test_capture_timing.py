@@ -111,7 +111,7 @@ def test_nothing_is_captured_unless_it_is_wanted(timing: SimulatedDelay | Worker
 
 
 CAPTURED = [0.125, 0.3, 0.55]
-RELEASED = [(0.25, 0), (0.7, 2)]
+RELEASED = [(0.25, 0.125), (0.7, 0.55)]
 
 
 @pytest.fixture
@@ -142,30 +142,28 @@ def test_a_replay_keeps_captures_until_their_release(replay: RecordedTiming) -> 
     for time in CAPTURED:
         queue = replay.added(queue, time, done())
 
-    # The first was released before the last capture, the second never was.
-    assert [entry.tick for entry in queue] == [1, 2]
+    # At 0.55 s the result of the first capture is shown; the last is released later.
+    assert [entry.tick for entry in queue] == [0, 1, 2]
 
 
-def test_a_replay_skips_releases_of_unknown_captures() -> None:
-    dut = RecordedTiming.of(
-        CAPTURED, [(0.25, 0.125), (0.4, 0.2), (0.7, 0.55)], period=0.1, offset=0.0
-    )
+def test_a_release_of_an_unknown_capture_shows_nothing() -> None:
+    # As in a recording that begins after a capture.
+    dut = RecordedTiming(captured=CAPTURED, released=[(0.125, 0.05), (0.25, 0.125)])
+    queue = dut.added((), 0.125, done(0))
 
-    # Nothing was captured at 0.2 s, as in a recording that begins late.
-    assert dut.released == ((0.25, 0), (0.7, 2))
+    assert [value(dut.due(queue, time)) for time in (0.125, 0.25)] == [None, 0]
 
 
 @pytest.mark.parametrize(
     ("captured", "released", "said"),
     [
-        ([0.3, 0.1], [], "not in order of time"),
-        ([0.1], [(0.05, 0)], "release at 0.05 s has no earlier capture with the number 0"),
-        ([0.1], [(0.2, 1)], "release at 0.2 s has no earlier capture with the number 1"),
-        ([0.1, 0.2], [(0.4, 1), (0.3, 0)], "not in order of time"),
+        ([0.3, 0.1], [], "captures are not in order of time: 0.1 s follows 0.3 s"),
+        ([0.1], [(0.05, 0.1)], "release at 0.05 s precedes its capture at 0.1 s"),
+        ([0.1, 0.2], [(0.4, 0.2), (0.3, 0.1)], "releases are not in order of time"),
     ],
 )
 def test_impossible_recordings_are_rejected(
-    captured: list[float], released: list[tuple[float, int]], said: str
+    captured: list[float], released: list[tuple[float, float]], said: str
 ) -> None:
     with pytest.raises(InvalidValueError, match=said):
         RecordedTiming(captured=captured, released=released)

@@ -59,7 +59,7 @@ def _timing(
     known = np.isfinite(released) & np.isfinite(of)
     releases = sorted(set(zip(released[known].tolist(), of[known].tolist(), strict=True)))
     try:
-        return RecordedTiming.of(captured, releases, period=period, offset=offset)
+        return RecordedTiming(captured=captured, released=releases, period=period, offset=offset)
     except InvalidValueError as error:
         raise RunLogError(f"{run.path}, topic {topic}: {error.problem}", remedy=REMEDY) from error
 

@@ -17,10 +17,12 @@ class CameraPorts:
 
     For each camera the system gets the ports `<name>.rgb_image` (ImageRgba8U) and
     `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), which must be connected, and
-    the optional port `<name>.image_time` (1,) [s]; without it, images are stamped with the time of
-    evaluation. With labels, there is also the optional `<name>.label_image` (ImageLabel16I).
+    the optional port `<name>.image_time` (1,) [s]. If `image_time` is not connected, images are
+    stamped with the time of evaluation. `label_ids` adds the optional port `<name>.label_image`
+    (ImageLabel16I).
 
-    Evaluate these ports only in events: in simulation, this renders images, which is slow.
+    Evaluate the image ports only in events. In simulation, an evaluation may render an image, which
+    is slow.
     """
 
     def __init__(
@@ -51,19 +53,19 @@ class CameraPorts:
                 )
 
     def stamp(self, context: Context) -> float:
-        """Returns the capture time [s] of the oldest current image, without evaluating images.
+        """Returns the capture time [s] of the oldest image at the ports, without evaluating images.
 
-        It is NaN while an image is missing. An image whose `image_time` is not connected counts as
-        captured now.
+        Returns NaN while a camera has no image. An image counts as captured now if its `image_time`
+        is not connected.
         """
         ports = [self._system.GetInputPort(f"{camera.name}.image_time") for camera in self._cameras]
         now = context.get_time()
         return float(np.min([p.Eval(context)[0] if p.HasValue(context) else now for p in ports]))
 
     def labels_empty(self, context: Context) -> bool:
-        """Returns whether a connected label image is currently empty.
+        """Returns whether any connected label image is empty.
 
-        This is cheaper than a capture, and serves sources that label only some of their images.
+        A source that labels only some of its images sends an empty label image with the rest.
         """
         if not self._with_labels:
             return False
@@ -71,9 +73,9 @@ class CameraPorts:
         return any(label is not None and label.size == 0 for label in labels)
 
     def capture(self, context: Context) -> MultiViewFrame | None:
-        """Returns the cameras' current images, copied from Drake.
+        """Returns copies of the cameras' current images, or None until every camera has one.
 
-        Non-finite depth becomes 0. Returns None until every camera has an image.
+        Non-finite depth becomes 0.
 
         Raises:
             StationError: if an image port is not connected.
@@ -115,7 +117,10 @@ class CameraPorts:
 def copied_image(
     rgba: np.ndarray, depth: np.ndarray, label: np.ndarray | None, *, stamp: float
 ) -> RgbdImage:
-    """Returns an image with copies of Drake's arrays (H, W, channels); non-finite depth is 0."""
+    """Returns an image, captured at `stamp` [s], that copies Drake's arrays (H, W, channels).
+
+    Non-finite depth becomes 0.
+    """
     return RgbdImage(
         rgb=cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB),
         depth=np.nan_to_num(depth[:, :, 0], posinf=0.0, neginf=0.0),

@@ -1,4 +1,4 @@
-"""Shows the newest images of real cameras, which their capture threads read."""
+"""Shows the newest images that capture threads have read from real cameras."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,12 +19,12 @@ class NewestImage(Protocol):
 
     @property
     def newest(self) -> RgbdImage | None:
-        """The newest image, stamped by the clock [s since the epoch]; None before the first."""
+        """The newest image, with a stamp in [s since the epoch]; None before the first image."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown(SharedOnCopy):
-    """An image and its capture time in the context [s]; None and NaN before the first."""
+    """An image and its capture time in the context's time [s]; None and NaN without an image."""
 
     image: RgbdImage | None = None
     time: float = np.nan
@@ -46,11 +46,11 @@ class CapturedCameras(LeafSystem):
     waiting. The drivers of RealSense, ZED, OpenCV and file cameras are in `perception/capture`.
 
     `rgb_image` is an ImageRgba8U, `depth_image` an ImageDepth32F ([m], 0 where invalid).
-    `image_time` (1,) [s] is the capture time in the context's time: the current time minus the
-    image's age by the clock, in whole nanoseconds as in logs. `label_image` (ImageLabel16I) exists
-    if the camera's source sends labels, and is empty if the newest image has none. Before the first
-    image, images are empty and times NaN; images captured before time 0 are ignored. If a camera
-    freezes or disappears, its last image and time stay. Outputs depend on the state alone.
+    `image_time` (1,) [s] is the capture time: the context's time minus the image's age, rounded to
+    nanoseconds as in logs. `label_image` (ImageLabel16I) exists if the camera's source sends
+    labels, and is empty if the newest image has none. Before the first image, images are empty and
+    times NaN; images captured before time 0 are ignored. If a camera freezes or disappears, its
+    last image and time stay. Outputs depend on the state alone.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class CapturedCameras(LeafSystem):
             sources: The source of each camera's images.
             labels: Whether each source sends label images.
             period: Time between two updates [s].
-            clock: Returns the current time [s since the epoch], by the clock of the images' stamps.
+            clock: The clock that stamps the images: returns the current time [s since the epoch].
         """
         super().__init__()
         self._sources, self._clock = tuple(sources), clock
@@ -94,13 +94,10 @@ class CapturedCameras(LeafSystem):
         state.get_mutable_abstract_state(self._newest).set_value(after)
 
     def _declare_outputs(self, view: int, name: str, labelled: bool) -> None:
-        def image(context: Context) -> RgbdImage | None:
-            return self._shown(context, view).image
-
         DeclareCameraOutputs(
             self,
             name,
-            image=image,
+            image=lambda context: self._shown(context, view).image,
             time=lambda context: self._shown(context, view).time,
             labels=labelled,
             prerequisites={self.abstract_state_ticket(self._newest)},

@@ -1,9 +1,8 @@
 """Simulated cameras whose images appear a fixed delay after their capture."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
@@ -17,7 +16,7 @@ from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 
 
 class SceneRenderer(Protocol):
-    """Renders a scene. Calls may take long; they come from one thread at a time."""
+    """Renders a scene. Calls may take long; only one thread calls at a time."""
 
     def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
         """Returns the image of each camera, with the stamp `time` [s].
@@ -33,17 +32,11 @@ class SceneRenderer(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class _Rendered:
-    """The rendered images of a capture.
+class _Rendered(NamedTuple):
+    """The images of a capture, and a function that renders the label images at its first call."""
 
-    Attributes:
-        images: The images.
-        labels: Returns the label images, which the first call renders.
-    """
-
-    images: tuple[RgbdImage, ...]
-    labels: Callable[[], tuple[np.ndarray, ...]]
+    images: tuple[RgbdImage | None, ...]
+    labels: Callable[[], tuple[np.ndarray | None, ...]]
 
 
 class DelayedCameras(LeafSystem):
@@ -60,10 +53,10 @@ class DelayedCameras(LeafSystem):
         - <camera>.label_image
         - <camera>.image_time
 
-    The delay is that of a real camera, from exposure to delivery. Images are rendered in the
+    The delay models the time from exposure to delivery in a real camera. Images are rendered in the
     background while the simulation continues. The simulation waits only for images that are due but
-    not ready, so the outputs do not depend on the speed of the machine. Drake's `RgbdSensorAsync`
-    does the same with a thread. Every capture is rendered, even if nothing uses it.
+    not ready, so the outputs do not depend on the speed of the machine. The images of every capture
+    are rendered, even if nothing uses them. Drake's `RgbdSensorAsync` is similar.
 
     Input: `plant_state` (nq + nv,), of which only the positions are used. If they are not finite,
     nothing is captured, and the last images stay.
@@ -73,8 +66,8 @@ class DelayedCameras(LeafSystem):
     (1,), the time of the capture [s]. Until the first image is due, images are empty and times NaN.
     Every output is a function of the state.
 
-    Captures are unrestricted updates at multiples of the period, and see the state of the plant at
-    that time; the images change in unrestricted updates one delay later.
+    An unrestricted update at each multiple of the period captures the plant's state at that time.
+    Another unrestricted update shows the images one delay later.
 
     Attributes:
         cameras: The cameras' models.
@@ -104,13 +97,14 @@ class DelayedCameras(LeafSystem):
                 and the time spent waiting for them ("waiting").
 
         Raises:
-            InvalidValueError: if the delay is not positive.
+            InvalidValueError: if the delay is below a millionth of the period.
         """
         super().__init__()
         timing = SimulatedDelay(period=period, latency=delay) if delay > 0.0 else None
         if timing is None or timing.release_event is None:
             raise InvalidValueError(
-                f"DelayedCameras.delay is {delay} s, but must be positive.",
+                f"DelayedCameras.delay is {delay} s, but must be at least a millionth of the "
+                "period.",
                 remedy="Use RgbdSensor for cameras without a delay.",
             )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
@@ -118,10 +112,11 @@ class DelayedCameras(LeafSystem):
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", num_positions + num_velocities
         )
+        empty = (None,) * len(self.cameras)
         self._rendered = CaptureAndRelease(
             system=self,
             timing=timing,
-            nothing=None,
+            nothing=_Rendered(empty, lambda: empty),
             begin=self._begin,
             thread="cameras' thread",
             stopwatch=stopwatch,
@@ -134,26 +129,16 @@ class DelayedCameras(LeafSystem):
         self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:
-        def shown(context: Context) -> _Rendered | None:
-            return self._rendered.result(context)
-
-        def image(context: Context) -> RgbdImage | None:
-            rendered = shown(context)
-            return None if rendered is None else rendered.images[view]
-
-        def label(context: Context) -> np.ndarray | None:
-            rendered = shown(context)
-            return None if rendered is None else rendered.labels()[view]
-
         def time(context: Context) -> float:
-            return np.nan if shown(context) is None else self._rendered.capture_time(context)
+            capture = self._rendered.capture_time(context)
+            return capture if np.isfinite(capture) else np.nan
 
         DeclareCameraOutputs(
             self,
             name,
-            image=image,
+            image=lambda context: self._rendered.result(context).images[view],
             time=time,
-            labels=label,
+            labels=lambda context: self._rendered.result(context).labels()[view],
             prerequisites=self._rendered.tickets,
         )
 

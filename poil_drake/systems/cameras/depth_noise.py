@@ -18,9 +18,9 @@ class DepthNoiseSystem(LeafSystem):
         output_ports:
         - noisy_depth_image
 
-    Both ports carry ImageDepth32F [m]. The noise is a function of the image, the seed, the camera's
-    index and the time. The output is computed when evaluated, so it is never stale; NaN or infinite
-    depth becomes 0.
+    Both ports carry ImageDepth32F [m]. The noise depends on the image, the seed, the camera's index
+    and the time. The output is computed when evaluated, so it is never stale; NaN and infinite
+    depths become 0.
     """
 
     def __init__(
@@ -32,6 +32,15 @@ class DepthNoiseSystem(LeafSystem):
         seed: int,
         camera_index: int,
     ):
+        """Constructs the system.
+
+        Args:
+            width: Width of the images [px].
+            height: Height of the images [px].
+            config: The errors to add.
+            seed: Seed of the noise.
+            camera_index: The camera's index. Cameras with different indices get different noise.
+        """
         super().__init__()
         self._config, self._seed, self._camera_index = config, seed, camera_index
         self._input = self.DeclareAbstractInputPort("depth_image", Value(ImageDepth32F()))

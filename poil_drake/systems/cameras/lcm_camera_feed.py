@@ -25,9 +25,9 @@ class LcmCameraFeed(LeafSystem):
 
     Each period, a publish event captures `plant_state` (nq + nv,), the plant's state; a thread then
     renders and sends the images, stamped with the clock's time at the capture. The simulation does
-    not wait: captures are skipped while images are being rendered, as by a camera that drops
-    frames. Label images take as long to render as the others, so only every `label_every`-th
-    capture includes them. `close` ends the thread.
+    not wait: like a camera that drops frames, the feed skips captures while it renders or sends.
+    Label images take as long to render as colour and depth, so only every `label_every`-th capture
+    includes them. `close` ends the thread.
     """
 
     def __init__(

@@ -6,17 +6,17 @@ from poil_drake.systems.cameras.lcm_image_messages import decode_images
 from poil_drake.systems.lcm.network import LcmNetwork
 
 _WAITING = 4
-"""Capacity of the queue of unread images, which usually holds one at most."""
+"""Capacity of the queue of unread images, which usually holds at most one."""
 
 _PATIENCE = 100
-"""How long to wait for an image [ms]; other threads run meanwhile."""
+"""How long `read` waits for an image [ms]; other threads run meanwhile."""
 
 
 class LcmImageDevice:
     """A `CaptureDevice` that reads the newest image from an LCM channel.
 
-    It opens its own network, so that images are read and decoded on the calling thread, not on the
-    one that commands the robot. The sender sets the stamps.
+    It opens its own LCM network, so images are received and decoded on the thread that calls
+    `read`, not on the thread that commands the robot. The sender sets the stamps.
     """
 
     def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
@@ -41,7 +41,7 @@ class LcmImageDevice:
         """See `CaptureDevice.read`."""
         if self._lcm is None:
             raise CaptureError(
-                f"The channel {self._channel} is not open.", remedy="Open the camera first."
+                f"The channel {self._channel} is not open.", remedy="Call `open` before `read`."
             )
         self._lcm.HandleSubscriptions(_PATIENCE)
         if self._newest is None:

@@ -29,16 +29,19 @@ _DTYPES: dict[int, np.dtype] = {
 }
 _MILLIMETRE = 1e-3
 _MOST_IMAGES = 8
-_REMEDY = "Send only lcmt_image_array messages on the channel, as Drake's cameras do."
+_REMEDY = (
+    "Send lcmt_image_array messages as Drake's cameras do, each with a colour and a depth image "
+    "of the size in the camera's settings."
+)
 
 
 def encode_images(image: RgbdImage, *, camera: str) -> bytes:
     """Returns one camera's images as an encoded `lcmt_image_array`, without compression.
 
-    It holds colour as RGB, depth as 32-bit floats [m], and the label image if there is one.
+    The message holds colour as RGB, depth as 32-bit floats [m], and labels if there are any.
 
     Args:
-        image: The image, whose stamp is a time [s since the epoch] by the receivers' clock.
+        image: The image. Its stamp is in [s since the epoch], on the clock of the receivers.
         camera: The camera's name.
     """
     message = lcmt_image_array()
@@ -60,12 +63,12 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     """Returns the images of a message, with the stamp of its header.
 
     Colour may be 8-bit RGB, BGR, RGBA or BGRA. Depth may be 32-bit floats [m], or 16-bit integers
-    [mm] with 65535 ("too far") as invalid. Labels are 16-bit integers. Images may be uncompressed,
-    or compressed with zlib or PNG; colour also with JPEG.
+    [mm] with 65535 for "too far", which becomes 0 (invalid). Labels are 16-bit integers. Images may
+    be uncompressed, or compressed with zlib or PNG; colour also with JPEG.
 
     Args:
         message: An encoded `lcmt_image_array`.
-        size: (height, width) [px] of every image in it.
+        size: (height, width) [px] of every image in the message.
 
     Raises:
         NoImageError: if the message is invalid, or lacks a colour or depth image of that size.
@@ -73,7 +76,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     try:
         array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
-        raise _unusable(f"{len(message)} bytes are not an lcmt_image_array ({error})") from error
+        raise _unusable(f"its {len(message)} bytes are no lcmt_image_array ({error})") from error
     if len(array.images) > _MOST_IMAGES:
         raise _unusable(f"it holds {len(array.images)} images, more than {_MOST_IMAGES}")
     rgb = depth = label = None
@@ -114,17 +117,15 @@ def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
         raise _unusable(f"an image has the unsupported channel type {image.channel_type}")
     dtype = _DTYPES[image.channel_type]
     row = width * channels * dtype.itemsize
-    methods = {
-        lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED: lambda: image.data,
-        lcmt_image.COMPRESSION_METHOD_ZLIB: lambda: _inflated(image.data, height * row),
-    }
-    if image.compression_method in methods:
-        data = methods[image.compression_method]()
-        if len(data) != height * row:
-            raise _unusable(f"an image holds {len(data)} bytes instead of {height * row}")
-        pixels = np.frombuffer(data, dtype.newbyteorder(">" if image.bigendian else "<"))
-        return pixels.reshape(height, width, channels).astype(dtype, copy=False)
-    return _decompressed(image, (height, width, channels), dtype)
+    data = image.data
+    if image.compression_method == lcmt_image.COMPRESSION_METHOD_ZLIB:
+        data = _inflated(data, height * row)
+    elif image.compression_method != lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
+        return _decompressed(image, (height, width, channels), dtype)
+    if len(data) != height * row:
+        raise _unusable(f"an image holds {len(data)} bytes instead of {height * row}")
+    pixels = np.frombuffer(data, dtype.newbyteorder(">" if image.bigendian else "<"))
+    return pixels.reshape(height, width, channels).astype(dtype, copy=False)
 
 
 def _inflated(data: bytes, size: int) -> bytes:
@@ -142,7 +143,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     ):
         raise _unusable(f"an image has the unsupported compression {image.compression_method}")
     if len(image.data) > shape[0] * shape[1] * shape[2] * dtype.itemsize + 4096:
-        raise _unusable(f"a compressed image is larger than uncompressed: {len(image.data)} bytes")
+        raise _unusable(f"a compressed image has {len(image.data)} bytes, more than its raw pixels")
     # Before decoding: a few bytes may decode to very many pixels.
     said = _encoded_size(image.data)
     if said != shape[:2]:
@@ -165,7 +166,7 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
 
 
 def _encoded_size(data: bytes) -> tuple[int, int] | None:
-    """Returns (height, width) [px] from a PNG or JPEG header; None if there is none."""
+    """Returns (height, width) [px] from a PNG or JPEG header; None if it cannot be read."""
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
             return image.height, image.width

@@ -20,12 +20,13 @@ class RecordedCamera:
 
     Attributes:
         name: The camera's name.
-        shown_from: Time at which each of its images appeared [s], ascending.
+        shown_from: Time at which each image appeared [s], ascending.
         stamps: Capture time of each image [s].
         read: Returns the image with a given index.
         labels: Whether any of the images have labels.
-        times: (T, 1) capture time of the newest image [s], including images that were not recorded;
-            None: it is the current time, as for a simulated camera without a delay.
+        times: (T, 1) series of the capture time of the newest image [s], which counts images that
+            were not recorded; None: it is always the current time, as for a simulated camera
+            without a delay.
     """
 
     name: str
@@ -49,8 +50,8 @@ class RecordedCameras(LeafSystem):
         - <camera>.image_time
 
     The outputs are those of `CapturedCameras`, as functions of time; before the first image, images
-    are empty and times NaN. Images are decoded when a port is evaluated. Images that were not
-    recorded advance `image_time` (1,) [s] only.
+    are empty and times NaN. An image is decoded when a port is evaluated. An image that was not
+    recorded changes `image_time` (1,) [s] only.
     """
 
     def __init__(self, *, cameras: Sequence[RecordedCamera]):

@@ -23,11 +23,12 @@ from poil_drake.systems.statuses import DetectorStatus
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Detection(SharedOnCopy):
-    """The result of a search.
+    """The result of the latest search. The default values mean that there was none yet.
 
     Attributes:
         status: Whether the part was found.
-        request: The value of the request counter that the search answers.
+        request: The value of the port `request` that the search answers; minus infinity before the
+            first search.
         masks: Masks of the object and its part in each view; None until the part is first found.
         cloud: The part's points [m, world]; None until the part is first found.
     """
@@ -58,17 +59,17 @@ class PartDetector(LeafSystem):
         - times
 
     `request` (1,) is a counter: when it increases, the next capture starts a new search. It is
-    optional; NaN requests nothing. If label images are connected, captures wait until none is
-    empty. Every output is a function of the state alone:
+    optional; NaN requests nothing. If label images are connected, a capture waits until all of them
+    have pixels. Every output is a function of the state alone:
 
     - `part_cloud`: a `PointCloud` [m, world]; `ABSENT` until the part is first found.
     - `masks`: `PartMasks`; `ABSENT` until the part is first found. Each successful search gives a
       new object, so consumers can compare by identity.
     - `status` (1,): a `DetectorStatus`; WAITING before the first result. After a failed search it
-      is NOT_FOUND, while the other outputs keep what was found earlier.
+      is NOT_FOUND, while `part_cloud` and `masks` keep what was found earlier.
     - `frame`: the `MultiViewFrame` of the last search; `ABSENT` before the first.
-    - `times` (3,) [s]: of the last capture, of the last release, and of the capture whose result
-      was released then; minus infinity until known.
+    - `times` (3,) [s]: the time of the last capture, the time of the last release, and the capture
+      time of the last released result; minus infinity until known.
     """
 
     def __init__(
@@ -88,11 +89,12 @@ class PartDetector(LeafSystem):
         Args:
             detector: Finds the part in a frame.
             cameras: The cameras' models, in the order of the views.
-            object_label: The object to find.
-            part_label: Its functional part.
-            timing: When frames are captured and results released; None: every 1/8 s, at once.
-            label_ids: The meaning of render labels; None: there are no label ports.
-            fusion: How views are merged into a cloud.
+            object_label: The object to find, e.g. "mug".
+            part_label: The object's functional part, e.g. "handle".
+            timing: When frames are captured and results released; None: frames are captured at
+                multiples of 1/8 s, and results are released immediately.
+            label_ids: The meaning of the labels (see `MultiViewFrame`); None: no label ports.
+            fusion: How views are merged into a cloud; None: the default settings.
             stopwatch: Records the time of captures ("capture") and of searches ("detection").
         """
         super().__init__()

@@ -1,4 +1,4 @@
-"""Names and meanings of numbers in a run log."""
+"""Converts numbers and forces to the form in which a run log holds them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,18 +9,18 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from poil_drake.systems.statuses import RobotMode
 
 ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
-"""The names of the robot's modes."""
+"""Number of each robot mode -> its name."""
 
 
 def meaning(texts: Mapping[int, str], number: float) -> str:
-    """Returns the text for a number, or the number if it has none; "unknown" if not finite."""
+    """Returns a number's entry in `texts`, or its digits without one; "unknown" if not finite."""
     return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"
 
 
 def applied_forces(
     forces: Sequence[ExternallyAppliedSpatialForce], body_names: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Returns `body`, `force` [N, world] and `torque` [N m, world] of each non-zero force.
+    """Returns the `body`, `force` [N, world] and `torque` [N m, world] of each non-zero force.
 
     Args:
         forces: The plant's externally applied forces.

@@ -35,7 +35,7 @@ _JOINT_STATES = {
     "effort": "panda.torque_external",
 }
 _JOINT_COMMANDS = {"position": "panda.position_commanded", "velocity": "panda.velocity"}
-"""Fields of the logged joint states -> input ports."""
+"""Fields of logged joint states and joint commands -> the input ports of their values."""
 
 
 class McapLogger(LeafSystem):
@@ -68,30 +68,30 @@ class McapLogger(LeafSystem):
         - applied_spatial_force
         - <topic>.<field>
 
-    Inputs, with N points and J joints. Every `robot_period`:
+    With N points and J joints, these inputs are logged every `robot_period`:
 
-    - `tracked_points` (`TrackedPoints`), once for each stamp;
-    - `frame` and `detector.frame` (`MultiViewFrame`, or any other value before the first), once for
-      each stamp of an image;
-    - `tracker.times` and `detector.times` (3,) [s], each with the field `status` of the topic
-      `tracker` or `detector`, when one of these changes;
+    - `tracked_points` (`TrackedPoints`), if their stamp is new;
+    - `frame` and `detector.frame` (`MultiViewFrame`, or any other value before the first): images
+      whose stamp is new;
+    - `tracker.times` and `detector.times` (3,) [s], each with the port `tracker.status` or
+      `detector.status`, if one of the values has changed;
     - the measured joint positions [rad], velocities [rad/s] and external torques [N m] (J,), and
       `panda.velocity`, the commanded joint velocities [rad/s], with the commanded positions;
-    - `panda.status` (3,): robot mode, age [s] and share of commands that arrive in time; with
-      `clock` (1,), the clock's time [s] at the supervisor's last update;
-    - `phase` (1,), when it changes, with the reason, which depends on `fault` (1,);
-    - `stop` (1,), the number of requests to stop, when it changes;
-    - the status topic `hand`; the topic `cameras`, when one of its times changes.
+    - `panda.status` (3,): the robot's mode, the age of its status [s] and the share of commands
+      that arrive in time; with `clock` (1,), the clock's time [s] at the supervisor's last update;
+    - `phase` (1,), if it has changed, with the reason, which depends on `fault` (1,);
+    - `stop` (1,), the number of requests to stop, if it has changed;
+    - the status topic `hand`, and the topic `cameras` if one of its times has changed.
 
-    Every `period`:
+    These inputs are logged every `period`:
 
     - `points` and `target_points` (3N,) row-major [m, world], with `confidence` (N,);
     - `gripper_pose` (16,), X_WG row-major; `spatial_velocity` (6,), (ω [rad/s], v [m/s]);
-    - the other status topics, each with one (1,) port per field;
+    - all status topics but `hand`, each with one (1,) port per field;
     - `applied_spatial_force`, the plant's external forces, while there are any and when they end.
 
-    Every port is optional. Tracked points, times and frames before the first are not logged, nor is
-    a gripper pose that is not finite; NaN in other signals is logged as such. Periodic and forced
+    Every port is optional. Tracked points, times and frames are logged from the first one on, and a
+    gripper pose only if it is finite. NaN in other signals is logged as NaN. Periodic and forced
     publish events write everything, so a sample shows the state at the end of its step.
 
     The code that opened the log must close it after the run.
@@ -120,7 +120,7 @@ class McapLogger(LeafSystem):
             num_points: Number of points, N.
             joint_names: The arm's joints.
             phase_names: The phases' names, by index.
-            phase_reason: Returns why a phase begins, from the indices of the phase and the fault.
+            phase_reason: Returns why a phase begins, given the indices of the phase and the fault.
             body_names: The names of the plant's bodies, by index.
             statuses: Topic -> names of its scalar fields. The ports are named
                 "<topic>.<field>", the log's topics "/<topic>/status".
@@ -129,9 +129,10 @@ class McapLogger(LeafSystem):
             reference: The controller's reference; all its samples are written once, at the start.
             period: Time between samples [s].
             robot_period: Time between samples of the robot's signals [s]; None: `period`. A replay
-                recomputes the other signals from these; it needs them at the control period.
-            robot_offset: Time of the first of these samples [s]. With an offset of the plant's time
-                step, they show what the controller saw at the beginning of its period.
+                needs these signals at the control period, and recomputes the rest from them.
+            robot_offset: Time of the first sample of the robot's signals [s]. With an offset of one
+                time step of the plant, a sample shows what the controller saw at the beginning of
+                its period.
         """
         super().__init__()
         self._log, self._reference = log, reference
@@ -182,7 +183,7 @@ class McapLogger(LeafSystem):
         return port.Eval(context) if port is not None and port.HasValue(context) else None
 
     def _is_new(self, key: str, value: object) -> bool:
-        """Returns whether a value differs from that of the last call with the same key."""
+        """Returns whether a value differs from the value in the last call with the same key."""
         if self._written.get(key) == value:
             return False
         self._written[key] = value
@@ -212,7 +213,7 @@ class McapLogger(LeafSystem):
         self._write_disturbances(context)
 
     def _write_frame(self, context: Context, port: str) -> None:
-        """Writes the images, calibrations and labels of a frame that are new."""
+        """Writes those images, calibrations and labels of a frame that are new."""
         frame, time, log = self._value(context, port), context.get_time(), self._log
         if not isinstance(frame, MultiViewFrame) or not self._is_new(port, frame.stamp):
             return

@@ -12,12 +12,12 @@ Schedule = tuple[float, float]
 
 
 class PublishingClock:
-    """Times the publish events of a diagram under "publishing" on a stopwatch.
+    """Measures how long a diagram's publish events take, as "publishing" on a stopwatch.
 
     At one instant, Drake publishes a diagram's subsystems in the order in which they were added.
-    Two systems that publish nothing, one added before all others and one after them, therefore
-    bracket all other publish events, even of systems that cannot measure themselves, such as
-    Drake's visualizers. The computations that publishing triggers are included.
+    This class adds two systems that publish nothing, one before all other systems and one after
+    them. Together they bracket all publish events, even of systems that cannot measure themselves,
+    such as Drake's visualizers. The time includes computations that publishing triggers.
     """
 
     def __init__(self, stopwatch: Stopwatch, schedules: Iterable[Schedule]):

@@ -43,15 +43,16 @@ class SnapshotAlbum:
         """Creates an empty album.
 
         Args:
-            capacity: Maximum number of snapshots, at least 2. A full album drops every other one,
-                and then keeps new ones half as often. A 640 x 480 snapshot takes 0.9 MB.
+            capacity: Maximum number of snapshots, at least 2. A full album drops every other
+                snapshot, and from then on keeps new snapshots half as often. The last snapshot is
+                kept in addition. A 640 x 480 snapshot takes 0.9 MB.
         """
         self._capacity, self._stride, self._offered = capacity, 1, 0
         self._snapshots: list[Snapshot] = []
         self._last: Snapshot | None = None
 
     def add(self, snapshot: Snapshot) -> None:
-        """Offers a snapshot; the last one offered is always kept."""
+        """Offers a snapshot to the album, which always keeps the last one offered."""
         self._last = snapshot
         if self._offered % self._stride == 0:
             if len(self._snapshots) == self._capacity:
@@ -74,7 +75,7 @@ class SnapshotAlbum:
         return (*self._snapshots, self._last)
 
     def nearest_to(self, times: Sequence[float]) -> tuple[Snapshot, ...]:
-        """Returns the snapshots nearest to the given times [s], in order and without duplicates."""
+        """Returns the kept snapshot nearest to each time [s], in order and without duplicates."""
         kept = self.snapshots
         if not kept:
             return ()
@@ -84,7 +85,7 @@ class SnapshotAlbum:
 
 
 class SnapshotRecorder(LeafSystem):
-    """Puts the tracker's frames into an album, each with its track.
+    """Collects tracked images in an album, each with the points that were tracked in it.
 
     .. pydrake_system::
 
@@ -93,10 +94,10 @@ class SnapshotRecorder(LeafSystem):
         - frame
         - tracked_points
 
-    `frame` is an abstract `MultiViewFrame`, or any other value before the first; `tracked_points`
-    are `TrackedPoints`, which arrive later than their frame and have its stamp. There are no
-    outputs. Periodic updates store the camera's images in the context; periodic publish events add
-    an image to the album once it has been tracked. Lost points are NaN.
+    `frame` is an abstract `MultiViewFrame`, or any other value before the first. `tracked_points`
+    are `TrackedPoints`; they arrive later than their frame, and have the same stamp. There are no
+    outputs. Periodic updates store the camera's images in the context. Periodic publish events add
+    an image to the album once its points arrive. Lost points are NaN.
     """
 
     def __init__(
@@ -112,15 +113,14 @@ class SnapshotRecorder(LeafSystem):
 
         Args:
             album: Where the snapshots go.
-            camera: The first of the frames' cameras, whose images are kept.
+            camera: The first of the frames' cameras. Only its images are kept.
             reference: The reference of the N points; its closest configuration gives their targets.
-            period: Time between captures [s].
-            offset: Time of the first capture [s], e.g. the control period: a publish event at the
+            period: Period of the updates and publish events [s], e.g. the tracker's.
+            offset: Time of the first of these events [s], e.g. the control period. An event at the
                 time of a capture would still see the previous frame.
         """
         super().__init__()
-        self._album, self._reference = album, reference
-        self._camera = camera
+        self._album, self._camera, self._reference = album, camera, reference
         no_track = TrackedPoints.lost(reference.positions.shape[1], -np.inf)
         self._frame = self.DeclareAbstractInputPort("frame", Value(ABSENT))
         self._tracked = self.DeclareAbstractInputPort("tracked_points", Value(no_track))
@@ -130,7 +130,7 @@ class SnapshotRecorder(LeafSystem):
         self.DeclareForcedPublishEvent(self._publish)
 
     def _waiting(self, context: Context) -> tuple[RgbdImage, ...]:
-        """Returns the stored images, and the one at the port if it is newer."""
+        """Returns the stored images, and the image at the port if it is newer."""
         images: tuple[RgbdImage, ...] = context.get_abstract_state(self._images).get_value()
         frame = self._frame.Eval(context)
         if not isinstance(frame, MultiViewFrame) or (images and frame.stamp <= images[-1].stamp):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -18,6 +17,7 @@ from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.tracker_outputs import DeclareTrackerOutputs
+from poil_drake.systems.tracking.tracker_run import TrackerRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class GroundTruthTrackerConfig:
     Attributes:
         period: Time from one capture to the next [s].
         latency: Time from a capture to the release of its result [s]; 0: immediate release.
-        noise: Standard deviation of each coordinate [m], independent across points and frames.
+        noise: Standard deviation of the error of each coordinate [m]; errors are independent.
         point_dropout: Probability that a point is not observed in a frame.
         frame_dropout: Probability that the object is lost in a frame.
         seed: Seed of noise and dropouts.
@@ -43,29 +43,26 @@ class GroundTruthTrackerConfig:
     def __post_init__(self) -> None:
         if self.noise < 0.0 or not 0 <= self.point_dropout <= 1 or not 0 <= self.frame_dropout <= 1:
             raise InvalidValueError(
-                f"GroundTruthTrackerConfig has noise={self.noise}, point_dropout="
-                f"{self.point_dropout} and frame_dropout={self.frame_dropout}.",
-                remedy="Set a noise of at least 0, and dropout probabilities in [0, 1].",
+                f"GroundTruthTrackerConfig has noise={self.noise} m, point_dropout="
+                f"{self.point_dropout} and frame_dropout={self.frame_dropout}, of which at least "
+                "one is out of range.",
+                remedy="Set a noise of at least 0 m, and dropout probabilities in [0, 1].",
             )
-
-
-class _Report(NamedTuple):
-    points: TrackedPoints
-    status: TrackerStatus
 
 
 def observe(
     points: np.ndarray, stamp: float, tick: int, config: GroundTruthTrackerConfig
 ) -> TrackedPoints:
-    """Returns the true points with this tracker's noise and dropouts.
+    """Returns the true points with simulated noise and dropouts.
 
-    Noise and dropouts depend on the seed and the tick alone.
+    Points that drop out are NaN and have confidence 0; all others have confidence 1. Noise and
+    dropouts depend on the seed and the tick alone.
 
     Args:
         points: (N, 3) the true points [m, world].
         stamp: Capture time [s].
         tick: Number of the capture.
-        config: Noise and dropouts.
+        config: Size of the noise, probabilities of dropouts, and the seed.
     """
     rng = np.random.default_rng([config.seed, tick])
     frame_seen = rng.random() >= config.frame_dropout
@@ -90,10 +87,11 @@ class GroundTruthTracker(LeafSystem):
 
     Inputs: `body_poses`, the simulator's poses of all bodies; `query_points` (3N,) row-major, the
     points at the start [m, world], NaN until known (optional if the constructor gets them). The
-    first capture at which they are known fixes them to the body. Outputs are those of
-    `PointTracker`, functions of the state alone: before the first release, `tracked_points` are
-    lost with a stamp of minus infinity, and `status` is WAITING; `status` is LOST if no point was
-    observed.
+    first capture at which the query points are known fixes them to the body.
+
+    The outputs are those of `PointTracker`, functions of the state alone. Before the first release,
+    all points are lost with a stamp of minus infinity, and `status` is WAITING. `status` is LOST if
+    no point was observed.
     """
 
     def __init__(
@@ -107,10 +105,10 @@ class GroundTruthTracker(LeafSystem):
         """Constructs the system.
 
         Args:
-            body_index: The object's body in `body_poses`.
+            body_index: Index of the object's body in `body_poses`.
             num_points: Number of points, N.
             query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
-            config: Rate, latency and errors.
+            config: Rate, latency and errors; None: the defaults.
         """
         super().__init__()
         self._body_index = body_index
@@ -125,11 +123,10 @@ class GroundTruthTracker(LeafSystem):
         )
         self._query = self.DeclareVectorInputPort("query_points", 3 * num_points)
         self._body_points = self.DeclareDiscreteState(np.full(3 * num_points, np.nan))
-        nothing = _Report(TrackedPoints.lost(num_points, -np.inf), TrackerStatus.WAITING)
         reports = CaptureAndRelease(
             system=self,
             timing=SimulatedDelay(period=self._config.period, latency=self._config.latency),
-            nothing=nothing,
+            nothing=TrackerRun(points=TrackedPoints.lost(num_points, -np.inf)),
             begin=self._begin,
         )
         DeclareTrackerOutputs(
@@ -139,7 +136,7 @@ class GroundTruthTracker(LeafSystem):
 
     def _begin(
         self, context: Context, state: State, previous: Captured | None
-    ) -> Callable[[], _Report] | None:
+    ) -> Callable[[], TrackerRun] | None:
         X_WB = self._poses.Eval(context)[self._body_index].GetAsMatrix4()
         p_B = context.get_discrete_state(self._body_points).value().reshape(-1, 3)
         if not np.all(np.isfinite(p_B)):
@@ -154,5 +151,5 @@ class GroundTruthTracker(LeafSystem):
         tick = round(time / self._config.period)
         points = observe(transform_points(X_WB, p_B), time, tick, self._config)
         seen = bool(np.any(points.confidence > 0.0))
-        report = _Report(points, TrackerStatus.TRACKING if seen else TrackerStatus.LOST)
-        return lambda: report
+        status = TrackerStatus.TRACKING if seen else TrackerStatus.LOST
+        return lambda: TrackerRun(points=points, status=status)

@@ -1,4 +1,4 @@
-"""Follows the part points through the camera images."""
+"""Tracks the points of the object's part in the camera images."""
 
 from collections.abc import Callable, Sequence
 
@@ -23,7 +23,7 @@ from poil_drake.systems.tracking.tracker_run import TrackerInputs, TrackerRun, a
 
 
 class PointTracker(LeafSystem):
-    """Runs a tracker on the cameras' images, and releases each result some time after its capture.
+    """Runs a tracker on captured camera images, and outputs each result at its release.
 
     .. pydrake_system::
 
@@ -41,22 +41,28 @@ class PointTracker(LeafSystem):
         - frame
         - times
 
-    Inputs: `query_points` (3N,) row-major, the points at the start [m, world], NaN until known
-    (optional if the constructor gets them); `masks`, the detector's `PartMasks`, any other value
-    until known; `object_motion` (16,) X_M row-major, from forward kinematics at the time of the
-    images (optional; NaN: no prior). `tracker_run.advance` decides when to start, step and restart.
+    Inputs:
+
+    - `query_points` (3N,) row-major: the points at the start [m, world], NaN until known. Optional
+      if the constructor gets them.
+    - `masks`: the detector's `PartMasks`, or any other value until known.
+    - `object_motion` (16,), X_M row-major: the object's motion in the world since a fixed time,
+      from forward kinematics at the time of the images. Optional; NaN if unknown.
+
+    `tracker_run.advance` decides when the tracker starts, steps and restarts.
 
     Every output is a function of the state alone:
 
     - `tracked_points`: `TrackedPoints` with the stamp of their images. Before the first release
-      they are lost, with a stamp of minus infinity; points of a lost object have confidence 0.
-    - `status` (1,): a `TrackerStatus` as of the last release; WAITING until query points and masks
-      are known at a capture.
+      all points are lost, with a stamp of minus infinity. Lost points have confidence 0.
+    - `status` (1,): a `TrackerStatus` as of the last release; WAITING until a capture at which
+      query points and masks are known.
     - `frame`: the `MultiViewFrame` of the last capture; `ABSENT` before the first.
-    - `times` (3,) [s]: of the last capture, of the last release, and of the capture whose result
-      was released then; minus infinity until known.
+    - `times` (3,) [s]: the time of the last capture, the time of the last release, and the capture
+      time of the last released result; minus infinity until known.
 
-    Images whose stamp does not advance are not tracked, so the track of a frozen camera ages.
+    Images are tracked only if their stamp is newer than that of the last capture, so the stamp of
+    `tracked_points` ages when a camera freezes.
     """
 
     def __init__(
@@ -74,17 +80,17 @@ class PointTracker(LeafSystem):
         """Constructs the system.
 
         Args:
-            tracker: The tracker to run. A `ProcessTracker` releases the interpreter meanwhile.
+            tracker: The tracker to run. A `ProcessTracker` does not block other Python threads.
             cameras: The cameras' models, in the order of the views.
             num_points: Number of points, N.
             query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
             timing: When frames are captured and results released; None: `SimulatedDelay()`.
-            min_interval: Least time [s] between the images of two captures, for cameras that are
+            min_interval: Minimum time [s] between the stamps of two captures, for cameras that are
                 faster than the tracker.
-            once: Whether to stop once the points are tracked: for a dry run, in which the object
-                does not move.
+            once: Whether to capture nothing more after the first success, for a dry run in which
+                the object does not move.
             stopwatch: Records the time of captures ("capture", which may include rendering), of
-                steps ("tracking", parallel to the simulation) and of waiting ("waiting").
+                the tracker ("tracking", parallel to the simulation) and of waiting ("waiting").
         """
         super().__init__()
         self._tracker, self._stopwatch = tracker, stopwatch or Stopwatch()
@@ -120,11 +126,14 @@ class PointTracker(LeafSystem):
 
     @property
     def worker_pid(self) -> int | None:
-        """ID of the tracker's worker process; None if it has none."""
+        """ID of the process of a `ProcessTracker`; None for other trackers."""
         return self._tracker.pid if isinstance(self._tracker, ProcessTracker) else None
 
     def close(self) -> None:
-        """Ends the tracker's process and thread; drops work in progress. No capture may follow."""
+        """Aborts the work in progress, and ends the tracker's process and thread.
+
+        No capture may follow.
+        """
         if isinstance(self._tracker, ProcessTracker):
             self._tracker.abort()
         self._runs.close()
@@ -137,7 +146,7 @@ class PointTracker(LeafSystem):
         return previous is None or self._age_of_last(context) >= self._min_interval
 
     def _age_of_last(self, context: Context) -> float:
-        """Returns how much newer the images are than those of the last capture [s]."""
+        """Returns by how much the current images are newer than those of the last capture [s]."""
         # Reading the stamp is far cheaper than reading the images.
         frame: MultiViewFrame = context.get_abstract_state(self._frame).get_value()
         return self._cameras.stamp(context) - frame.stamp

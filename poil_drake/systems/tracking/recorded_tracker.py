@@ -17,12 +17,12 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTrack:
-    """A recorded track, as the tracker released it.
+    """A result that the tracker of a recorded run released.
 
     Attributes:
-        captured: Capture time of its images [s].
+        captured: Capture time of the images [s].
         released: Release time [s].
-        points: The points.
+        points: The tracked points.
         status: The tracker's status.
     """
 
@@ -44,8 +44,8 @@ class RecordedTracker(LeafSystem):
         - times
 
     The outputs are those of `PointTracker`, functions of the state, which changes in unrestricted
-    updates. Before the first release, `tracked_points` are lost with a stamp of minus infinity,
-    `status` is WAITING, and `times` are minus infinity.
+    updates. Before the first release, all points are lost with a stamp of minus infinity, `status`
+    is WAITING, and `times` are minus infinity.
     """
 
     def __init__(self, *, tracks: Sequence[RecordedTrack], num_points: int, period: float):

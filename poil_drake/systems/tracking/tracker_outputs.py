@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, LeafSystem
 
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.statuses import TrackerStatus
@@ -15,7 +15,7 @@ class TrackerReport(Protocol):
 
     @property
     def points(self) -> TrackedPoints:
-        """The points."""
+        """The tracked points."""
 
     @property
     def status(self) -> TrackerStatus:
@@ -37,17 +37,15 @@ def DeclareTrackerOutputs(
         num_points: Number of points, N.
         prerequisites: Tickets of everything that the report depends on.
     """
-
-    def calc_points(context: Context, output: AbstractValue) -> None:
-        output.set_value(report(context).points)
-
-    def calc_status(context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, float(report(context).status))
-
     system.DeclareAbstractOutputPort(
         "tracked_points",
         lambda: Value(TrackedPoints.lost(num_points, -float("inf"))),
-        calc_points,
+        lambda context, output: output.set_value(report(context).points),
         prerequisites,
     )
-    system.DeclareVectorOutputPort("status", 1, calc_status, prerequisites)
+    system.DeclareVectorOutputPort(
+        "status",
+        1,
+        lambda context, output: output.SetAtIndex(0, float(report(context).status)),
+        prerequisites,
+    )

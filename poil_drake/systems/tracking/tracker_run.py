@@ -1,4 +1,4 @@
-"""Advances a tracker by one frame: when to start, step and restart."""
+"""Advances a tracker by one frame: decides whether it waits, starts, steps or restarts."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +11,7 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
+from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.systems.statuses import TrackerStatus
 
 
@@ -24,8 +24,8 @@ class TrackerInputs(SharedOnCopy):
         masks: The latest detection; None before the first.
         query_points: (N, 3) the points at the time of the first start [m, world]; None or NaN until
             known.
-        object_motion: (4, 4) X_M, the object's motion since a fixed time, from forward kinematics;
-            None if unknown.
+        object_motion: (4, 4) X_M, the object's motion in the world since a fixed time, from forward
+            kinematics; None if unknown.
     """
 
     frame: MultiViewFrame
@@ -42,10 +42,12 @@ class TrackerRun(SharedOnCopy):
         points: The points to report.
         status: Whether the tracker follows the object.
         tracker_state: The tracker's own state; None before the first start.
-        state_motion: (4, 4) X_M at the frame of `tracker_state`; None if unknown.
-        masks: The detection used at the last attempt to start.
-        query_points: (N, 3) the query points of the last start; None before it.
-        query_motion: (4, 4) X_M when those points were first used; None if unknown.
+        state_motion: (4, 4) `object_motion` at the frame of `tracker_state`; None if unknown.
+        masks: The detection at the last attempt to start; None before the first attempt.
+        query_points: (N, 3) the query points at the last attempt to start [m, world]; None before
+            the first attempt.
+        query_motion: (4, 4) `object_motion` at the first attempt with these query points; None if
+            unknown.
     """
 
     points: TrackedPoints
@@ -58,54 +60,36 @@ class TrackerRun(SharedOnCopy):
 
 
 def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    """Returns the run after one more frame.
+    """Returns the state of tracking after one more frame, given the state `run` before it.
 
-    A start needs query points and a new detection. The first start uses the query points as they
-    are; a restart after a loss applies the object's motion since their first use, which is right
-    while the grasp is rigid. Otherwise, the tracker steps, with the object's motion since the last
-    usable frame as its prior; it also steps while lost, because it may recover by itself.
+    A tracker that is not tracking starts or restarts when query points and a new detection are
+    known. The first start uses the query points as they are. A restart moves them by the object's
+    motion since their first use, which is correct while the grasp is rigid. In all other frames, a
+    tracker that has started steps, with the object's motion since the last usable frame as its
+    prior. It also steps while the object is lost, because it may find it again.
     """
-    query = inputs.query_points
-    fresh = inputs.masks is not None and inputs.masks is not run.masks
-    ready = fresh and query is not None and bool(np.all(np.isfinite(query)))
-    if ready and run.status is not TrackerStatus.TRACKING:
-        return _start(tracker, run, inputs)
-    if run.tracker_state is None:
-        return replace(run, points=_lost(run, inputs))
-    return _step(tracker, run, inputs)
-
-
-def motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4), or None if either is unknown."""
-    return None if before is None or now is None else now @ inverse(before)
-
-
-def _start(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     query, masks = inputs.query_points, inputs.masks
-    assert query is not None and masks is not None  # noqa: PT018 (`advance` has checked)
-    if run.query_points is None or not np.array_equal(query, run.query_points):
-        run = replace(run, query_points=query, query_motion=inputs.object_motion)
-    run = replace(run, masks=masks)
-    since = motion_between(run.query_motion, inputs.object_motion)
-    points_now = query if since is None else transform_points(since, query)
+    lost = TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
     try:
-        output = tracker.start(inputs.frame, points_now, masks.object_masks)
+        if (
+            run.status is not TrackerStatus.TRACKING
+            and (masks is not None and masks is not run.masks)
+            and (query is not None and np.all(np.isfinite(query)))
+        ):
+            if run.query_points is None or not np.array_equal(query, run.query_points):
+                run = replace(run, query_points=query, query_motion=inputs.object_motion)
+            run = replace(run, masks=masks)
+            since = _motion_between(run.query_motion, inputs.object_motion)
+            points_now = query if since is None else transform_points(since, query)
+            output = tracker.start(inputs.frame, points_now, masks.object_masks)
+        elif run.tracker_state is not None:
+            prior = _motion_between(run.state_motion, inputs.object_motion)
+            output = tracker.step(run.tracker_state, inputs.frame, prior)
+        else:
+            return replace(run, points=lost)
     except TrackingError:
-        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
-    return _after(run, output, inputs)
-
-
-def _step(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
-    prior = motion_between(run.state_motion, inputs.object_motion)
-    try:
-        output = tracker.step(run.tracker_state, inputs.frame, prior)
-    except TrackingError:
-        # State and motion stay those of the last usable frame.
-        return replace(run, points=_lost(run, inputs), status=TrackerStatus.LOST)
-    return _after(run, output, inputs)
-
-
-def _after(run: TrackerRun, output: TrackerOutput, inputs: TrackerInputs) -> TrackerRun:
+        # The tracker's state and the motion stay those of the last usable frame.
+        return replace(run, points=lost, status=TrackerStatus.LOST)
     return replace(
         run,
         points=output.points,
@@ -115,5 +99,6 @@ def _after(run: TrackerRun, output: TrackerOutput, inputs: TrackerInputs) -> Tra
     )
 
 
-def _lost(run: TrackerRun, inputs: TrackerInputs) -> TrackedPoints:
-    return TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
+def _motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
+    """Returns X_M(now) X_M(before)^-1 (4, 4); None if one of the motions is unknown."""
+    return None if before is None or now is None else now @ inverse(before)

@@ -1,7 +1,7 @@
-"""Spheres, arrows and tubes in Meshcat that a recording can show.
+"""Spheres, arrows and tubes that can be shown in a Meshcat recording.
 
-A recording holds changes of poses and properties, never new objects. A mark is therefore drawn once
-by its constructor, and only moved, scaled, shown and hidden afterwards.
+A recording holds changes of poses and properties, never new objects. The constructor of a mark
+therefore draws it; afterwards, the mark is only moved, scaled, shown and hidden.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _SIDES = 6  # Number of sides of a tube.
 
 
 class SphereMarkers:
-    """A fixed number of spheres that move, each of which shows one of several looks."""
+    """A fixed number of spheres that move. A sphere has several looks, and shows one at a time."""
 
     def __init__(
         self, meshcat: Meshcat, path: str, *, count: int, radius: float, colors: Sequence[Rgba]
@@ -25,8 +25,8 @@ class SphereMarkers:
             meshcat: Where to draw.
             path: The Meshcat path of the group of spheres.
             count: Number of spheres.
-            radius: Their radius [m].
-            colors: The colour of each look. Every look after the first is drawn smaller.
+            radius: Radius of the first look [m]. Each further look is 0.7 times as large.
+            colors: The colour of each look.
         """
         self._meshcat, self._path = meshcat, path
         self._paths = [f"{path}/{index}" for index in range(count)]
@@ -40,7 +40,7 @@ class SphereMarkers:
     def move(self, positions: np.ndarray, time: float | None = None) -> None:
         """Moves the spheres to `positions` (N, 3) [m, world] at `time` in the recording [s].
 
-        A sphere whose position is not finite stays where it is. Without any finite position all
+        A sphere whose position is not finite stays where it is. If no position is finite, all
         spheres are hidden.
         """
         finite = np.isfinite(positions).all(axis=1)
@@ -50,7 +50,7 @@ class SphereMarkers:
                 self._meshcat.SetTransform(path, RigidTransform(position), time)
 
     def choose_looks(self, looks: np.ndarray, time: float | None = None) -> None:
-        """Gives each sphere one of its looks, by index (N,); -1 hides it."""
+        """Shows one look of each sphere, by index (N,), or none for -1; `time` is as in `move`."""
         for path, chosen in zip(self._paths, looks, strict=True):
             for look in range(self._looks):
                 self._meshcat.SetProperty(f"{path}/{look}", "visible", look == int(chosen), time)
@@ -82,9 +82,10 @@ class ArrowMarker:
         meshcat.SetProperty(path, "visible", False)
 
     def show(self, start: np.ndarray, vector: np.ndarray, time: float | None = None) -> None:
-        """Draws the arrow from `start` (3,) along `vector` (3,) [m, world] at `time` [s].
+        """Draws the arrow from `start` (3,) to `start + vector` [m, world].
 
-        An arrow shorter than half its head, or one that is not finite, is hidden.
+        An arrow that is shorter than half its head, or not finite, is hidden. `time` is the time in
+        the recording [s].
         """
         length = float(np.linalg.norm(vector))
         visible = bool(np.isfinite(start).all() and 0.5 * self._head_length < length < np.inf)
@@ -108,13 +109,14 @@ def make_tube_mesh(
     """Returns a tube around a curve, as a triangle mesh.
 
     Args:
-        curve: (T, 3) points of the curve [m]. Points closer to the last one kept than `radius` are
+        curve: (T, 3) points of the curve [m]. A point within `radius` of the last point kept is
             left out.
         radius: The tube's radius [m].
 
     Returns:
-        vertices (6S, 3) [m] of S hexagons, faces (F, 3) int32, and the indices (S,) of the points
-        kept; all empty for a curve that stays within `radius` of its start.
+        vertices (6S, 3) [m] of S hexagons, one around each point kept; triangles (F, 3) int32; and
+        the indices (S,) of the points kept. All are empty if every point is within `radius` of the
+        first.
     """
     kept = [0]
     for index in range(1, len(curve)):
@@ -151,25 +153,25 @@ def DrawTubes(
     start_color: Rgba,
     end_color: Rgba,
 ) -> None:
-    """Draws curves (N, T, 3) [m, world] as tubes whose colour changes along their length."""
+    """Draws curves (N, T, 3) [m, world] as tubes, all in one object at the Meshcat path `path`.
+
+    The tubes have the radius `radius` [m]. Their colour changes from `start_color` at the first
+    point of a curve to `end_color` at the last one.
+    """
     vertices, faces, colors = [], [], []
     ends = np.array([[c.r(), c.g(), c.b()] for c in (start_color, end_color)])
     count = 0
     for curve in curves:
         tube, tube_faces, kept = make_tube_mesh(curve, radius=radius)
-        if len(kept) == 0:
-            continue
         share = (kept / (len(curve) - 1))[:, None]
-        colors.append(
-            np.repeat((1.0 - share) * ends[0] + share * ends[1], len(tube) // len(kept), axis=0)
-        )
+        colors.append(np.repeat((1.0 - share) * ends[0] + share * ends[1], _SIDES, axis=0))
         vertices.append(tube)
         faces.append(tube_faces + count)
         count += len(tube)
-    if vertices:
+    if count:
         meshcat.SetTriangleColorMesh(
             path,
             np.asfortranarray(np.concatenate(vertices).T),
-            np.asfortranarray(np.concatenate(faces).T.astype(np.int32)),
+            np.asfortranarray(np.concatenate(faces).T),
             np.asfortranarray(np.concatenate(colors).T),
         )

@@ -1,7 +1,7 @@
-"""Text in front of the scene: the phase and the error above, a colour legend below.
+"""Text in front of the scene: the phase and the error at the top, a colour legend at the bottom.
 
-The text moves with the page's camera, so it faces every viewer, on the live page and in a
-recording alike.
+The text moves with the page's camera, so it always faces the viewer, both on the live page and in a
+recording.
 """
 
 import math
@@ -52,8 +52,8 @@ class MeshcatOverlay:
         self,
         meshcat: Meshcat,
         *,
-        phase_names: Sequence[str] = (),
-        legend: Mapping[str, Rgba] | None = None,
+        phase_names: Sequence[str],
+        legend: Mapping[str, Rgba],
     ):
         """Draws everything that can be shown, and hides all but the legend.
 
@@ -62,7 +62,7 @@ class MeshcatOverlay:
         Args:
             meshcat: Where to draw.
             phase_names: The phases' names, in the order of their indices.
-            legend: Label -> colour, for each thing drawn; None or empty for no legend.
+            legend: Label -> colour, for each thing drawn.
         """
         self._meshcat, self._num_phases = meshcat, len(phase_names)
         meshcat.SetProperty(CAMERA_PATH, "fov", math.degrees(FIELD_OF_VIEW))
@@ -80,24 +80,23 @@ class MeshcatOverlay:
         self._place_line("error", _ERROR_HEIGHT, _ERROR_SIZE, width)
         self._draw_text("error/line", [(_ERROR_LINE, _TEXT_COLOR)], _ERROR_SIZE)
         self._draw_digits()
-        if legend:
-            self._draw_legend(legend)
+        self._draw_legend(legend)
         self.show_phase(None)
         self.show_error(math.nan)
 
     def show_phase(self, index: int | None, time: float | None = None) -> None:
         """Shows the phase with this index at `time` in the recording [s].
 
-        None hides the phase, and so does an index without a name.
+        The phase is hidden if the index is None or has no name.
         """
         known = index is not None and 0 <= index < self._num_phases
         self._meshcat.SetProperty(f"{OVERLAY_PATH}/phase", "visible", known, time)
         self._show_one("phase/name", self._num_phases, index, time)
 
     def show_error(self, mean_error: float, time: float | None = None) -> None:
-        """Shows the mean point error [m] at `time` in the recording [s], in mm up to 999.9.
+        """Shows the mean point error [m] at `time` in the recording [s].
 
-        A value that is not finite hides the line.
+        The display is in mm and ends at 999.9. A value that is not finite hides the line.
         """
         finite = math.isfinite(mean_error)
         self._meshcat.SetProperty(f"{OVERLAY_PATH}/error", "visible", finite, time)
@@ -106,7 +105,7 @@ class MeshcatOverlay:
             self._show_one(f"error/place_{place}", 10, None if digit == " " else int(digit), time)
 
     def _show_one(self, name: str, count: int, chosen: int | None, time: float | None) -> None:
-        """Shows one of `count` texts. All get a keyframe, so that any part can be replayed."""
+        """Shows one of `count` texts and hides the rest; a recording gets a keyframe for each."""
         for index in range(count):
             self._meshcat.SetProperty(
                 f"{OVERLAY_PATH}/{name}/{index}", "visible", index == chosen, time

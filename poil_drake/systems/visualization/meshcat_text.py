@@ -1,7 +1,7 @@
-"""Text in Meshcat, which has no text objects: rectangles that show pictures of text.
+"""Text in Meshcat, drawn as pictures on rectangles because Meshcat has no text objects.
 
-A recording holds changes of properties, never new objects. A text that changes is therefore a set
-of texts, all drawn beforehand, of which one at a time is visible.
+A recording holds changes of properties, never new objects. To change a text, draw all its versions
+in advance and make one of them visible at a time.
 """
 
 import base64
@@ -15,7 +15,7 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh, Meshcat, Rgba
 
 LINE_HEIGHT = 1.4
-"""Height of the picture of a line of text, as a multiple of the font size."""
+"""Height of a line's picture, as a multiple of the font size."""
 
 _DESCENT = 0.4  # Height of that picture below the baseline, as a multiple of the font size.
 _RESOLUTION = 64  # [px] per font size; about the size of the text on a screen.
@@ -46,8 +46,8 @@ def DrawText(
     Args:
         meshcat: Where to draw.
         path: The Meshcat path of the new object.
-        pieces: The pieces of the line from left to right, and the colour of each. The lights of
-            the scene do not change the colours.
+        pieces: (text, colour) of each piece of the line, from left to right. The lights of the
+            scene do not change the colours.
         size: Font size [m].
         bold: Whether to use the bold face.
     """
@@ -78,7 +78,10 @@ def DrawText(
 
 
 def DrawRectangle(meshcat: Meshcat, path: str, *, width: float, height: float, color: Rgba) -> None:
-    """Draws a rectangle [m] in the x-y plane of `path`, centred at its origin; unlit like text."""
+    """Draws a rectangle [m] in the x-y plane of `path`, centred at its origin.
+
+    The lights of the scene do not change the colour.
+    """
     pixel = np.round(255.0 * np.array([color.r(), color.g(), color.b(), color.a()]))
     _draw_picture(meshcat, path, pixel.astype(np.uint8).reshape(1, 1, 4), width, height)
 

@@ -101,7 +101,8 @@ class PointSetVisualizer(LeafSystem):
         self._draw(meshcat, reference, phase_names)
         self.DeclarePeriodicPublishEvent(self._config.period, 0.0, self._publish_motion)
         self.DeclarePeriodicPublishEvent(self._config.text_period, 0.0, self._publish_text)
-        self.DeclareForcedPublishEvent(self._publish_all)
+        self.DeclareForcedPublishEvent(self._publish_motion)
+        self.DeclareForcedPublishEvent(self._publish_text)
 
     def _declare_ports(self) -> None:
         size = 3 * self._num_points
@@ -165,10 +166,6 @@ class PointSetVisualizer(LeafSystem):
                 "ω": Rgba(*config.angular_color),
             },
         )
-
-    def _publish_all(self, context: Context) -> None:
-        self._publish_motion(context)
-        self._publish_text(context)
 
     def _publish_motion(self, context: Context) -> None:
         time = context.get_time()

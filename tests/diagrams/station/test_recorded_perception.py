@@ -43,9 +43,9 @@ def test_the_schedules_are_those_of_the_log():
 
     assert list(tracker.captured) == [0.0, 0.125, 0.25]
     # What was captured at 0.125 s was never released.
-    assert list(tracker.released) == [(0.1875, 0), (0.4375, 2)]
+    assert list(tracker.released) == [(0.1875, 0.0), (0.4375, 0.25)]
     assert list(detector.captured) == [0.0625]
-    assert list(detector.released) == [(0.0625, 0)]
+    assert list(detector.released) == [(0.0625, 0.0625)]
 
 
 def test_tracks_are_repeated_with_their_times_and_statuses():
@@ -66,7 +66,7 @@ def test_a_status_logged_with_the_track_takes_precedence():
 
 
 def test_impossible_times_are_reported_with_their_topic():
-    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* no earlier capture"):
+    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* precedes its"):
         RecordedTimings(make_run(early=0.2), period=1 / 256)
 
 

@@ -78,7 +78,7 @@ def test_garbage_is_reported_and_the_next_image_is_read(dut: LcmImageDevice, url
     dut.open()
     sender = DrakeLcm(url)
     sender.Publish("CAMERA", b"garbage")
-    with pytest.raises(NoImageError, match="not an lcmt_image_array"):
+    with pytest.raises(NoImageError, match="no lcmt_image_array"):
         dut.read()
     sender.Publish("CAMERA", message(2.0))
 

@@ -129,8 +129,8 @@ def test_images_may_be_compressed() -> None:
 @pytest.mark.parametrize(
     ("sent", "said"),
     [
-        (b"garbage", "7 bytes are not an lcmt_image_array"),
-        (encode_images(image(), camera="left")[:-9], "are not an lcmt_image_array"),
+        (b"garbage", "7 bytes are no lcmt_image_array"),
+        (encode_images(image(), camera="left")[:-9], "are no lcmt_image_array"),
         (replaced(0, width=W + 1), "6 x 3 pixels, not 5 x 3"),
         (replaced(0, data=b"\0" * 7), "holds 7 bytes instead of 45"),
         (replaced(0, channel_type=lcmt_image.CHANNEL_TYPE_FLOAT64), "channel type 7"),

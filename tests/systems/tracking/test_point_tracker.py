@@ -134,7 +134,7 @@ def test_tracking_once_stops_when_the_points_are_found(make_bench: MakeBench) ->
 
 def test_a_replay_skips_what_its_log_lacks(make_bench: MakeBench) -> None:
     timing = RecordedTiming(
-        captured=(0.125, 0.25), released=((0.1875, 0), (0.3125, 1)), period=1 / 64
+        captured=(0.125, 0.25), released=((0.1875, 0.125), (0.3125, 0.25)), period=1 / 64
     )
     bench = make_bench(timing=timing, scene=Scene(frozen_from=0.125), with_stamps=True)
 

@@ -71,10 +71,9 @@ def test_everything_fits_into_the_height_of_the_screen(spy, dut):
     assert spy.properties[CAMERA_PATH, "fov"] == pytest.approx(math.degrees(FIELD_OF_VIEW))
 
 
-def test_an_overlay_without_phases_and_legend_is_possible():
+def test_an_overlay_without_phases_is_possible():
     meshcat = Meshcat(MeshcatParams(host="localhost"))
 
-    MeshcatOverlay(meshcat)
+    MeshcatOverlay(meshcat, phase_names=(), legend={"points": Rgba(1, 0, 0)})
 
     assert meshcat.HasPath(f"{OVERLAY_PATH}/error")
-    assert not meshcat.HasPath(f"{OVERLAY_PATH}/legend")
