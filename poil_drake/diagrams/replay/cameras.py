@@ -12,17 +12,16 @@ _SAME_LENGTH = 1e-5
 """Positions closer than this [m] count as equal: far below any calibration error."""
 
 _SAME_ANGLE = 1e-5
-"""Rotations smaller than this [rad] are ignored: a tenth of a millimetre at ten metres."""
+"""Rotations smaller than this [rad] are ignored: they move a point at ten metres by 0.1 mm."""
 
 _SAME_PIXELS = 1e-3
 """Focal lengths and principal points closer than this [px] count as equal."""
 
 
 def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
-    """Returns a clause for each camera that differs from the one of that name in the log.
+    """Returns remarks on the cameras whose intrinsics or poses differ from the log's.
 
-    Models and calibrations may have changed since the run, or come from another machine. Cameras
-    missing from the log are skipped.
+    Each remark is a clause about one camera. Cameras missing from the log are skipped.
 
     Args:
         run: The recorded run.

@@ -1,4 +1,4 @@
-"""A simulated robot behind its driver's network interface, for the hardware station."""
+"""A simulated robot that the hardware station commands over LCM, like the real one."""
 
 import time
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ class DriverStation:
         station: The simulated robot and its surroundings.
         driver: Receives the arm's commands and sends its status.
         hand: Receives the hand's commands and sends its status.
-        feed: Sends the cameras' images; None without cameras.
+        feed: Sends the cameras' images over LCM; None without cameras.
         renderer: Renders the cameras' images; None without cameras.
     """
 
@@ -40,7 +40,7 @@ class DriverStation:
     renderer: CameraProcess | None = None
 
     def Close(self) -> None:
-        """Ends the cameras' thread and process, if there are any."""
+        """Ends the thread of `feed` and the process of `renderer`, if any."""
         if self.feed is not None and self.renderer is not None:
             # First the thread that sends requests, then the process that answers them.
             self.feed.close()
@@ -57,16 +57,16 @@ def MakeDriverStation(
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
-    """Builds a simulated robot that is commanded and reports over LCM, like the real one.
+    """Builds a simulated robot that receives commands and sends statuses over LCM.
 
     Args:
         scenario: The models and the cameras.
-        lcm: The network; the diagram handles its subscriptions at every plant step.
+        lcm: The network. The diagram handles its subscriptions at every plant step.
         channels: Names of the LCM channels; None for those of the Franka driver.
         config: The driver's behaviour; None for the defaults.
         cameras: Whether to send the images of the cameras that the hardware station reads from
-            LCM. If so, close the result after use.
-        meshcat: Shows the simulated scene.
+            LCM. If so, call `DriverStation.Close` after use.
+        meshcat: Shows the simulated scene; None shows nothing.
         clock: Returns the driver's time [s since the epoch].
 
     Raises:

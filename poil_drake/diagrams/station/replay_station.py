@@ -70,12 +70,12 @@ class ReplayStation(Station):
         - <camera>.label_image
         - <camera>.image_time
 
-    The ports are those of `HardwareStation` and `panda.position_commanded` (7,) [rad]: the posture
-    commanded in the run, as commands move nothing here. The station ignores its inputs. Its outputs
-    show the log at the time of the context (see `RecordedRobot` and `RecordedCameras`), and are NaN
-    or empty before the first sample. `<camera>.label_image` exists for cameras that have label
-    images in the log. As in `HardwareStation`, the scenario's models give the poses of the robot's
-    base and the cameras.
+    The ports are those of `HardwareStation`, and `panda.position_commanded` (7,) [rad], the posture
+    that was commanded in the run. The station ignores its inputs. Its outputs have the values in
+    the log at the time of the context (see `RecordedRobot` and `RecordedCameras`). Before the first
+    sample, vectors are NaN and images are empty. `<camera>.label_image` exists for cameras that
+    have label images in the log. As in `HardwareStation`, the scenario's models give the poses of
+    the robot's base and the cameras.
     """
 
     def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):
@@ -87,7 +87,7 @@ class ReplayStation(Station):
             repeat_tracks: Whether to repeat the run's tracks instead of tracking its images.
 
         Raises:
-            PoilError: if the scenario's models or the recorded times are inconsistent.
+            PoilError: if the scenario's models are inconsistent, or the recorded times are.
         """
         super().__init__()
         self.scenario, self._run = scenario, run
@@ -163,7 +163,7 @@ class ReplayStation(Station):
         )
 
     def _shown_at(self, image: StoredImages) -> float:
-        """Returns the time [s] of the control tick at which an image appeared, before its use."""
+        """Returns the time [s] of the last control tick at or before perception used an image."""
         uses = [
             self._run.numbers[topic].at(image.time)[0]
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
@@ -174,16 +174,16 @@ class ReplayStation(Station):
 
     @property
     def tracker_timing(self) -> RecordedTiming:
-        """See `Station.tracker_timing`: the run's."""
+        """The tracker's timing in the run; see `Station.tracker_timing`."""
         return self._tracker_timing
 
     @property
     def detector_timing(self) -> RecordedTiming:
-        """See `Station.detector_timing`: the run's."""
+        """The detector's timing in the run; see `Station.detector_timing`."""
         return self._detector_timing
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
-        """See `Station.MakeImagelessTracker`: repeats the run's tracks, if asked to."""
+        """Returns a tracker that repeats the run's tracks, or None without `repeat_tracks`."""
         if not self._repeat_tracks:
             return None
         return RecordedTracker(
@@ -194,14 +194,14 @@ class ReplayStation(Station):
 
     @property
     def clock(self) -> RecordedClock | None:
-        """See `Station.clock`: the run's, if it had one."""
+        """The clock that the run recorded; None if it recorded no clock."""
         return self._clock
 
 
 def _known_early(series: Series) -> Series:
-    """Returns a series in which the first finite values appear one sample earlier.
+    """Returns a series whose first finite sample holds from the time of the sample before it.
 
-    If the first sample is finite already, its values hold at all earlier times.
+    If there is no sample before it, it holds at all earlier times.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

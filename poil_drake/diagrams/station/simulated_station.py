@@ -63,15 +63,17 @@ class SimulatedStation(Station):
         - contact_results
         - plant_state
 
-    All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), in [rad],
-    [rad/s] or [N m]; `panda.torque_external` holds the joint torques due to contacts. `hand.width`
-    is in [m]. `panda` stands for the robot's name in the scenario.
+    All inputs are optional. Without them, the arm and the hand hold still. Joint vectors are (7,),
+    in [rad], [rad/s] or [N m]; `panda.torque_external` holds the joint torques due to contacts.
+    `panda.velocity_time` (1,) is the stamp of the command [s] (see `PandaVelocityDriver`).
+    `hand.width` (1,) is in [m]. `panda` stands for the robot's name in the scenario.
 
     Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
     In that case, images are captured at the tracker's rate, rendered by a separate process, and
-    appear `output_delay` later; before the first, they are empty (see `DelayedCameras`). The
-    process receives only the plant's positions (see `CameraProcess`). It starts with the first
-    capture, or with `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
+    appear `output_delay` after the capture. Until the first one appears, the ports hold empty
+    images (see `DelayedCameras`). The process receives only the plant's positions (see
+    `CameraProcess`). It starts with the first capture, or with `Start`; `WarmUp` waits until it is
+    ready, and `Close` ends it.
     `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
@@ -175,12 +177,12 @@ class SimulatedStation(Station):
 
     @property
     def detector_timing(self) -> SimulatedDelay:
-        """See `Station.detector_timing`: in simulation, results are available at once."""
+        """See `Station.detector_timing`. Results are released at once."""
         period = self.scenario.poil.rates.tracker
         return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
-        """See `Station.MakeImagelessTracker`: ground truth, if that is `poil.tracker`."""
+        """Returns a ground-truth tracker if `poil.tracker` names it, else None."""
         poil = self.scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None
@@ -196,7 +198,7 @@ class SimulatedStation(Station):
 
         Args:
             context: The station's own context.
-            labels: Whether to render the label images, too.
+            labels: Whether to include label images.
 
         Raises:
             StationError: if the rendering process has ended.

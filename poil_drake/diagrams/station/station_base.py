@@ -19,7 +19,7 @@ from poil_drake.systems.capture_timing import CaptureTiming
 
 
 class Station(Diagram):
-    """A robot, its hand and its cameras behind named ports: see `MakeStation`.
+    """A robot, its hand and its cameras behind named ports, built by `MakeStation`.
 
     `Start` starts the station's threads and processes, `WarmUp` waits until they are ready, and
     `Close` ends them; a `with` block does all three.
@@ -27,7 +27,7 @@ class Station(Diagram):
     Attributes:
         scenario: The scenario of the station.
         label_ids: Render labels by name, such as "mug", "mug/handle" or "rack".
-        camera_models: The cameras' models; cameras do not move.
+        camera_models: Intrinsics and fixed poses of the cameras.
     """
 
     scenario: Scenario
@@ -64,13 +64,13 @@ class Station(Diagram):
         raise NotImplementedError
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
-        """Returns a tracker that needs no images; None if images are to be tracked.
+        """Returns a tracker that needs no images, or None if `poil.tracker` needs images.
 
         Args:
             plan: The plan whose target points are tracked.
 
         Raises:
-            ScenarioError: if `poil.tracker` is the ground truth, which the station does not have.
+            ScenarioError: if `poil.tracker` is ground truth, but the station is not simulated.
         """
         if self.scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
@@ -116,17 +116,17 @@ class Station(Diagram):
         """Ends the station's threads and processes. The station cannot be used afterwards."""
 
     def Rest(self) -> None:
-        """Brings the robot to rest, independently of the loop, and waits until it rests."""
+        """Brings the robot to rest without the control loop, and waits until it rests."""
 
     def HandleMessages(self) -> None:
         """Handles received messages, so that the next update sees them."""
 
     def Problems(self) -> tuple[str, ...]:
-        """Returns the problems of the station's threads, processes and networks, a clause each."""
+        """Returns problems of the station's threads, processes and networks, one clause each."""
         return ()
 
     def plant(self) -> MultibodyPlant:
-        """Returns the simulated plant; otherwise, an unsimulated plant of the scenario's models."""
+        """Returns the plant of the scenario's models; only `SimulatedStation` simulates it."""
         return self._plant
 
     def scene_graph(self) -> SceneGraph:

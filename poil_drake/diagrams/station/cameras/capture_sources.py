@@ -23,24 +23,30 @@ _USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)
 
 
 def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
-    """Returns the URL of one of the scenario's LCM networks; `usual` if it sets none.
+    """Returns the URL of one of the scenario's LCM networks.
+
+    Args:
+        scenario: Defines the networks in `lcm_buses`.
+        bus: Name of the network.
+        usual: The URL to return if the scenario does not set one.
 
     Raises:
-        ScenarioError: if the scenario does not define the network, unless it has a default name,
-            or if the network has a channel suffix.
+        ScenarioError: if `lcm_buses` does not define the network and its name is not a default, or
+            if the network has a channel suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
         if bus not in _USUAL_BUSES:
             raise ScenarioError(
                 f"poil.hardware names the LCM network '{bus}', which lcm_buses does not define.",
-                remedy=f"Define it there, or choose one of: {', '.join(scenario.lcm_buses)}.",
+                remedy="Define it in lcm_buses, or choose one of: "
+                f"{', '.join(scenario.lcm_buses)}.",
             )
         return usual
     if params.channel_suffix:
         raise ScenarioError(
-            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but a suffix "
-            "is not supported on hardware.",
+            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but suffixes are not "
+            "supported on hardware.",
             remedy="Leave it out, and set full channel names in poil.hardware.channels and in each "
             "!LcmImages.",
         )
@@ -83,11 +89,11 @@ def SendsLabels(source: CameraSource) -> bool:
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that every source belongs to a camera of the scenario, and that no two share a device.
+    """Checks that each source belongs to a camera, and that no two cameras share a device.
 
     Raises:
-        ScenarioError: naming a camera that the scenario does not have, or two sources that may be
-            the same device.
+        ScenarioError: naming a camera that the scenario does not have, or two cameras whose serial
+            numbers do not tell them apart.
     """
     _check_serials(scenario.poil.hardware.cameras)
     for name in scenario.poil.hardware.cameras:
