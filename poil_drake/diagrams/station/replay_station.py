@@ -35,7 +35,6 @@ from poil_drake.recording.run_log.layout import (
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
-from poil_drake.systems.capture_timing import RecordedTiming
 from poil_drake.systems.panda.recorded_robot import (
     HAND,
     JOINTS,
@@ -78,6 +77,8 @@ class ReplayStation(Station):
     the robot's base and the cameras.
     """
 
+    clock: RecordedClock | None
+
     def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):
         """Constructs the station.
 
@@ -93,9 +94,9 @@ class ReplayStation(Station):
         self.scenario, self._run = scenario, run
         self._kind = run.metadata.get(STATION_KEY, SIMULATED)
         status = run.numbers[ROBOT_STATUS_TOPIC]
-        self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
+        self.clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
         self._repeat_tracks = repeat_tracks
-        self._tracker_timing, self._detector_timing = RecordedTimings(
+        self.tracker_timing, self.detector_timing = RecordedTimings(
             run, period=scenario.poil.rates.control
         )
         builder = DiagramBuilder()
@@ -128,7 +129,7 @@ class ReplayStation(Station):
                 status=status,
                 postures=run.postures,
                 period=self.scenario.poil.rates.control,
-                clock=self._clock,
+                clock=self.clock,
                 leading=leading,
             ),
         )
@@ -172,16 +173,6 @@ class ReplayStation(Station):
         period = self.scenario.poil.rates.control
         return float(np.floor(use / period + _ROUNDING) * period)
 
-    @property
-    def tracker_timing(self) -> RecordedTiming:
-        """The tracker's timing in the run; see `Station.tracker_timing`."""
-        return self._tracker_timing
-
-    @property
-    def detector_timing(self) -> RecordedTiming:
-        """The detector's timing in the run; see `Station.detector_timing`."""
-        return self._detector_timing
-
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
         """Returns a tracker that repeats the run's tracks, or None without `repeat_tracks`."""
         if not self._repeat_tracks:
@@ -191,11 +182,6 @@ class ReplayStation(Station):
             num_points=len(plan.target_points),
             period=self.scenario.poil.rates.control,
         )
-
-    @property
-    def clock(self) -> RecordedClock | None:
-        """The clock that the run recorded; None if it recorded no clock."""
-        return self._clock
 
 
 def _known_early(series: Series) -> Series:

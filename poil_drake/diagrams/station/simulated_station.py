@@ -93,7 +93,6 @@ class SimulatedStation(Station):
         builder = DiagramBuilder()
         poil = scenario.poil
         self.scenario = scenario
-        self._capture_offset = 0.0
         self._camera_process: CameraProcess | None = None
         self._delayed_cameras: DelayedCameras | None = None
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
@@ -115,8 +114,15 @@ class SimulatedStation(Station):
             config=scenario.model_drivers.get(poil.robot, PandaDriver()),
             time_step=poil.rates.plant,
         )
+        offset = 0.0
         if cameras:
-            self._add_cameras(builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch)
+            offset = self._add_cameras(
+                builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch
+            )
+        self.detector_timing = SimulatedDelay(period=poil.rates.tracker, offset=offset, latency=0.0)
+        # `poil.latency` counts from the capture of the images.
+        latency = max(poil.latency - offset, 0.0)
+        self.tracker_timing = replace(self.detector_timing, latency=latency)
         # Before the visualization, which in newer versions of Drake uses this port for dragging.
         builder.ExportInput(
             self._plant.get_applied_spatial_force_input_port(), "applied_spatial_force"
@@ -139,7 +145,8 @@ class SimulatedStation(Station):
         ignore_output_delay: bool,
         package_xmls: Sequence[str | Path],
         stopwatch: Stopwatch | None,
-    ) -> None:
+    ) -> float:
+        """Adds the cameras; returns the time at which perception first captures images [s]."""
         scenario = self.scenario
         delay = CameraDelay(scenario.cameras)
         if ignore_output_delay or delay == 0.0:
@@ -151,9 +158,7 @@ class SimulatedStation(Station):
                 noise=scenario.poil.depth_noise,
                 seed=scenario.random_seed,
             )
-            return
-        # Perception can use an image from the control period after the one in which it appears.
-        self._capture_offset = delay + scenario.poil.rates.control
+            return 0.0
         self._camera_process = CameraProcess(scenario, package_xmls)
         self._delayed_cameras = AddDelayedCameras(
             builder=builder,
@@ -165,21 +170,8 @@ class SimulatedStation(Station):
             stopwatch=stopwatch,
         )
         self.camera_models = self._delayed_cameras.cameras
-
-    @property
-    def tracker_timing(self) -> SimulatedDelay:
-        """See `Station.tracker_timing`."""
-        return replace(
-            self.detector_timing,
-            # `poil.latency` counts from the capture of the images.
-            latency=max(self.scenario.poil.latency - self._capture_offset, 0.0),
-        )
-
-    @property
-    def detector_timing(self) -> SimulatedDelay:
-        """See `Station.detector_timing`. Results are released at once."""
-        period = self.scenario.poil.rates.tracker
-        return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
+        # Perception can use an image from the control period after the one in which it appears.
+        return delay + scenario.poil.rates.control
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
         """Returns a ground-truth tracker if `poil.tracker` names it, else None."""
@@ -194,15 +186,7 @@ class SimulatedStation(Station):
         )
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns each camera's current image; `CaptureFrame` combines them into a frame.
-
-        Args:
-            context: The station's own context.
-            labels: Whether to include label images.
-
-        Raises:
-            StationError: if the rendering process has ended.
-        """
+        """See `Station.TakeImages`."""
         if self._camera_process is None:
             return tuple(
                 ReadImage(diagram=self, context=context, name=name, labels=labels)

@@ -28,11 +28,17 @@ class Station(Diagram):
         scenario: The scenario of the station.
         label_ids: Render labels by name, such as "mug", "mug/handle" or "rack".
         camera_models: Intrinsics and fixed poses of the cameras.
+        tracker_timing: When a tracker captures images of the station and releases its results.
+        detector_timing: When a detector captures images of the station and releases its results.
+        clock: A clock [s] that runs even while the context does not advance; None in simulation.
     """
 
     scenario: Scenario
     label_ids: Mapping[str, tuple[int, ...]]
     camera_models: tuple[CameraModel, ...] = ()
+    tracker_timing: CaptureTiming
+    detector_timing: CaptureTiming
+    clock: Callable[[], float] | None = None
     _plant: MultibodyPlant
     _scene_graph: SceneGraph
 
@@ -53,16 +59,6 @@ class Station(Diagram):
         """The names of the cameras; empty if the station was built without cameras."""
         return tuple(camera.name for camera in self.camera_models)
 
-    @property
-    def tracker_timing(self) -> CaptureTiming:
-        """When a tracker captures images of the station and releases its results."""
-        raise NotImplementedError
-
-    @property
-    def detector_timing(self) -> CaptureTiming:
-        """When a detector captures images of the station and releases its results."""
-        raise NotImplementedError
-
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
         """Returns a tracker that needs no images, or None if `poil.tracker` needs images.
 
@@ -74,11 +70,6 @@ class Station(Diagram):
         """
         if self.scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
-        return None
-
-    @property
-    def clock(self) -> Callable[[], float] | None:
-        """A clock [s] that runs even while the context does not advance; None in simulation."""
         return None
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:

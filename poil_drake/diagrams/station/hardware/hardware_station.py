@@ -103,7 +103,8 @@ class HardwareStation(Station):
         self.scenario = scenario
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
-        self._steady_clock = self._config.steady_clock()
+        # Changes of the system time do not affect this clock.
+        self.clock = self._config.steady_clock()
         self._plant, self._scene_graph, self.label_ids = MakeUnsimulatedPlant(
             scenario,
             package_xmls=package_xmls,
@@ -115,6 +116,10 @@ class HardwareStation(Station):
         self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
+        # Images are captured in every other period, and the log is written in the periods between.
+        self.tracker_timing = self.detector_timing = Worker(
+            period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period
+        )
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,
@@ -169,26 +174,6 @@ class HardwareStation(Station):
             ),
         )
         ExportOutputs(builder, system)
-
-    @property
-    def tracker_timing(self) -> Worker:
-        """See `Station.tracker_timing`.
-
-        Images are captured after the command in every other control period. The log is written in
-        the periods between.
-        """
-        period = self.scenario.poil.rates.control
-        return Worker(period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period)
-
-    @property
-    def detector_timing(self) -> Worker:
-        """See `Station.detector_timing`."""
-        return self.tracker_timing
-
-    @property
-    def clock(self) -> Clock:
-        """A clock [s since the epoch] unaffected by changes of the system time."""
-        return self._steady_clock
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
