@@ -1,6 +1,6 @@
 """Compares the cameras of a replay with those of the run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,32 +27,20 @@ def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, .
         run: The recorded run.
         models: The cameras of the replay.
     """
-    notes = []
-    for model in models:
-        if differences := (*_intrinsics(run, model), *_pose(run, model)):
-            notes.append(f"in the run, camera '{model.name}' {' and '.join(differences)}")
-    return tuple(notes)
+    found = {model.name: " and ".join(_differences(run, model)) for model in models}
+    return tuple(f"in the run, camera '{name}' {text}" for name, text in found.items() if text)
 
 
-def _intrinsics(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
-    found = run.calibrations.get(model.name)
-    if found is None:
-        return ()
-    if (found.width, found.height) != (model.width, model.height):
-        return (f"had {found.width} x {found.height} pixels",)
-    largest = float(np.abs(found.K - model.K).max())
-    return (f"had intrinsics that differ by {largest:.2g} px",) if largest > _SAME_PIXELS else ()
-
-
-def _pose(run: RecordedRun, model: CameraModel) -> tuple[str, ...]:
-    X_WC = run.camera_poses.get(model.name)
-    if X_WC is None:
-        return ()
-    differences = []
-    distance = float(np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3]))
-    if distance > _SAME_LENGTH:
-        differences.append(f"was {1e3 * distance:.2g} mm from its present position")
-    angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
-    if angle > _SAME_ANGLE:
-        differences.append(f"was rotated by {np.rad2deg(angle):.2g} deg")
-    return tuple(differences)
+def _differences(run: RecordedRun, model: CameraModel) -> Iterator[str]:
+    if (found := run.calibrations.get(model.name)) is not None:
+        if (found.width, found.height) != (model.width, model.height):
+            yield f"had {found.width} x {found.height} pixels"
+        elif (largest := np.abs(found.K - model.K).max()) > _SAME_PIXELS:
+            yield f"had intrinsics that differ by {largest:.2g} px"
+    if (X_WC := run.camera_poses.get(model.name)) is not None:
+        distance = np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3])
+        if distance > _SAME_LENGTH:
+            yield f"was {1e3 * distance:.2g} mm from its present position"
+        angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
+        if angle > _SAME_ANGLE:
+            yield f"was rotated by {np.rad2deg(angle):.2g} deg"
