@@ -157,13 +157,12 @@ def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
         )
 
 
-def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
+def RequireImages(run: RecordedRun, scenario: Scenario) -> None:
     """Checks that a log holds the images that the detector and the tracker need.
 
     Args:
         run: The run.
         scenario: Names the cameras and the detector.
-        remedy: The error's remedy.
 
     Raises:
         RunLogError: if a camera has no images, or lacks label images that the detector needs.
@@ -175,7 +174,7 @@ def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
         if not images or (scenario.poil.detector == LABEL_IMAGE and not labelled):
             raise RunLogError(
                 f"The log '{run.path}' holds no {kind}images of the camera '{camera}'.",
-                remedy=remedy,
+                remedy="Repeat the run's tracks with --tracker recorded.",
             )
 
 

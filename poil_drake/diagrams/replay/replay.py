@@ -94,13 +94,12 @@ def Replay(
         outputs={kind: str(file) for kind, file in vars(outputs).items() if file is not None},
     )
     if outputs.png is not None:
-        limits = PandaModel().velocity
         make_replay_picture(
             outputs.png,
             summary=summary,
             recorded=setup.run,
             replayed=replayed,
-            velocity_limits=limits,
+            velocity_limits=PandaModel().velocity,
         )
     if outputs.json is not None:
         summary.write_json(outputs.json)

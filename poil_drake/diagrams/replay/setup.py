@@ -101,7 +101,7 @@ def SetUpReplay(
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
         make_detector(scenario.poil.detector)
-        RequireImages(run, scenario, remedy=f"Repeat the run's tracks with --tracker {RECORDED}.")
+        RequireImages(run, scenario)
     RequireTopics(run, repeat_tracks=used == RECORDED)
     RequireTimes(run, recorded)
     changed = scenario_text is not None or (
