@@ -89,12 +89,8 @@ class CameraProcess:
             try:
                 return self._worker.ask(request)
             except WorkerEndedError as error:
-                raise _ended(str(error)) from error
-
-
-def _ended(reason: str) -> StationError:
-    return StationError(
-        f"The cameras' process {reason}.",
-        remedy="Check its output, and whether memory ran out. Cameras with output_delay 0 need no "
-        "process.",
-    )
+                raise StationError(
+                    f"The cameras' process {error}.",
+                    remedy="Check its output, and whether memory ran out. Cameras with "
+                    "output_delay 0 need no process.",
+                ) from error

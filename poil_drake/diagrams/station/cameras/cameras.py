@@ -240,14 +240,14 @@ def _check_camera(name: str, config: CameraConfig) -> None:
 def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
     """Returns X_WB, the pose of a camera's body, after checking that the body cannot move."""
     path = f"cameras.{name}.X_PB"
-    # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
-    poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
     base = config.X_PB.base_frame or "world"
     try:
-        finite = {
-            key: np.isfinite(pose.GetDeterministicValue().GetAsMatrix4()).all()
-            for key, pose in poses.items()
-        }
+        wrong = [
+            key
+            # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
+            for key in ("X_PB", "X_BC", "X_BD")
+            if not np.isfinite(getattr(config, key).GetDeterministicValue().GetAsMatrix4()).all()
+        ]
         frame = GetScopedFrameByName(plant, base)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
@@ -255,9 +255,10 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
             remedy="Use a deterministic pose, and either leave out base_frame (for the world) or "
             "name a frame that is welded to the world.",
         ) from error
-    if not all(finite.values()):
-        wrong = ", ".join(key for key in finite if not finite[key])
-        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Use finite numbers.")
+    if wrong:
+        raise ScenarioError(
+            f"cameras.{name}.{', '.join(wrong)} is not finite.", remedy="Use finite numbers."
+        )
     if not plant.IsAnchored(frame.body()):
         raise ScenarioError(
             f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",

@@ -1,6 +1,5 @@
 """The capture devices of the hardware station's cameras, and the networks they use."""
 
-from collections.abc import Mapping
 from itertools import combinations
 
 from poil_drake.diagrams.scenario.hardware_config import (
@@ -95,16 +94,7 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
         ScenarioError: naming a camera that the scenario does not have, or two cameras whose serial
             numbers do not tell them apart.
     """
-    _check_serials(scenario.poil.hardware.cameras)
-    for name in scenario.poil.hardware.cameras:
-        if name not in scenario.cameras:
-            raise ScenarioError(
-                f"poil.hardware.cameras names '{name}', which is not among the cameras.",
-                remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
-            )
-
-
-def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
+    cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):
         same = {name: source for name, source in cameras.items() if isinstance(source, kind)}
         for (first, one), (second, other) in combinations(same.items(), 2):
@@ -115,4 +105,10 @@ def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
                 f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
                 "cannot be told apart.",
                 remedy="Set the serial of each to the number printed on the camera.",
+            )
+    for name in cameras:
+        if name not in scenario.cameras:
+            raise ScenarioError(
+                f"poil.hardware.cameras names '{name}', which is not among the cameras.",
+                remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
             )
