@@ -34,7 +34,6 @@ from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
-from poil_drake.systems.lcm.shared_channel import SharedChannel
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
@@ -226,10 +225,7 @@ class HardwareStation(Station):
         while missing := self._older_than(start):
             self._wait(deadline, missing)
         senders = (self._robot.sender, self._robot.hand_sender)
-        self._refuse_others([one.channel for one in senders if one is not None])
-
-    def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
-        """Raises a StationError if another process sends commands or statuses."""
+        channels = [one.channel for one in senders if one is not None]
         for channel in channels:
             channel.foreign = 0
         end = time.monotonic() + _LISTEN / self._config.time_scale
