@@ -148,7 +148,7 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
 
 
 def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
-    """Returns the default tolerances."""
+    """Returns the default tolerances of a replay with a tracker."""
     if tracker == RECORDED:
         return CONTROL_TOLERANCES
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
@@ -187,6 +187,6 @@ def _times(scenario: Scenario) -> dict[str, float]:
 
 
 def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
-    """Returns whether cameras or directives differ, so that cameras may have moved."""
+    """Returns whether the cameras or the directives differ. Directives may move cameras, too."""
     nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
     return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

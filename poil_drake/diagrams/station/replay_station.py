@@ -88,7 +88,7 @@ class ReplayStation(Station):
             repeat_tracks: Whether to repeat the run's tracks instead of tracking its images.
 
         Raises:
-            PoilError: if the scenario's models are inconsistent, or the recorded times are.
+            PoilError: if the scenario's models or the recorded times are inconsistent.
         """
         super().__init__()
         self.scenario, self._run = scenario, run
@@ -187,7 +187,7 @@ class ReplayStation(Station):
 def _known_early(series: Series) -> Series:
     """Returns a series whose first finite sample holds from the time of the sample before it.
 
-    If there is no sample before it, it holds at all earlier times.
+    If there is no sample before it, the first finite sample holds at all earlier times.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

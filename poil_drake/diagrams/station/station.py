@@ -59,7 +59,8 @@ def MakeStation(
 
     Raises:
         ScenarioError: if the scenario is inconsistent.
-        StationError: if the station cannot be built.
+        StationError: if the robot is not a Panda, parser callbacks are combined with delayed
+            cameras, or the robot's network cannot be used.
         MissingDependencyError: if the Panda's description is not installed.
     """
     if hardware:

@@ -26,7 +26,7 @@ PrefinalizeCallback = Callable[[Parser], None]
 def MakeUnsimulatedPlant(
     scenario: Scenario, **options: Any
 ) -> tuple[MultibodyPlant, SceneGraph, Mapping[str, tuple[int, ...]]]:
-    """Makes a plant of the scenario's models that is not simulated, only used for kinematics.
+    """Makes a plant of the scenario's models for kinematics; nothing simulates it.
 
     Args:
         scenario: Names the models.

@@ -19,8 +19,8 @@ class CameraProcess:
 
     The process builds a second station from the same scenario, sets the requested positions of its
     plant, and renders. The images equal those of the original station bit for bit. Other changes in
-    the original station's context or scene graph do not show. A thread cannot render instead,
-    because VTK crashes on a thread. The process starts with the first request, or with `start`.
+    the original station's context or scene graph do not show. Rendering on a thread instead
+    is impossible, because VTK crashes there. The process starts with the first request or `start`.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):

@@ -55,8 +55,8 @@ def AddCameras(
         The cameras' models.
 
     Raises:
-        ScenarioError: if a camera's name differs from its key, its base moves, or Drake does not
-            accept one of its values.
+        ScenarioError: if a camera's name differs from its key, a camera is mounted on a body that
+            moves, or Drake does not accept a value of a configuration.
     """
     models = MakeCameraModels(plant, cameras)
     for index, (name, config) in enumerate(cameras.items()):

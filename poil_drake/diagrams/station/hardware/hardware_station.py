@@ -38,7 +38,7 @@ from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
 """Time from a camera's failure to the next attempt to open the camera [s of robot time]. An attempt
-may block Python for a second; the supervisor stops the arm before."""
+may block Python for a second; by then, the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
 """How long to listen for other senders [s of robot time]: a dozen control periods."""

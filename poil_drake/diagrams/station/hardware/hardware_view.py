@@ -41,7 +41,7 @@ def AddHardwareView(
     as well, translucent. A slider in Meshcat sets the real robot's opacity.
 
     Args:
-        builder: Receives the systems; must already hold those of `AddPandaHardware`.
+        builder: Receives the systems; must already hold the systems of `AddPandaHardware`.
         scenario: Names the models.
         plant: Holds the models.
         scene_graph: The plant's scene graph.

@@ -60,14 +60,14 @@ def AddPandaHardware(
     For a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
     `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
     `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
-    `poil_drake.systems.lcm.panda_receivers` for their values before the first status.
+    `poil_drake.systems.lcm.panda_receivers` for the outputs before the first status.
 
     Args:
         builder: Receives the systems.
         lcm: The network. The diagram handles its subscriptions once per period.
         name: The robot's name.
         period: The control period [s].
-        limiter: Computes how the arm brakes, at the same period.
+        limiter: Computes how the arm brakes; must have the same period.
         channels: Names of the LCM channels; None for those of the Franka driver.
         dry_run: Whether to send nothing. Commands then move a `KinematicRobot`, which starts at the
             real robot's posture, and the ports export that robot's measurements.
