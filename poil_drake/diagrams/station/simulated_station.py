@@ -18,10 +18,12 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.cameras import (
     AddCameras,
-    AddDelayedCameras,
     CameraDelay,
+    CheckCameras,
+    MakeCameraModels,
     ReadImage,
 )
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
@@ -159,17 +161,25 @@ class SimulatedStation(Station):
                 seed=scenario.random_seed,
             )
             return 0.0
+        self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
+        CheckCameras(scenario.cameras, lcm_buses)
         self._camera_process = CameraProcess(scenario, package_xmls)
-        self._delayed_cameras = AddDelayedCameras(
-            builder=builder,
-            plant=self._plant,
-            cameras=scenario.cameras,
-            lcm_buses=lcm_buses,
-            renderer=self._camera_process,
-            period=scenario.poil.rates.tracker,
-            stopwatch=stopwatch,
+        self._delayed_cameras = builder.AddNamedSystem(
+            "cameras",
+            DelayedCameras(
+                renderer=self._camera_process,
+                cameras=self.camera_models,
+                num_positions=self._plant.num_positions(),
+                num_velocities=self._plant.num_velocities(),
+                period=scenario.poil.rates.tracker,
+                delay=delay,
+                stopwatch=stopwatch,
+            ),
         )
-        self.camera_models = self._delayed_cameras.cameras
+        builder.Connect(
+            self._plant.get_state_output_port(), self._delayed_cameras.GetInputPort("plant_state")
+        )
+        ExportOutputs(builder, self._delayed_cameras)
         # Perception can use an image from the control period after the one in which it appears.
         return delay + scenario.poil.rates.control
 

@@ -16,13 +16,10 @@ from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
 from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
-from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
-from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import copied_image
-from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
@@ -80,51 +77,6 @@ def AddCameras(
     return models
 
 
-def AddDelayedCameras(
-    *,
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    cameras: Mapping[str, CameraConfig],
-    lcm_buses: LcmBuses,
-    renderer: SceneRenderer,
-    period: float,
-    stopwatch: Stopwatch | None,
-) -> DelayedCameras:
-    """Adds cameras whose images appear `output_delay` [s] after the capture.
-
-    Exports the same ports as `AddCameras`.
-
-    Args:
-        builder: Receives the cameras.
-        plant: The plant that the cameras see.
-        cameras: Name -> configuration.
-        lcm_buses: The scenario's LCM networks, to which nothing is published.
-        renderer: Renders the images.
-        period: Time from one capture to the next [s].
-        stopwatch: See `DelayedCameras`.
-
-    Raises:
-        ScenarioError: as in `AddCameras`, and if the cameras' delays differ.
-    """
-    models = MakeCameraModels(plant, cameras)
-    _require_usable(cameras, lcm_buses)
-    system = builder.AddNamedSystem(
-        "cameras",
-        DelayedCameras(
-            renderer=renderer,
-            cameras=models,
-            num_positions=plant.num_positions(),
-            num_velocities=plant.num_velocities(),
-            period=period,
-            delay=CameraDelay(cameras),
-            stopwatch=stopwatch,
-        ),
-    )
-    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-    ExportOutputs(builder, system)
-    return system
-
-
 def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
     """Returns the `output_delay` [s] that all cameras share; 0 without cameras.
 
@@ -179,6 +131,20 @@ def MakeCameraModels(
     return tuple(models)
 
 
+def CheckCameras(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
+    """Checks that Drake accepts cameras that another process will render.
+
+    Raises:
+        ScenarioError: if Drake does not accept a value of a configuration.
+    """
+    builder = DiagramBuilder()
+    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    for name, config in cameras.items():
+        alone = copy.copy(config)
+        alone.X_PB = Transform()
+        _apply(name, alone, builder, lcm_buses)
+
+
 def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: LcmBuses) -> None:
     """Adds a camera, ignoring its `output_delay`."""
     config = copy.copy(config)
@@ -192,19 +158,6 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
         ApplyCameraConfig(config, builder, lcm_buses=lcm_buses, lcm=lcm)
     except DRAKE_ERRORS as error:
         raise _unusable(name, error) from error
-
-
-def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
-    """Builds the cameras in an empty scene, so that Drake reports invalid values now.
-
-    Otherwise, the rendering process would report them, long after the station was built.
-    """
-    builder = DiagramBuilder()
-    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    for name, config in cameras.items():
-        alone = copy.copy(config)
-        alone.X_PB = Transform()
-        _apply(name, alone, builder, lcm_buses)
 
 
 def _unusable(name: str, error: BaseException) -> ScenarioError:
