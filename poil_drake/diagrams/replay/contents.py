@@ -30,21 +30,21 @@ SPARSE = 1.5
 """A log whose sampling period exceeds this multiple of the control period is sparse."""
 
 _LATEST_START = 4.0
-"""Latest time of the first sample, in logger periods: a slow disk may lose some samples."""
+"""Latest time of the first sample [logger periods]. A slow disk may lose the first samples."""
 
 _LONGEST_GAP = 60.0
-"""Longest allowed gap between samples [s]: no disk is that slow, and a replay simulates gaps."""
+"""Longest allowed gap between samples [s]. A slow disk leaves shorter gaps."""
 
 
 class _Topic(NamedTuple):
     """A signal that a replay needs.
 
     Attributes:
-        topic: Its topic.
-        what: Its name in errors.
+        topic: Topic of the signal.
+        what: Name of the signal in errors.
         is_logged: Returns whether a run's log holds the signal.
         is_needed: Returns whether a replay of the run needs the signal.
-        images_only: Whether only replays that track the images again need the signal.
+        images_only: Whether only replays that track the run's images again need the signal.
     """
 
     topic: str
@@ -106,7 +106,7 @@ def RequireAttachments(run: RecordedRun) -> None:
     """Checks that a log holds the scenario and the plan.
 
     Raises:
-        RunLogError: if either is missing.
+        RunLogError: if the scenario or the plan is missing.
     """
     for what, lacks in (
         ("scenario", run.scenario_text is None),
@@ -117,11 +117,11 @@ def RequireAttachments(run: RecordedRun) -> None:
 
 
 def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
-    """Checks that a log holds the signals without which the arm would not move in a replay.
+    """Checks that a log holds all signals that a replay needs.
 
     Args:
         run: The run.
-        repeat_tracks: Whether the replay repeats the run's tracks, and so needs no images.
+        repeat_tracks: Whether the replay repeats the run's tracks instead of tracking its images.
 
     Raises:
         RunLogError: naming a missing signal and its topic.
@@ -137,10 +137,10 @@ def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
 
     Args:
         run: The run.
-        scenario: Gives the logger's period.
+        scenario: The run's scenario, which sets the logger's period.
 
     Raises:
-        RunLogError: if the log begins later, or has a long gap.
+        RunLogError: if the log begins later or has a long gap.
     """
     times = run.joints.times
     edges = np.append(min(0.0, times[0]), times)
@@ -157,16 +157,15 @@ def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
         )
 
 
-def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
-    """Checks that a log has the images that the detector and the tracker need.
+def RequireImages(run: RecordedRun, scenario: Scenario) -> None:
+    """Checks that a log holds the images that the detector and the tracker need.
 
     Args:
         run: The run.
         scenario: Names the cameras and the detector.
-        remedy: The remedy that the error suggests.
 
     Raises:
-        RunLogError: if a camera has no images, or no label images although the detector needs them.
+        RunLogError: if a camera has no images, or lacks label images that the detector needs.
     """
     for camera in scenario.cameras:
         images = run.images.get(camera, [])
@@ -175,7 +174,7 @@ def RequireImages(run: RecordedRun, scenario: Scenario, *, remedy: str) -> None:
         if not images or (scenario.poil.detector == LABEL_IMAGE and not labelled):
             raise RunLogError(
                 f"The log '{run.path}' holds no {kind}images of the camera '{camera}'.",
-                remedy=remedy,
+                remedy="Repeat the run's tracks with --tracker recorded.",
             )
 
 
@@ -190,7 +189,7 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
     Args:
         run: The run.
         scenario: The run's scenario.
-        repeat_tracks: Whether the replay repeats the run's tracks, and so needs no images.
+        repeat_tracks: Whether the replay repeats the run's tracks instead of tracking its images.
     """
     notes = []
     if original := run.metadata.get(REPLAY_OF_KEY):

@@ -45,20 +45,23 @@ def Replay(
     tolerances: ReplayTolerances | None = None,
     show_progress: bool = True,
 ) -> ReplaySummary:
-    """Replays a run as fast as possible, and compares the new commands with those of the run.
+    """Replays a run as fast as possible, and compares the new commands with the recorded ones.
 
-    The robot's signals are those of the log, whatever is commanded now, so differences do not grow
-    over time. Perception captures images and releases results at the times of the run.
+    The robot's measurements come from the log and do not follow the new commands, so differences do
+    not grow over time. Perception captures images and releases results at the times of the run.
 
     Args:
-        path: The log of the run, even if the run was killed.
-        tracker: An image-based tracker, or `RECORDED`, which repeats the run's tracks. None: the
-            tracker of the run, or `RECORDED` if that was the ground truth.
+        path: The log of the run. The run may have been killed.
+        tracker: An image-based tracker, or `RECORDED`, which repeats the run's tracks. None selects
+            the run's tracker, or `RECORDED` if the run's tracker was the ground truth.
         scenario_text: YAML that changes values of the run's scenario, to try other settings.
-        outputs: Paths of the replay's log, picture and figures.
-        tolerances: The largest differences that count as equal. None: `CONTROL_TOLERANCES` if the
-            tracks are repeated, else `PERCEPTION_TOLERANCES` at the run's speed.
+        outputs: Paths of the replay's log, picture and figures; None writes nothing.
+        tolerances: The largest differences that count as equal. None selects `CONTROL_TOLERANCES`
+            if the tracks are repeated, else `PERCEPTION_TOLERANCES` scaled to the run's speed.
         show_progress: Whether to draw a progress bar.
+
+    Returns:
+        The comparison of the replay with the run.
 
     Raises:
         RunLogError: if the log is missing, damaged or incomplete.
@@ -91,13 +94,12 @@ def Replay(
         outputs={kind: str(file) for kind, file in vars(outputs).items() if file is not None},
     )
     if outputs.png is not None:
-        limits = PandaModel().velocity
         make_replay_picture(
             outputs.png,
             summary=summary,
             recorded=setup.run,
             replayed=replayed,
-            velocity_limits=limits,
+            velocity_limits=PandaModel().velocity,
         )
     if outputs.json is not None:
         summary.write_json(outputs.json)
@@ -177,7 +179,7 @@ def _advance(
 
 
 def _stops(run: RecordedRun, period: float) -> list[float]:
-    """Returns the time of the control tick that saw each stop request [s]."""
+    """Returns the time [s] of the control tick that saw each stop request."""
     series, asked = run.numbers[STOPS_TOPIC], 0.0
     ticks: list[float] = []
     for logged, requests in zip(series.times, series.values[:, 0], strict=True):

@@ -32,22 +32,22 @@ from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 
 RECORDED = "recorded"
-"""The tracker that repeats the run's own tracks."""
+"""Name of the tracker that repeats the run's tracks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplaySetup:
-    """The run, and the settings of its replay.
+    """A recorded run, and the settings of its replay.
 
     Attributes:
         run: The recorded run.
         scenario: The scenario of the replay.
         plan: The plan that was executed.
         tracker: An image-based tracker, or `RECORDED`.
-        changed: Whether the settings differ from the run's.
+        changed: Whether the user chose settings that differ from the run's.
         scenario_text: YAML that changes values of the run's scenario, or empty.
         tolerances: The largest differences that count as equal.
-        cameras_moved: Whether `scenario_text` changes cameras or directives, so cameras may move.
+        cameras_moved: Whether `scenario_text` changes cameras or directives; both may move cameras.
         notes: Remarks on the log, one clause each.
     """
 
@@ -101,7 +101,7 @@ def SetUpReplay(
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
         make_detector(scenario.poil.detector)
-        RequireImages(run, scenario, remedy=f"Repeat the run's tracks with --tracker {RECORDED}.")
+        RequireImages(run, scenario)
     RequireTopics(run, repeat_tracks=used == RECORDED)
     RequireTimes(run, recorded)
     changed = scenario_text is not None or (
@@ -124,7 +124,7 @@ def SetUpReplay(
 
 
 def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
-    """Returns the scenario of the run; adds the keys that this version lacks to `unknown`."""
+    """Returns the run's scenario; appends its keys that this version lacks to `unknown`."""
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
         file.write_text(run.scenario_text or "", encoding="utf-8")
@@ -143,12 +143,12 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
     try:
         return ExecutionPlan.from_bytes(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
     except PoilError as error:
-        remedy = "The log is damaged: copy it again from the original, or record a new run."
+        remedy = "Copy the log again from the original, or record a new run."
         raise RunLogError(error.problem, remedy=remedy) from error
 
 
 def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
-    """Returns the default tolerances."""
+    """Returns the default tolerances of a replay with a tracker."""
     if tracker == RECORDED:
         return CONTROL_TOLERANCES
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
@@ -159,7 +159,7 @@ def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTol
 
 
 def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
-    """Checks that the user changed no setting on which the times in the log depend.
+    """Checks that the user did not change settings that determine the times in the log.
 
     Raises:
         ScenarioError: naming a setting that was changed.
@@ -175,7 +175,7 @@ def _keep_times(recorded: Scenario, scenario: Scenario) -> None:
 
 
 def _times(scenario: Scenario) -> dict[str, float]:
-    """Returns the settings on which the times in the log depend [s], by their keys."""
+    """Returns the settings [s] that determine the times in the log, by their keys."""
     poil = scenario.poil
     return {
         "poil.rates.plant": poil.rates.plant,
@@ -187,6 +187,6 @@ def _times(scenario: Scenario) -> dict[str, float]:
 
 
 def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
-    """Returns whether cameras or directives differ, which can move cameras."""
+    """Returns whether the cameras or the directives differ. Directives may move cameras, too."""
     nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
     return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

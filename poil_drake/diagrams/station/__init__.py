@@ -1,1 +1,1 @@
-"""Stations: simulated, hardware, replay, and the simulated driver."""
+"""Stations for simulation, hardware and replay, and a simulated robot behind its driver."""

@@ -1,8 +1,7 @@
-"""A simulated robot behind its driver's network interface, for the hardware station."""
+"""A simulated robot that the hardware station commands over LCM, like the real one."""
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -26,21 +25,17 @@ class DriverStation:
     Attributes:
         diagram: The whole diagram, ready for a Simulator.
         station: The simulated robot and its surroundings.
-        driver: Receives the arm's commands and sends its status.
-        hand: Receives the hand's commands and sends its status.
-        feed: Sends the cameras' images; None without cameras.
+        feed: Sends the cameras' images over LCM; None without cameras.
         renderer: Renders the cameras' images; None without cameras.
     """
 
     diagram: Diagram
     station: SimulatedStation
-    driver: SimulatedDriver
-    hand: SimulatedHand
     feed: LcmCameraFeed | None = None
     renderer: CameraProcess | None = None
 
     def Close(self) -> None:
-        """Ends the cameras' thread and process, if there are any."""
+        """Ends the thread of `feed` and the process of `renderer`, if any."""
         if self.feed is not None and self.renderer is not None:
             # First the thread that sends requests, then the process that answers them.
             self.feed.close()
@@ -57,16 +52,16 @@ def MakeDriverStation(
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
-    """Builds a simulated robot that is commanded and reports over LCM, like the real one.
+    """Builds a simulated robot that receives commands and sends statuses over LCM.
 
     Args:
         scenario: The models and the cameras.
-        lcm: The network; the diagram handles its subscriptions at every plant step.
+        lcm: The network. The diagram handles its subscriptions at every plant step.
         channels: Names of the LCM channels; None for those of the Franka driver.
         config: The driver's behaviour; None for the defaults.
         cameras: Whether to send the images of the cameras that the hardware station reads from
-            LCM. If so, close the result after use.
-        meshcat: Shows the simulated scene.
+            LCM. If so, call `DriverStation.Close` after use.
+        meshcat: Shows the simulated scene; None shows nothing.
         clock: Returns the driver's time [s since the epoch].
 
     Raises:
@@ -110,24 +105,21 @@ def MakeDriverStation(
         (hand, "width", station, "hand.width"),
     ):
         builder.Connect(giver.GetOutputPort(output), taker.GetInputPort(input_))
-    parts: dict[str, Any] = {"station": station, "driver": driver, "hand": hand}
-    if cameras:
-        parts |= _add_feed(builder, scenario, station, clock)
-    return DriverStation(diagram=builder.Build(), **parts)
+    feed, renderer = _add_feed(builder, scenario, station, clock) if cameras else (None, None)
+    return DriverStation(diagram=builder.Build(), station=station, feed=feed, renderer=renderer)
 
 
 def _add_feed(
     builder: DiagramBuilder, scenario: Scenario, station: SimulatedStation, clock: Clock
-) -> dict[str, Any]:
+) -> tuple[LcmCameraFeed, CameraProcess] | tuple[None, None]:
     hardware = scenario.poil.hardware
-    sources = {name: hardware.cameras.get(name, LcmImages()) for name in scenario.cameras}
-    channels = {
-        name: ImageChannel(source, name)
-        for name, source in sources.items()
-        if isinstance(source, LcmImages)
-    }
+    channels = {}
+    for name in scenario.cameras:
+        source = hardware.cameras.get(name, LcmImages())
+        if isinstance(source, LcmImages):
+            channels[name] = ImageChannel(source, name)
     if not channels:
-        return {}
+        return None, None
     cameras = {name: scenario.cameras[name] for name in channels}
     renderer = CameraProcess(replace(scenario, cameras=cameras))
     plant = station.plant()
@@ -145,4 +137,4 @@ def _add_feed(
         ),
     )
     builder.Connect(station.GetOutputPort("plant_state"), feed.GetInputPort("plant_state"))
-    return {"feed": feed, "renderer": renderer}
+    return feed, renderer

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pydrake.systems.framework import DiagramBuilder, System
 
 COMMANDS = ("velocity", "velocity_time")
-"""Input ports of an arm."""
+"""Names of an arm's input ports."""
 
 MEASUREMENTS = ("position_measured", "velocity_measured", "torque_external")
-"""Output ports of an arm, except its status."""
+"""Names of an arm's output ports, except `status`."""
 
 
 def ExportPorts(builder: DiagramBuilder, system: System, names: Sequence[str], model: str) -> None:

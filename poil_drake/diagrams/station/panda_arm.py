@@ -36,7 +36,7 @@ def SetControllerGains(
         if not plant.HasJointActuatorNamed(name, robot):
             raise StationError(
                 f"The robot '{plant.GetModelInstanceName(robot)}' has no actuator '{name}'.",
-                remedy="Set poil.robot to a Panda (package://poil_drake_panda/panda.urdf).",
+                remedy="Set poil.robot to a model of package://poil_drake_panda/panda.urdf.",
             )
         plant.GetJointActuatorByName(name, robot).set_controller_gains(gain)
     # The real robot compensates for its own weight.
@@ -68,6 +68,13 @@ def AddPandaDrivers(
     `panda.velocity`, `panda.velocity_time`, `hand.width` and the outputs
     `panda.position_measured`, `panda.velocity_measured`, `panda.torque_external`, `panda.status`,
     `hand.width_measured`.
+
+    Args:
+        builder: Receives the drivers; must already hold the plant.
+        plant: The finalized plant.
+        robot: The Panda in the plant.
+        config: How the robot follows commands.
+        time_step: Period of the drivers [s].
     """
     name = plant.GetModelInstanceName(robot)
     fingers = plant.num_positions(robot) - NUM_JOINTS

@@ -17,18 +17,18 @@ from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTrack
 
 _DECIMALS = 9
-"""Decimals kept of a fraction of the control period, as recorded times are rounded."""
+"""Decimals to which offsets [control periods] are rounded, because recorded times are inexact."""
 
 
 def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[RecordedTiming, RecordedTiming]:
-    """Returns the capture and release times of a recorded run's tracker and detector.
+    """Returns the capture and release times of the tracker and the detector in a recorded run.
 
     Args:
         run: The run.
         period: The control period [s].
 
     Raises:
-        RunLogError: if a result was released before its capture.
+        RunLogError: if a result was released before its images were captured.
     """
     captured = [_captured(run, topic) for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)]
     offset = _offset(captured[0] or captured[1], period)
@@ -83,12 +83,13 @@ def RecordedTracks(run: RecordedRun) -> tuple[RecordedTrack, ...]:
 
 
 def _status(logged: LoggedTrack, number: float, statuses: Series) -> TrackerStatus:
-    """Returns the tracker's status for a track; without a logged one, infers it from the track.
+    """Returns the tracker's status for a track, inferred from the track if none was logged.
 
     Args:
         logged: The track.
         number: The status logged with the track's times; NaN in logs of older versions.
-        statuses: The periodically logged statuses; the next one after the track is used.
+        statuses: The periodically logged statuses. The first one after the track is used if
+            `number` is unknown.
     """
     later = int(np.searchsorted(statuses.times, logged.time))
     next_number = statuses.values[later, 0] if later < len(statuses) else np.nan

@@ -35,7 +35,6 @@ from poil_drake.recording.run_log.layout import (
 from poil_drake.recording.run_log.recorded_run import RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
-from poil_drake.systems.capture_timing import RecordedTiming
 from poil_drake.systems.panda.recorded_robot import (
     HAND,
     JOINTS,
@@ -70,13 +69,15 @@ class ReplayStation(Station):
         - <camera>.label_image
         - <camera>.image_time
 
-    The ports are those of `HardwareStation` and `panda.position_commanded` (7,) [rad]: the posture
-    commanded in the run, as commands move nothing here. The station ignores its inputs. Its outputs
-    show the log at the time of the context (see `RecordedRobot` and `RecordedCameras`), and are NaN
-    or empty before the first sample. `<camera>.label_image` exists for cameras that have label
-    images in the log. As in `HardwareStation`, the scenario's models give the poses of the robot's
-    base and the cameras.
+    The ports are those of `HardwareStation`, and `panda.position_commanded` (7,) [rad], the posture
+    that was commanded in the run. The station ignores its inputs. Its outputs have the values in
+    the log at the time of the context (see `RecordedRobot` and `RecordedCameras`). Before the first
+    sample, vectors are NaN and images are empty. `<camera>.label_image` exists for cameras that
+    have label images in the log. As in `HardwareStation`, the scenario's models give the poses of
+    the robot's base and the cameras.
     """
+
+    clock: RecordedClock | None
 
     def __init__(self, scenario: Scenario, run: RecordedRun, *, repeat_tracks: bool = False):
         """Constructs the station.
@@ -93,9 +94,9 @@ class ReplayStation(Station):
         self.scenario, self._run = scenario, run
         self._kind = run.metadata.get(STATION_KEY, SIMULATED)
         status = run.numbers[ROBOT_STATUS_TOPIC]
-        self._clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
+        self.clock = RecordedClock() if np.isfinite(status.values[:, 3]).any() else None
         self._repeat_tracks = repeat_tracks
-        self._tracker_timing, self._detector_timing = RecordedTimings(
+        self.tracker_timing, self.detector_timing = RecordedTimings(
             run, period=scenario.poil.rates.control
         )
         builder = DiagramBuilder()
@@ -128,7 +129,7 @@ class ReplayStation(Station):
                 status=status,
                 postures=run.postures,
                 period=self.scenario.poil.rates.control,
-                clock=self._clock,
+                clock=self.clock,
                 leading=leading,
             ),
         )
@@ -163,7 +164,7 @@ class ReplayStation(Station):
         )
 
     def _shown_at(self, image: StoredImages) -> float:
-        """Returns the time [s] of the control tick at which an image appeared, before its use."""
+        """Returns the time [s] of the last control tick at or before perception used an image."""
         uses = [
             self._run.numbers[topic].at(image.time)[0]
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
@@ -172,18 +173,8 @@ class ReplayStation(Station):
         period = self.scenario.poil.rates.control
         return float(np.floor(use / period + _ROUNDING) * period)
 
-    @property
-    def tracker_timing(self) -> RecordedTiming:
-        """See `Station.tracker_timing`: the run's."""
-        return self._tracker_timing
-
-    @property
-    def detector_timing(self) -> RecordedTiming:
-        """See `Station.detector_timing`: the run's."""
-        return self._detector_timing
-
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
-        """See `Station.MakeImagelessTracker`: repeats the run's tracks, if asked to."""
+        """Returns a tracker that repeats the run's tracks, or None without `repeat_tracks`."""
         if not self._repeat_tracks:
             return None
         return RecordedTracker(
@@ -192,16 +183,11 @@ class ReplayStation(Station):
             period=self.scenario.poil.rates.control,
         )
 
-    @property
-    def clock(self) -> RecordedClock | None:
-        """See `Station.clock`: the run's, if it had one."""
-        return self._clock
-
 
 def _known_early(series: Series) -> Series:
-    """Returns a series in which the first finite values appear one sample earlier.
+    """Returns a series whose first finite sample holds from the time of the sample before it.
 
-    If the first sample is finite already, its values hold at all earlier times.
+    If there is no sample before it, the first finite sample holds at all earlier times.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

@@ -18,10 +18,12 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.cameras import (
     AddCameras,
-    AddDelayedCameras,
     CameraDelay,
+    CheckCameras,
+    MakeCameraModels,
     ReadImage,
 )
+from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
@@ -63,15 +65,17 @@ class SimulatedStation(Station):
         - contact_results
         - plant_state
 
-    All inputs are optional: without them arm and hand hold still. Joint vectors are (7,), in [rad],
-    [rad/s] or [N m]; `panda.torque_external` holds the joint torques due to contacts. `hand.width`
-    is in [m]. `panda` stands for the robot's name in the scenario.
+    All inputs are optional. Without them, the arm and the hand hold still. Joint vectors are (7,),
+    in [rad], [rad/s] or [N m]; `panda.torque_external` holds the joint torques due to contacts.
+    `panda.velocity_time` (1,) is the stamp of the command [s] (see `PandaVelocityDriver`).
+    `hand.width` (1,) is in [m]. `panda` stands for the robot's name in the scenario.
 
     Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
     In that case, images are captured at the tracker's rate, rendered by a separate process, and
-    appear `output_delay` later; before the first, they are empty (see `DelayedCameras`). The
-    process receives only the plant's positions (see `CameraProcess`). It starts with the first
-    capture, or with `Start`; `WarmUp` waits until it is ready, and `Close` ends it.
+    appear `output_delay` after the capture. Until the first one appears, the ports hold empty
+    images (see `DelayedCameras`). The process receives only the plant's positions (see
+    `CameraProcess`). It starts with the first capture, or with `Start`; `WarmUp` waits until it is
+    ready, and `Close` ends it.
     `<camera>.image_time` (1,) is the time of the capture [s].
     """
 
@@ -91,7 +95,6 @@ class SimulatedStation(Station):
         builder = DiagramBuilder()
         poil = scenario.poil
         self.scenario = scenario
-        self._capture_offset = 0.0
         self._camera_process: CameraProcess | None = None
         self._delayed_cameras: DelayedCameras | None = None
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
@@ -113,8 +116,15 @@ class SimulatedStation(Station):
             config=scenario.model_drivers.get(poil.robot, PandaDriver()),
             time_step=poil.rates.plant,
         )
+        offset = 0.0
         if cameras:
-            self._add_cameras(builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch)
+            offset = self._add_cameras(
+                builder, lcm_buses, ignore_output_delay, package_xmls, stopwatch
+            )
+        self.detector_timing = SimulatedDelay(period=poil.rates.tracker, offset=offset, latency=0.0)
+        # `poil.latency` counts from the capture of the images.
+        latency = max(poil.latency - offset, 0.0)
+        self.tracker_timing = replace(self.detector_timing, latency=latency)
         # Before the visualization, which in newer versions of Drake uses this port for dragging.
         builder.ExportInput(
             self._plant.get_applied_spatial_force_input_port(), "applied_spatial_force"
@@ -137,7 +147,8 @@ class SimulatedStation(Station):
         ignore_output_delay: bool,
         package_xmls: Sequence[str | Path],
         stopwatch: Stopwatch | None,
-    ) -> None:
+    ) -> float:
+        """Adds the cameras; returns the time at which perception first captures images [s]."""
         scenario = self.scenario
         delay = CameraDelay(scenario.cameras)
         if ignore_output_delay or delay == 0.0:
@@ -149,38 +160,31 @@ class SimulatedStation(Station):
                 noise=scenario.poil.depth_noise,
                 seed=scenario.random_seed,
             )
-            return
-        # Perception can use an image from the control period after the one in which it appears.
-        self._capture_offset = delay + scenario.poil.rates.control
+            return 0.0
+        self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
+        CheckCameras(scenario.cameras, lcm_buses)
         self._camera_process = CameraProcess(scenario, package_xmls)
-        self._delayed_cameras = AddDelayedCameras(
-            builder=builder,
-            plant=self._plant,
-            cameras=scenario.cameras,
-            lcm_buses=lcm_buses,
-            renderer=self._camera_process,
-            period=scenario.poil.rates.tracker,
-            stopwatch=stopwatch,
+        self._delayed_cameras = builder.AddNamedSystem(
+            "cameras",
+            DelayedCameras(
+                renderer=self._camera_process,
+                cameras=self.camera_models,
+                num_positions=self._plant.num_positions(),
+                num_velocities=self._plant.num_velocities(),
+                period=scenario.poil.rates.tracker,
+                delay=delay,
+                stopwatch=stopwatch,
+            ),
         )
-        self.camera_models = self._delayed_cameras.cameras
-
-    @property
-    def tracker_timing(self) -> SimulatedDelay:
-        """See `Station.tracker_timing`."""
-        return replace(
-            self.detector_timing,
-            # `poil.latency` counts from the capture of the images.
-            latency=max(self.scenario.poil.latency - self._capture_offset, 0.0),
+        builder.Connect(
+            self._plant.get_state_output_port(), self._delayed_cameras.GetInputPort("plant_state")
         )
-
-    @property
-    def detector_timing(self) -> SimulatedDelay:
-        """See `Station.detector_timing`: in simulation, results are available at once."""
-        period = self.scenario.poil.rates.tracker
-        return SimulatedDelay(period=period, offset=self._capture_offset, latency=0.0)
+        ExportOutputs(builder, self._delayed_cameras)
+        # Perception can use an image from the control period after the one in which it appears.
+        return delay + scenario.poil.rates.control
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> GroundTruthTracker | None:
-        """See `Station.MakeImagelessTracker`: ground truth, if that is `poil.tracker`."""
+        """Returns a ground-truth tracker if `poil.tracker` names it, else None."""
         poil = self.scenario.poil
         if poil.tracker != GROUND_TRUTH:
             return None
@@ -192,15 +196,7 @@ class SimulatedStation(Station):
         )
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """Returns each camera's current image; `CaptureFrame` combines them into a frame.
-
-        Args:
-            context: The station's own context.
-            labels: Whether to render the label images, too.
-
-        Raises:
-            StationError: if the rendering process has ended.
-        """
+        """See `Station.TakeImages`."""
         if self._camera_process is None:
             return tuple(
                 ReadImage(diagram=self, context=context, name=name, labels=labels)

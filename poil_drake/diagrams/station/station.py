@@ -45,13 +45,13 @@ def MakeStation(
 
     Args:
         scenario: The models, the cameras and the task.
-        meshcat: Shows the scene.
+        meshcat: Shows the scene; None shows nothing.
         hardware: Whether to make a `HardwareStation` instead of a `SimulatedStation`. The ports are
             the same, except those that only a simulation has.
-        dry_run: On hardware, whether to send nothing and move a `KinematicRobot` instead.
+        dry_run: On hardware, whether to move a `KinematicRobot` and send nothing to the robot.
         cameras: Whether to add the cameras and the renderer; leave them out for speed.
-        ignore_output_delay: Whether images are rendered when their ports are evaluated, regardless
-            of the cameras' `output_delay`: for pictures without a simulation.
+        ignore_output_delay: Whether to render images when their ports are evaluated, regardless of
+            the cameras' `output_delay`. Set this to take pictures without simulating.
         package_xmls: Further `package.xml` files, for `package://` URLs in the directives.
         stopwatch: Receives the times spent on rendering delayed images and on waiting for them.
         parser_preload_callback: Called with the parser before the directives are read.
@@ -59,7 +59,8 @@ def MakeStation(
 
     Raises:
         ScenarioError: if the scenario is inconsistent.
-        StationError: if the station cannot be built.
+        StationError: if the robot is not a Panda, parser callbacks are combined with delayed
+            cameras, or the robot's network cannot be used.
         MissingDependencyError: if the Panda's description is not installed.
     """
     if hardware:
@@ -95,7 +96,7 @@ def RequireLabels(station: Station) -> None:
     """Checks that every camera provides label images, if the detector reads them.
 
     Raises:
-        ScenarioError: naming a camera that does not.
+        ScenarioError: naming a camera that does not provide them.
     """
     poil = station.scenario.poil
     for name in station.camera_names:
@@ -104,12 +105,12 @@ def RequireLabels(station: Station) -> None:
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
-    """Captures an image with every camera now, regardless of output delays.
+    """Returns a frame of images that every camera captures now, regardless of output delays.
 
     Args:
         station: The station.
         context: The station's own context, not that of a diagram around it.
-        labels: Whether to include label images, which take as long to render as the others.
+        labels: Whether to include label images, which take additional time to render.
 
     Raises:
         StationError: if the station has no cameras, or cannot capture images.

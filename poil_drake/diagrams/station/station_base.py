@@ -19,7 +19,7 @@ from poil_drake.systems.capture_timing import CaptureTiming
 
 
 class Station(Diagram):
-    """A robot, its hand and its cameras behind named ports: see `MakeStation`.
+    """A robot, its hand and its cameras behind named ports, built by `MakeStation`.
 
     `Start` starts the station's threads and processes, `WarmUp` waits until they are ready, and
     `Close` ends them; a `with` block does all three.
@@ -27,12 +27,18 @@ class Station(Diagram):
     Attributes:
         scenario: The scenario of the station.
         label_ids: Render labels by name, such as "mug", "mug/handle" or "rack".
-        camera_models: The cameras' models; cameras do not move.
+        camera_models: Intrinsics and fixed poses of the cameras.
+        tracker_timing: When a tracker captures images of the station and releases its results.
+        detector_timing: When a detector captures images of the station and releases its results.
+        clock: A clock [s] that runs even while the context does not advance; None in simulation.
     """
 
     scenario: Scenario
     label_ids: Mapping[str, tuple[int, ...]]
     camera_models: tuple[CameraModel, ...] = ()
+    tracker_timing: CaptureTiming
+    detector_timing: CaptureTiming
+    clock: Callable[[], float] | None = None
     _plant: MultibodyPlant
     _scene_graph: SceneGraph
 
@@ -53,32 +59,17 @@ class Station(Diagram):
         """The names of the cameras; empty if the station was built without cameras."""
         return tuple(camera.name for camera in self.camera_models)
 
-    @property
-    def tracker_timing(self) -> CaptureTiming:
-        """When a tracker captures images of the station and releases its results."""
-        raise NotImplementedError
-
-    @property
-    def detector_timing(self) -> CaptureTiming:
-        """When a detector captures images of the station and releases its results."""
-        raise NotImplementedError
-
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
-        """Returns a tracker that needs no images; None if images are to be tracked.
+        """Returns a tracker that needs no images, or None if `poil.tracker` needs images.
 
         Args:
             plan: The plan whose target points are tracked.
 
         Raises:
-            ScenarioError: if `poil.tracker` is the ground truth, which the station does not have.
+            ScenarioError: if `poil.tracker` is ground truth, but the station is not simulated.
         """
         if self.scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()
-        return None
-
-    @property
-    def clock(self) -> Callable[[], float] | None:
-        """A clock [s] that runs even while the context does not advance; None in simulation."""
         return None
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
@@ -116,17 +107,17 @@ class Station(Diagram):
         """Ends the station's threads and processes. The station cannot be used afterwards."""
 
     def Rest(self) -> None:
-        """Brings the robot to rest, independently of the loop, and waits until it rests."""
+        """Brings the robot to rest without the control loop, and waits until it rests."""
 
     def HandleMessages(self) -> None:
         """Handles received messages, so that the next update sees them."""
 
     def Problems(self) -> tuple[str, ...]:
-        """Returns the problems of the station's threads, processes and networks, a clause each."""
+        """Returns problems of the station's threads, processes and networks, one clause each."""
         return ()
 
     def plant(self) -> MultibodyPlant:
-        """Returns the simulated plant; otherwise, an unsimulated plant of the scenario's models."""
+        """Returns the plant of the scenario's models; only `SimulatedStation` simulates it."""
         return self._plant
 
     def scene_graph(self) -> SceneGraph:

@@ -26,11 +26,14 @@ PrefinalizeCallback = Callable[[Parser], None]
 def MakeUnsimulatedPlant(
     scenario: Scenario, **options: Any
 ) -> tuple[MultibodyPlant, SceneGraph, Mapping[str, tuple[int, ...]]]:
-    """Returns an unsimulated plant of the scenario's models, its scene graph and render labels.
+    """Makes a plant of the scenario's models for kinematics; nothing simulates it.
 
     Args:
         scenario: Names the models.
-        options: See `AddStationModels`.
+        options: Further arguments of `AddStationModels`.
+
+    Returns:
+        The plant, its scene graph, and its render labels by name.
     """
     plant, scene_graph = MultibodyPlant(scenario.poil.rates.plant), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -47,11 +50,11 @@ def AddStationModels(
     parser_preload_callback: PrefinalizeCallback | None = None,
     parser_prefinalize_callback: PrefinalizeCallback | None = None,
 ) -> Mapping[str, tuple[int, ...]]:
-    """Adds the scenario's models to an empty plant, and finalizes it.
+    """Adds the scenario's models to an empty plant, finalizes it, and returns the render labels.
 
     Args:
         plant: The plant.
-        scene_graph: Its scene graph.
+        scene_graph: The plant's scene graph.
         scenario: Names the models and their initial positions.
         package_xmls: Further `package.xml` files, for `package://` URLs in the directives.
         parser_preload_callback: Called with the parser before the directives are read.

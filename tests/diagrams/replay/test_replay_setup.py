@@ -1,7 +1,7 @@
 """What a log must contain for a replay, and which settings a user may choose."""
 
-import dataclasses
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from poil_drake.diagrams.replay.setup import RECORDED, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.comparison.tolerances import (
@@ -31,6 +32,13 @@ from poil_drake.recording.run_log.writer import RunLogWriter
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     return record(path, short_scenario(), short_plan(), 0.125)
+
+
+def with_samples(folder: Path, scenario: Scenario, times: Sequence[float] = (0.0,)) -> Path:
+    """Writes the log of a run in which the arm stood still."""
+    with OpenRunLog(folder / "run.mcap", plan=short_plan(), scenario=scenario) as log:
+        write_samples(log, times)
+    return folder / "run.mcap"
 
 
 def test_a_log_contains_what_was_run(log: Path) -> None:
@@ -71,11 +79,10 @@ def test_settings_that_this_version_lacks_are_noted(log: Path, tmp_path: Path) -
 
 
 def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
-    with OpenRunLog(tmp_path / "run.mcap", plan=short_plan(), scenario=short_scenario()):
-        pass
+    path = with_samples(tmp_path, short_scenario(), times=())
 
     with pytest.raises(RunLogError, match="holds no joint states"):
-        SetUpReplay(tmp_path / "run.mcap")
+        SetUpReplay(path)
 
 
 def test_a_log_that_was_cut_off_too_early_is_reported(log: Path, tmp_path: Path) -> None:
@@ -117,21 +124,16 @@ def test_damaged_attachments_are_named(
     ],
 )
 def test_unsuitable_settings_are_refused(
-    log: Path, tmp_path: Path, tracker: str | None, text: str | None, said: str
+    tmp_path: Path, tracker: str | None, text: str | None, said: str
 ) -> None:
-    seen = dataclasses.replace(short_scenario(), cameras=ChooseScenario().cameras)
-    path = tmp_path / "run.mcap"
-    with OpenRunLog(path, plan=short_plan(), scenario=seen) as writer:
-        write_samples(writer)
+    path = with_samples(tmp_path, ChooseScenario(tracker="ground_truth"))
 
     with pytest.raises(PoilError, match=said):
         SetUpReplay(path, tracker=tracker, scenario_text=text)
 
 
 def test_the_ground_truth_needs_the_simulator(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with OpenRunLog(path, plan=short_plan(), scenario=ChooseScenario()) as writer:
-        write_samples(writer)
+    path = with_samples(tmp_path, ChooseScenario())
 
     with pytest.raises(RunLogError, match="needs the simulator"):
         SetUpReplay(path, tracker="ground_truth")
@@ -237,9 +239,7 @@ def test_unknown_times_are_noted(tmp_path: Path) -> None:
 def test_a_log_of_other_times_is_refused(
     tmp_path: Path, times: tuple[float, ...], said: str
 ) -> None:
-    path = tmp_path / "run.mcap"
-    with OpenRunLog(path, plan=short_plan(), scenario=short_scenario()) as writer:
-        write_samples(writer, times)
+    path = with_samples(tmp_path, short_scenario(), times)
 
     with pytest.raises(RunLogError, match=re.escape(said)) as caught:
         SetUpReplay(path)

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagram_wiring import ports
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform
 from station_state import GetObjectPose, SetObjectPose, SetRobotPosition
 from system_bench import SystemBench
 
@@ -96,14 +96,6 @@ def test_the_hand_opens_and_closes_at_its_speed(bench: SystemBench) -> None:
     np.testing.assert_allclose(bench.read("hand.width_measured"), 0.07, atol=1e-3)
     bench.advance_to(0.5)
     np.testing.assert_allclose(bench.read("hand.width_measured"), 0.05, atol=1e-4)
-
-
-def test_poses_are_set_and_read(station: Station, bench: SystemBench) -> None:
-    X_WO = RigidTransform(RollPitchYaw(0.1, -0.7, 2.0), [0.5, 0.1, 0.6])
-
-    SetObjectPose(station, bench.context, X_WO)
-
-    assert GetObjectPose(station, bench.context).IsNearlyEqualTo(X_WO, 1e-12)
 
 
 def test_a_robot_that_was_put_somewhere_stays_there(station: Station, bench: SystemBench) -> None:

@@ -17,19 +17,18 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 class CameraProcess:
     """A `SceneRenderer` that renders a station's cameras in a separate process.
 
-    The process builds a second station from the same scenario, sets the given positions and
-    renders; its images equal those of the original station bit for bit. It receives only positions:
-    other changes in the station's context or scene graph do not show. A process is needed because
-    VTK, Drake's renderer that needs no display, crashes on a thread; a process also leaves the
-    interpreter to the simulation. The process starts with the first request, or with `start`.
+    The process builds a second station from the same scenario, sets the requested positions of its
+    plant, and renders. The images equal those of the original station bit for bit. Other changes in
+    the original station's context or scene graph do not show. Rendering on a thread instead
+    is impossible, because VTK crashes there. The process starts with the first request or `start`.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
-        """Stores the setup; starts nothing.
+        """Stores the setup, but does not start the process.
 
         Args:
             scenario: The station's scenario.
-            package_xmls: Further `package.xml` files for its directives.
+            package_xmls: Further `package.xml` files, for `package://` URLs in the directives.
         """
         self._scenario = DumpScenario(scenario, named=False)
         self._package_xmls = [str(Path(path).resolve()) for path in package_xmls]
@@ -39,7 +38,7 @@ class CameraProcess:
 
     @property
     def pid(self) -> int | None:
-        """Process ID; None while there is no process."""
+        """The process ID; None while there is no process."""
         return None if self._worker is None else self._worker.pid
 
     def start(self) -> None:
@@ -90,12 +89,8 @@ class CameraProcess:
             try:
                 return self._worker.ask(request)
             except WorkerEndedError as error:
-                raise _ended(str(error)) from error
-
-
-def _ended(reason: str) -> StationError:
-    return StationError(
-        f"The cameras' process {reason}.",
-        remedy="Check its output, and whether memory ran out. Cameras with output_delay 0 need no "
-        "process.",
-    )
+                raise StationError(
+                    f"The cameras' process {error}.",
+                    remedy="Check its output, and whether memory ran out. Cameras with "
+                    "output_delay 0 need no process.",
+                ) from error

@@ -14,7 +14,7 @@ from poil_drake.runtime.worker_process import serve
 
 
 class CameraService:
-    """Renders the cameras of a station whose plant it sets to the requested positions."""
+    """Builds a station, and renders its cameras at requested positions of its plant."""
 
     def __init__(self, setup: tuple[str, list[str]]):
         """Builds the station.
@@ -33,8 +33,10 @@ class CameraService:
     def __call__(self, request: tuple[Any, ...]) -> tuple[RgbdImage, ...] | tuple[np.ndarray, ...]:
         """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
 
+        See `SceneRenderer` for the positions and the time.
+
         Returns:
-            The image or the label image of each camera; empty after warming up.
+            The image or the label image of each camera; an empty tuple for "warm up".
         """
         kind, *scene = request
         if kind == "warm up":

@@ -16,13 +16,10 @@ from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
 from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
-from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
-from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import copied_image
-from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
@@ -37,20 +34,26 @@ def AddCameras(
     noise: StereoDepthNoiseConfig,
     seed: int,
 ) -> tuple[CameraModel, ...]:
-    """Adds cameras without a delay but with depth noise, and exports their images.
+    """Adds cameras with depth noise but without a delay, and exports their images.
 
-    An image is rendered when its port is evaluated, so consumers sample in their own periodic
-    events.
+    An image is rendered when its port is evaluated. Exports `<name>.rgb_image` (ImageRgba8U),
+    `<name>.depth_image` (ImageDepth32F [m], noisy, 0 where invalid), `<name>.label_image`
+    (ImageLabel16I) and `<name>.image_time` (1,), the current time [s].
 
-    Exports `<name>.rgb_image` (ImageRgba8U), `<name>.depth_image` (ImageDepth32F, noisy, 0 where
-    invalid), `<name>.label_image` (ImageLabel16I) and `<name>.image_time` [s], the current time.
+    Args:
+        builder: Receives the cameras; must already hold the plant.
+        plant: The plant that the cameras see.
+        cameras: Name -> configuration.
+        lcm_buses: The LCM networks to which Drake may publish the images.
+        noise: Noise of the depth images.
+        seed: Seed of the noise.
 
     Returns:
         The cameras' models.
 
     Raises:
-        ScenarioError: if a camera's name differs from its key, its base moves, or Drake does not
-            accept one of its values.
+        ScenarioError: if a camera's name differs from its key, a camera is mounted on a body that
+            moves, or Drake does not accept a value of a configuration.
     """
     models = MakeCameraModels(plant, cameras)
     for index, (name, config) in enumerate(cameras.items()):
@@ -74,70 +77,25 @@ def AddCameras(
     return models
 
 
-def AddDelayedCameras(
-    *,
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    cameras: Mapping[str, CameraConfig],
-    lcm_buses: LcmBuses,
-    renderer: SceneRenderer,
-    period: float,
-    stopwatch: Stopwatch | None,
-) -> DelayedCameras:
-    """Adds cameras whose images appear `output_delay` after the capture.
-
-    Exports the same ports as `AddCameras`.
-
-    Args:
-        builder: Receives the cameras.
-        plant: The plant that the cameras see.
-        cameras: Their configuration.
-        lcm_buses: The LCM networks; images are not sent to them.
-        renderer: Renders the images.
-        period: Time from one capture to the next [s].
-        stopwatch: See `DelayedCameras`.
-
-    Raises:
-        ScenarioError: as in `AddCameras`, and if the cameras' delays differ.
-    """
-    models = MakeCameraModels(plant, cameras)
-    _require_usable(cameras, lcm_buses)
-    system = builder.AddNamedSystem(
-        "cameras",
-        DelayedCameras(
-            renderer=renderer,
-            cameras=models,
-            num_positions=plant.num_positions(),
-            num_velocities=plant.num_velocities(),
-            period=period,
-            delay=CameraDelay(cameras),
-            stopwatch=stopwatch,
-        ),
-    )
-    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
-    ExportOutputs(builder, system)
-    return system
-
-
 def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:
-    """Returns the delay that all cameras share [s]; 0 without cameras.
+    """Returns the `output_delay` [s] that all cameras share; 0 without cameras.
 
     Raises:
-        ScenarioError: if the delays differ, or one is negative or not finite.
+        ScenarioError: if the delays differ, or if a delay is negative or not finite.
     """
     delays = {name: config.output_delay for name, config in cameras.items()}
     for name, delay in delays.items():
         first, expected = next(iter(delays.items()))
         if not 0.0 <= delay < math.inf:
             raise ScenarioError(
-                f"cameras.{name}.output_delay is {delay} s.",
-                remedy="Use a finite delay that is not negative.",
+                f"cameras.{name}.output_delay is {delay} s, which is negative or not finite.",
+                remedy="Set it to a finite time of at least 0 s.",
             )
         if delay != expected:
             raise ScenarioError(
                 f"cameras.{name}.output_delay is {delay} s, but cameras.{first}.output_delay is "
-                f"{expected} s.",
-                remedy="Set one output_delay for all cameras: a frame holds images of one instant.",
+                f"{expected} s: a frame needs images of one instant.",
+                remedy="Set the same output_delay for all cameras.",
             )
     return next(iter(delays.values()), 0.0)
 
@@ -173,6 +131,20 @@ def MakeCameraModels(
     return tuple(models)
 
 
+def CheckCameras(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
+    """Checks that Drake accepts cameras that another process will render.
+
+    Raises:
+        ScenarioError: if Drake does not accept a value of a configuration.
+    """
+    builder = DiagramBuilder()
+    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    for name, config in cameras.items():
+        alone = copy.copy(config)
+        alone.X_PB = Transform()
+        _apply(name, alone, builder, lcm_buses)
+
+
 def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: LcmBuses) -> None:
     """Adds a camera, ignoring its `output_delay`."""
     config = copy.copy(config)
@@ -188,19 +160,6 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
         raise _unusable(name, error) from error
 
 
-def _require_usable(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
-    """Builds the cameras in an empty scene, so that Drake's errors appear now.
-
-    Otherwise they would appear in the rendering process, long after the station was built.
-    """
-    builder = DiagramBuilder()
-    AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    for name, config in cameras.items():
-        alone = copy.copy(config)
-        alone.X_PB = Transform()
-        _apply(name, alone, builder, lcm_buses)
-
-
 def _unusable(name: str, error: BaseException) -> ScenarioError:
     return ScenarioError(
         f"cameras.{name} cannot be used: {drake_reason(error)}.",
@@ -211,17 +170,17 @@ def _unusable(name: str, error: BaseException) -> ScenarioError:
 def _check_camera(name: str, config: CameraConfig) -> None:
     if config.name != name:
         raise ScenarioError(
-            f"The camera under the key '{name}' is named '{config.name}'.",
+            f"The camera under the key '{name}' is named '{config.name}'; both must be equal.",
             remedy=f"Set cameras.{name}.name to '{name}'.",
         )
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise ScenarioError(
             f"The camera name '{name}' cannot be part of the names of ports and topics.",
-            remedy="Use one or more letters, digits, '_' and '-'.",
+            remedy="Use a name of letters, digits, '_' and '-'.",
         )
     if max(config.width, config.height) > _LARGEST_SIDE:
         raise ScenarioError(
-            f"cameras.{name} has {config.width} x {config.height} pixels.",
+            f"cameras.{name} has {config.width} x {config.height} pixels, which is too large.",
             remedy=f"Set its width and height to at most {_LARGEST_SIDE}.",
         )
     if config.capture_offset != 0.0:
@@ -232,30 +191,31 @@ def _check_camera(name: str, config: CameraConfig) -> None:
 
 
 def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> RigidTransform:
-    """Returns X_WB, the pose of a camera's body, after checking that it cannot move."""
+    """Returns X_WB, the pose of a camera's body, after checking that the body cannot move."""
     path = f"cameras.{name}.X_PB"
-    # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
-    poses = {key: getattr(config, key) for key in ("X_PB", "X_BC", "X_BD")}
     base = config.X_PB.base_frame or "world"
     try:
-        finite = {
-            key: np.isfinite(pose.GetDeterministicValue().GetAsMatrix4()).all()
-            for key, pose in poses.items()
-        }
+        wrong = [
+            key
+            # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
+            for key in ("X_PB", "X_BC", "X_BD")
+            if not np.isfinite(getattr(config, key).GetDeterministicValue().GetAsMatrix4()).all()
+        ]
         frame = GetScopedFrameByName(plant, base)
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Set base_frame to an existing frame that is not the robot's, or leave it out "
-            "for the world, and use a deterministic pose.",
+            remedy="Use a deterministic pose, and either leave out base_frame (for the world) or "
+            "name a frame that is welded to the world.",
         ) from error
-    if not all(finite.values()):
-        wrong = ", ".join(key for key in finite if not finite[key])
-        raise ScenarioError(f"cameras.{name}.{wrong} is not finite.", remedy="Use finite numbers.")
+    if wrong:
+        raise ScenarioError(
+            f"cameras.{name}.{', '.join(wrong)} is not finite.", remedy="Use finite numbers."
+        )
     if not plant.IsAnchored(frame.body()):
         raise ScenarioError(
             f"{path}.base_frame is '{base}', which moves; moving cameras are not supported.",
-            remedy="Set it to a frame that is welded to the world.",
+            remedy="Name a frame that is welded to the world.",
         )
     X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
     return X_WP @ config.X_PB.GetDeterministicValue()
@@ -268,7 +228,7 @@ def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) ->
         diagram: The diagram that exports the camera's ports.
         context: The diagram's own context.
         name: The camera's name.
-        labels: Whether to render the label image, too.
+        labels: Whether to include the label image.
     """
 
     def pixels(kind: str) -> np.ndarray:
@@ -283,7 +243,13 @@ def MakeFrame(
     images: tuple[RgbdImage, ...],
     label_ids: Mapping[str, tuple[int, ...]],
 ) -> MultiViewFrame:
-    """Returns the frame of all cameras; it has `label_ids` only if every image has labels."""
+    """Returns a frame of one image per camera.
+
+    Args:
+        models: The cameras' models.
+        images: The image of each camera.
+        label_ids: Render labels by name, which the frame includes if every image has labels.
+    """
     labelled = all(image.label is not None for image in images)
     return MultiViewFrame(
         cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}

@@ -1,6 +1,5 @@
 """The capture devices of the hardware station's cameras, and the networks they use."""
 
-from collections.abc import Mapping
 from itertools import combinations
 
 from poil_drake.diagrams.scenario.hardware_config import (
@@ -23,24 +22,30 @@ _USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)
 
 
 def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
-    """Returns the URL of one of the scenario's LCM networks; `usual` if it sets none.
+    """Returns the URL of one of the scenario's LCM networks.
+
+    Args:
+        scenario: Defines the networks in `lcm_buses`.
+        bus: Name of the network.
+        usual: The URL to return if the scenario does not set one.
 
     Raises:
-        ScenarioError: if the scenario does not define the network, unless it has a default name,
-            or if the network has a channel suffix.
+        ScenarioError: if `lcm_buses` does not define the network and its name is not a default, or
+            if the network has a channel suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
         if bus not in _USUAL_BUSES:
             raise ScenarioError(
                 f"poil.hardware names the LCM network '{bus}', which lcm_buses does not define.",
-                remedy=f"Define it there, or choose one of: {', '.join(scenario.lcm_buses)}.",
+                remedy="Define it in lcm_buses, or choose one of: "
+                f"{', '.join(scenario.lcm_buses)}.",
             )
         return usual
     if params.channel_suffix:
         raise ScenarioError(
-            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but a suffix "
-            "is not supported on hardware.",
+            f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but suffixes are not "
+            "supported on hardware.",
             remedy="Leave it out, and set full channel names in poil.hardware.channels and in each "
             "!LcmImages.",
         )
@@ -83,22 +88,13 @@ def SendsLabels(source: CameraSource) -> bool:
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that every source belongs to a camera of the scenario, and that no two share a device.
+    """Checks that each source belongs to a camera, and that no two cameras share a device.
 
     Raises:
-        ScenarioError: naming a camera that the scenario does not have, or two sources that may be
-            the same device.
+        ScenarioError: naming a camera that the scenario does not have, or two cameras whose serial
+            numbers do not tell them apart.
     """
-    _check_serials(scenario.poil.hardware.cameras)
-    for name in scenario.poil.hardware.cameras:
-        if name not in scenario.cameras:
-            raise ScenarioError(
-                f"poil.hardware.cameras names '{name}', which is not among the cameras.",
-                remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
-            )
-
-
-def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
+    cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):
         same = {name: source for name, source in cameras.items() if isinstance(source, kind)}
         for (first, one), (second, other) in combinations(same.items(), 2):
@@ -109,4 +105,10 @@ def _check_serials(cameras: Mapping[str, CameraSource]) -> None:
                 f"'{second}' the serial number '{other.serial}': the two {kind.__name__} cameras "
                 "cannot be told apart.",
                 remedy="Set the serial of each to the number printed on the camera.",
+            )
+    for name in cameras:
+        if name not in scenario.cameras:
+            raise ScenarioError(
+                f"poil.hardware.cameras names '{name}', which is not among the cameras.",
+                remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
             )

@@ -13,7 +13,13 @@ from poil_drake.errors import ScenarioError
 
 @dataclass(frozen=True)
 class PartGeometry:
-    """A geometry that cameras see, with its link's and its own name, both without scopes."""
+    """A geometry that cameras see.
+
+    Attributes:
+        id: The geometry's ID.
+        link: Name of the geometry's link, without the model's scope.
+        name: Name of the geometry, without the model's scope.
+    """
 
     id: GeometryId
     link: str
@@ -32,12 +38,12 @@ def AssignLabels(
 
     Args:
         plant: The plant with all models.
-        scene_graph: Its scene graph.
-        parts: Model instance -> part -> link name, or a regular expression that must match a
-            geometry's whole name (without the model's scope).
+        scene_graph: The plant's scene graph.
+        parts: Model instance -> part -> link name, or a regular expression. The part consists of
+            the geometries whose whole names, without the model's scope, match the expression.
 
     Returns:
-        Name -> labels: "mug" has all labels of the object, "mug/handle" those of the part.
+        Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.
 
     Raises:
         ScenarioError: if a model or part does not exist, a pattern is invalid, or parts overlap.
@@ -95,7 +101,7 @@ def drawn_geometries(
 
 
 def model_instances(plant: MultibodyPlant) -> dict[str, ModelInstanceIndex]:
-    """Returns the plant's model instances by name, except the world and empty ones."""
+    """Returns the plant's model instances by name, except the world and those without bodies."""
     instances = (ModelInstanceIndex(i) for i in range(plant.num_model_instances()))
     return {
         plant.GetModelInstanceName(i): i
@@ -112,7 +118,7 @@ def _geometries_of_part(
     except re.error as error:
         raise ScenarioError(
             f"The pattern '{pattern}' of part '{part}' is an invalid regular expression ({error}).",
-            remedy="Correct it in poil.parts.",
+            remedy="Correct the pattern in poil.parts.",
         ) from error
     found = [g for g in geometries if g.link == pattern]
     found = found or [g for g in geometries if expression.fullmatch(g.name)]
@@ -121,7 +127,7 @@ def _geometries_of_part(
         names = ", ".join(sorted({g.name for g in geometries}))
         raise ScenarioError(
             f"The part '{part}' of '{model}' was not found: no link is named '{pattern}', and no "
-            "geometry name matches it.",
+            "geometry's name matches this expression.",
             remedy=f"Set poil.parts.{part} to one of the links ({links}) or to a regular "
             f"expression for the geometry names ({names}).",
         )

@@ -1,1 +1,1 @@
-"""The station of the real robot: LCM, capture threads, checks."""
+"""The real robot's station, and checks of scenarios for it."""

@@ -1,4 +1,4 @@
-"""Checks that a scenario can run on hardware, before any device is opened."""
+"""Checks that a scenario can run on hardware. The checks open no device."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def CheckHardwareRun(scenario: Scenario) -> None:
     """Checks that the scenario's tracker, detector and cameras can be used on hardware.
 
     Raises:
-        ScenarioError: if one of them cannot.
+        ScenarioError: if one of these cannot be used, or a recording to play does not exist.
     """
     if scenario.poil.tracker == GROUND_TRUTH:
         raise ground_truth_error()
@@ -31,7 +31,7 @@ def CheckHardwareRun(scenario: Scenario) -> None:
 
 
 def ground_truth_error() -> ScenarioError:
-    """Returns the error for a ground-truth tracker without a simulator."""
+    """Returns the error for a ground-truth tracker on hardware."""
     return ScenarioError(
         f"The tracker '{GROUND_TRUTH}' needs the simulator's poses, which hardware does not have.",
         remedy="Set poil.tracker to one that uses cameras, e.g. rigid_flow.",
@@ -39,11 +39,11 @@ def ground_truth_error() -> ScenarioError:
 
 
 def label_error(camera: str) -> ScenarioError:
-    """Returns the error for a camera without label images."""
+    """Returns the error for a camera without the label images that the detector reads."""
     return ScenarioError(
         f"The detector '{LABEL_IMAGE}' reads label images, "
         f"which camera '{camera}' does not provide.",
-        remedy="Have a segmentation node send them over LCM with the images "
-        f"(poil.hardware.cameras.{camera}: !LcmImages {{}}), or play a recording that contains "
-        "them (!McapPlayback).",
+        remedy="Use a source with label images: a segmentation node that sends images and labels "
+        f"over LCM (poil.hardware.cameras.{camera}: !LcmImages {{}}), or a recording that contains "
+        "labels (!McapPlayback).",
     )

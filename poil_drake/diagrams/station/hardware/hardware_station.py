@@ -34,15 +34,14 @@ from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
-from poil_drake.systems.lcm.shared_channel import SharedChannel
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
-"""Time from a camera's failure to the next attempt to open it [s of the robot's time]. A camera
-library may block Python for a second; by then the supervisor has stopped the arm."""
+"""Time from a camera's failure to the next attempt to open the camera [s of robot time]. An attempt
+may block Python for a second; by then, the supervisor has stopped the arm."""
 
 _LISTEN = 0.05
-"""How long to listen for other senders [s of the robot's time]: a dozen control periods."""
+"""How long to listen for other senders [s of robot time]: a dozen control periods."""
 
 _LOOK = 0.01
 """Time between two checks for messages and images while waiting for them [s]."""
@@ -51,7 +50,7 @@ _AHEAD = 0.02
 """Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _REST = 1.5
-"""How long to command rest, as a multiple of the driver's command expiry."""
+"""How long to send rest commands, as a multiple of the driver's command expiry."""
 
 
 class HardwareStation(Station):
@@ -79,12 +78,12 @@ class HardwareStation(Station):
     contacts and forces. `<camera>.label_image` exists for cameras whose source sends labels.
     See `AddPandaHardware` and `CapturedCameras` for the outputs before the first message or image.
 
-    In a dry run nothing is sent to the robot. The commands move a `KinematicRobot` instead, which
-    starts at the posture of the real one and whose measurements are exported.
+    In a dry run, nothing is sent to the robot. Commands move a `KinematicRobot` instead, which
+    starts at the real robot's posture. The measurements are then those of the `KinematicRobot`.
 
     Simulate the station at the pace of its clock (see `RealTimeLoop`). The scenario's models give
-    the poses of the robot's base and the cameras. Meshcat shows the models, except the object, with
-    the robot as measured.
+    the poses of the robot's base and the cameras. Meshcat shows the models, except the object; the
+    robot appears in its measured posture.
     """
 
     def __init__(
@@ -103,7 +102,8 @@ class HardwareStation(Station):
         self.scenario = scenario
         self._config = scenario.poil.hardware
         self._clock: Clock = self._config.clock()
-        self._steady_clock = self._config.steady_clock()
+        # Changes of the system time do not affect this clock.
+        self.clock = self._config.steady_clock()
         self._plant, self._scene_graph, self.label_ids = MakeUnsimulatedPlant(
             scenario,
             package_xmls=package_xmls,
@@ -115,6 +115,10 @@ class HardwareStation(Station):
         self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
+        # Images are captured in every other period, and the log is written in the periods between.
+        self.tracker_timing = self.detector_timing = Worker(
+            period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period
+        )
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,
@@ -170,31 +174,11 @@ class HardwareStation(Station):
         )
         ExportOutputs(builder, system)
 
-    @property
-    def tracker_timing(self) -> Worker:
-        """See `Station.tracker_timing`.
-
-        Captures follow the command of every other control period; the log, which takes as long, is
-        written in the periods between.
-        """
-        period = self.scenario.poil.rates.control
-        return Worker(period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period)
-
-    @property
-    def detector_timing(self) -> Worker:
-        """See `Station.detector_timing`."""
-        return self.tracker_timing
-
-    @property
-    def clock(self) -> Clock:
-        """See `Station.clock`: [s since the epoch], unaffected by changes of the system time."""
-        return self._steady_clock
-
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
 
-        Waits until every camera has an image newer than this call, with the requested labels if
-        its source sends labels.
+        Waits until every camera has an image newer than this call. If labels are requested and the
+        camera's source sends them, the image also has labels.
         """
         start = self._clock()
         found: dict[str, RgbdImage] = {}
@@ -234,16 +218,14 @@ class HardwareStation(Station):
         Also waits until the robot is in its moving mode.
 
         Raises:
-            StationError: naming what did not arrive in time, or if another process sends commands.
+            StationError: naming what did not arrive in time, or a channel on which another process
+                sends.
         """
         start, deadline = self._clock(), time.monotonic() + self._config.ready_timeout
         while missing := self._older_than(start):
             self._wait(deadline, missing)
         senders = (self._robot.sender, self._robot.hand_sender)
-        self._refuse_others([one.channel for one in senders if one is not None])
-
-    def _refuse_others(self, channels: Sequence[SharedChannel]) -> None:
-        """Listens for other senders of commands or statuses; raises a StationError if any exist."""
+        channels = [one.channel for one in senders if one is not None]
         for channel in channels:
             channel.foreign = 0
         end = time.monotonic() + _LISTEN / self._config.time_scale
@@ -255,9 +237,10 @@ class HardwareStation(Station):
             time.sleep(_LOOK)
 
     def _older_than(self, time: float) -> list[str]:
-        """Describes what has not arrived since a time of the clock [s], or cannot be used.
+        """Returns descriptions of what has not arrived since `time` [s], or cannot be used.
 
-        The driver's clock may be behind by up to the driver's command expiry.
+        Statuses may be older by up to the driver's command expiry, because the driver's clock may
+        be behind.
         """
         self.HandleMessages()
         drivers = time - self._config.command_expiry
@@ -292,7 +275,7 @@ class HardwareStation(Station):
             self._lcm.Close()
 
     def Rest(self) -> None:
-        """Commands rest for longer than the driver's command expiry, if the arm was commanded."""
+        """Sends rest commands for longer than the driver's expiry, if the arm was commanded."""
         sender = self._robot.sender
         if sender is not None and sender.commanding:
             sender.SendRest(_REST * self._config.command_expiry / self._config.time_scale)

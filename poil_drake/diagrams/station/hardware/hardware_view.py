@@ -35,22 +35,22 @@ def AddHardwareView(
     meshcat: Meshcat,
     dry_run: bool,
 ) -> MultibodyPlant | None:
-    """Shows a scenario's models with the robot as measured, without the object.
+    """Shows a scenario's models, except the object, with the robot in its measured posture.
 
-    In a dry run, that robot is the `KinematicRobot`. The real one is then shown as well,
-    translucent; a slider in Meshcat sets its opacity.
+    In a dry run, the measured posture is that of the `KinematicRobot`. The real robot is then shown
+    as well, translucent. A slider in Meshcat sets the real robot's opacity.
 
     Args:
-        builder: Receives the systems; must already hold those of `AddPandaHardware`.
+        builder: Receives the systems; must already hold the systems of `AddPandaHardware`.
         scenario: Names the models.
         plant: Holds the models.
-        scene_graph: Its scene graph.
+        scene_graph: The plant's scene graph.
         meshcat: Shows the models.
         dry_run: Whether nothing is sent to the robot.
 
     Returns:
-        In a dry run, the plant of the real robot, else None. Keep it and `plant` as long as the
-        diagram, which owns neither.
+        In a dry run, the plant that shows the real robot, else None. Keep this plant and `plant` as
+        long as the diagram, which owns neither plant.
     """
     robot = scenario.poil.robot
     arm = builder.GetSubsystemByName("panda_status").GetOutputPort("position_measured")
@@ -112,7 +112,7 @@ def _pose(
 def _hide(
     plant: MultibodyPlant, scene_graph: SceneGraph, models: Sequence[ModelInstanceIndex]
 ) -> None:
-    """Hides the given models from visualizers."""
+    """Hides models from visualizers."""
     inspector = scene_graph.model_inspector()
     for model in models:
         for body in plant.GetBodyIndices(model):

@@ -12,9 +12,9 @@ def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) ->
     """Returns the problems with the messages of a channel, one clause each.
 
     Args:
-        mailbox: Receives the messages.
+        mailbox: Receives the channel's messages.
         channel: The channel's name.
-        tolerance: How far the sender's clock may differ from the mailbox's [s].
+        tolerance: Largest allowed difference of the sender's clock from the mailbox's [s].
     """
     found = []
     if mailbox.malformed:

@@ -26,7 +26,7 @@ from poil_drake.systems.panda.kinematic_robot import KinematicRobot
 
 @dataclass(frozen=True, kw_only=True)
 class PandaHardware:
-    """The endpoints that communicate with the drivers of the arm and the hand.
+    """The endpoints that communicate with the Franka drivers of the arm and the hand.
 
     Attributes:
         arm: Receives the arm's statuses.
@@ -55,26 +55,26 @@ def AddPandaHardware(
     clock: Clock = time.time,
     time_scale: float = 1.0,
 ) -> PandaHardware:
-    """Adds the systems that talk to the Franka drivers, and exports the simulated robot's ports.
+    """Adds the systems that talk to the Franka drivers, and exports the ports of an arm and a hand.
 
     For a robot named `panda`, exports the inputs `panda.velocity`, `panda.velocity_time`,
     `hand.width` and the outputs `panda.position_measured`, `panda.velocity_measured`,
     `panda.torque_external`, `panda.status`, `hand.width_measured`. See the systems in
-    `poil_drake.systems.lcm.panda_receivers` for their values before the first status.
+    `poil_drake.systems.lcm.panda_receivers` for the outputs before the first status.
 
     Args:
         builder: Receives the systems.
-        lcm: The network; the diagram handles its subscriptions once per period.
+        lcm: The network. The diagram handles its subscriptions once per period.
         name: The robot's name.
         period: The control period [s].
-        limiter: Computes how the arm brakes.
+        limiter: Computes how the arm brakes; must have the same period.
         channels: Names of the LCM channels; None for those of the Franka driver.
         dry_run: Whether to send nothing. Commands then move a `KinematicRobot`, which starts at the
-            posture of the real one and whose measurements are exported.
+            real robot's posture, and the ports export that robot's measurements.
         expiry: How long the driver follows a command [s].
-        stall_limit: Commands from an update longer ago than this [s] are not sent.
+        stall_limit: Time since the last update, by `clock` [s], after which no command is sent.
         clock: Returns the current time [s since the epoch].
-        time_scale: Seconds of that clock per second.
+        time_scale: Seconds by `clock` per second of real time.
     """
     channels = channels or PandaChannels()
     arm = LcmMailbox(lcm, channels.status, decode_panda_status, same_sender=same_panda, clock=clock)

@@ -1,7 +1,7 @@
 import pytest
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import PerceptionProperties
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.diagrams.station.cameras.labels import AssignLabels, drawn_geometries
@@ -18,64 +18,60 @@ URDF = """<robot name="pan">
 </robot>"""
 
 
+class Scene:
+    """The models a::pan and b::pan."""
+
+    def __init__(self) -> None:
+        self.builder = DiagramBuilder()  # Owns the plant.
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(self.builder, time_step=0.01)
+        for prefix in "ab":
+            Parser(self.plant, prefix).AddModelsFromString(URDF, "urdf")
+
+    def assign(self, parts: dict) -> dict[str, tuple[int, ...]]:
+        return AssignLabels(plant=self.plant, scene_graph=self.scene_graph, parts=parts)
+
+    def properties(self, model: str) -> dict[str, PerceptionProperties]:
+        """Returns what cameras see of a model, by the names of its geometries."""
+        inspector = self.scene_graph.model_inspector()
+        instance = self.plant.GetModelInstanceByName(model)
+        found = drawn_geometries(self.plant, self.scene_graph, instance)
+        return {g.name: inspector.GetPerceptionProperties(g.id) for g in found}
+
+    def labels(self, model: str) -> dict[str, int]:
+        found = self.properties(model).items()
+        return {name: int(seen.GetProperty("label", "id")) for name, seen in found}
+
+
 @pytest.fixture
-def scene() -> tuple[MultibodyPlant, SceneGraph, DiagramBuilder]:
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.01)
-    Parser(plant, "a").AddModelsFromString(URDF, "urdf")
-    Parser(plant, "b").AddModelsFromString(URDF, "urdf")
-    return plant, scene_graph, builder
+def scene() -> Scene:
+    return Scene()
 
 
-def labels_by_name(plant: MultibodyPlant, scene_graph: SceneGraph, model: str) -> dict[str, int]:
-    inspector = scene_graph.model_inspector()
-    instance = plant.GetModelInstanceByName(model)
-    return {
-        g.name: int(inspector.GetPerceptionProperties(g.id).GetProperty("label", "id"))
-        for g in drawn_geometries(plant, scene_graph, instance)
-    }
+def test_parts_are_found_by_link_and_by_geometry_name(scene: Scene) -> None:
+    dut = scene.assign({"a::pan": {"lid": "lid", "grip": "grip_[0-9]"}})
 
-
-def test_parts_are_found_by_link_and_by_geometry_name(scene) -> None:
-    plant, scene_graph, _ = scene
-
-    dut = AssignLabels(
-        plant=plant,
-        scene_graph=scene_graph,
-        parts={"a::pan": {"lid": "lid", "grip": "grip_[0-9]"}},
-    )
-
-    drawn = labels_by_name(plant, scene_graph, "a::pan")
+    drawn = scene.labels("a::pan")
     assert (drawn["plate"],) == dut["a::pan/lid"]
     assert drawn["grip_1"] == drawn["grip_2"] == dut["a::pan/grip"][0]
     assert set(drawn.values()) == set(dut["a::pan"])
     assert len(dut["a::pan"]) == 3
 
 
-def test_every_model_has_labels_of_its_own(scene) -> None:
-    plant, scene_graph, _ = scene
-
-    dut = AssignLabels(plant=plant, scene_graph=scene_graph, parts={"a::pan": {"lid": "lid"}})
+def test_every_model_has_labels_of_its_own(scene: Scene) -> None:
+    dut = scene.assign({"a::pan": {"lid": "lid"}})
 
     assert set(dut) == {"a::pan", "a::pan/lid", "b::pan"}
     assert not set(dut["a::pan"]) & set(dut["b::pan"])
-    assert set(labels_by_name(plant, scene_graph, "b::pan").values()) == set(dut["b::pan"])
+    assert set(scene.labels("b::pan").values()) == set(dut["b::pan"])
 
 
-def test_colours_are_kept(scene) -> None:
-    plant, scene_graph, _ = scene
-    instance = plant.GetModelInstanceByName("a::pan")
-
+def test_colours_are_kept(scene: Scene) -> None:
     def have_colours() -> list[bool]:
-        inspector = scene_graph.model_inspector()
-        return [
-            inspector.GetPerceptionProperties(g.id).HasProperty("phong", "diffuse")
-            for g in drawn_geometries(plant, scene_graph, instance)
-        ]
+        return [p.HasProperty("phong", "diffuse") for p in scene.properties("a::pan").values()]
 
     before = have_colours()
 
-    AssignLabels(plant=plant, scene_graph=scene_graph, parts={})
+    scene.assign({})
 
     assert have_colours() == before
 
@@ -91,8 +87,6 @@ def test_colours_are_kept(scene) -> None:
         ({"a::pan": {"grip": "grip"}}, "'grip'"),
     ],
 )
-def test_parts_that_do_not_fit_are_named(scene, parts: dict, says: str) -> None:
-    plant, scene_graph, _ = scene
-
+def test_parts_that_do_not_fit_are_named(scene: Scene, parts: dict, says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
-        AssignLabels(plant=plant, scene_graph=scene_graph, parts=parts)
+        scene.assign(parts)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,35 +16,20 @@ from poil_drake.perception.images import RgbdImage
 _NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://'}}"
 
 
-class Thread:
-    """A fake capture thread whose attributes are set by the test."""
-
-    def __init__(self) -> None:
-        self.newest: RgbdImage | None = None
-        self.problem = ""
-        self.count = 0
-
-    def start(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
 @pytest.fixture
-def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, Thread]:
-    made: dict[str, Thread] = {}
+def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, SimpleNamespace]:
+    """Fake capture threads by camera, whose attributes the tests set."""
+    made: dict[str, SimpleNamespace] = {}
 
-    def make(device: object, *, name: str, **options: object) -> Thread:
-        made[name] = Thread()
-        return made[name]
+    def make(device: object, *, name: str, **options: object) -> SimpleNamespace:
+        return made.setdefault(name, SimpleNamespace(newest=None, problem=""))
 
     monkeypatch.setattr(hardware_station, "CaptureThread", make)
     return made
 
 
 @pytest.fixture
-def make_station(threads: dict[str, Thread]) -> Callable[[str], Station]:
+def make_station(threads: dict[str, SimpleNamespace]) -> Callable[[str], Station]:
     def make(cameras: str) -> Station:
         text = f"{{{_NETWORKS}, poil: {{hardware: {{cameras: {{{cameras}}}}}}}}}"
         return MakeStation(ChooseScenario(data=text), hardware=True)
@@ -57,7 +43,7 @@ def image(age: float) -> RgbdImage:
 
 
 def test_a_stopped_camera_is_reported_with_its_age_and_cause(
-    make_station: Callable[[str], Station], threads: dict[str, Thread]
+    make_station: Callable[[str], Station], threads: dict[str, SimpleNamespace]
 ) -> None:
     dut = make_station("")
     limit = dut.scenario.poil.safety.image_age_limit
@@ -77,7 +63,7 @@ def test_a_camera_without_any_image_yet_is_no_problem(
 
 
 def test_a_camera_whose_clock_is_ahead_is_named(
-    make_station: Callable[[str], Station], threads: dict[str, Thread]
+    make_station: Callable[[str], Station], threads: dict[str, SimpleNamespace]
 ) -> None:
     dut = make_station("")
     threads["right"].newest = image(-100.0)
