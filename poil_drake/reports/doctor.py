@@ -16,9 +16,9 @@ class Finding:
 
     Attributes:
         name: What was checked.
-        ok: Whether the main job can rely on it.
-        found: What was found.
-        remedy: The command that installs what is missing, or another remedy.
+        ok: Whether the check passed.
+        found: The version or device, or the first line of the error.
+        remedy: What to do if the check fails, usually an installation command.
     """
 
     name: str

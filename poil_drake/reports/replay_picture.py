@@ -38,8 +38,8 @@ def make_replay_picture(
     Args:
         path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
         summary: The outcome of the replay.
-        recorded: The run.
-        replayed: Its replay.
+        recorded: The signals of the run.
+        replayed: The signals of its replay.
         velocity_limits: (J,) velocity limits of the joints [rad/s].
     """
     import matplotlib as mpl
@@ -95,7 +95,7 @@ def _draw_header(figure: Any, summary: ReplaySummary) -> None:
 def _draw_velocities(
     axes: Any, recorded: RecordedRun, replayed: RecordedRun, limits: np.ndarray
 ) -> None:
-    """Draws each joint's velocity as a share of its limit: solid recorded, dashed replayed."""
+    """Draws joint velocities as shares of their limits: recorded solid, replayed dashed."""
     for joint, color in enumerate(joint_colors(len(limits))):
         before, after = recorded.commands, replayed.commands
         share = 100.0 / limits[joint]

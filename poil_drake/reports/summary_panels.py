@@ -47,7 +47,10 @@ _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
 
 
 def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
-    """Draws the verdict at its top left corner, and returns its right edge [figure coordinates]."""
+    """Draws a white text on a green box (red without success), and returns the box's right edge.
+
+    The top left corner is at (`left`, `top`); all three values are in figure coordinates.
+    """
     verdict = figure.text(
         left,
         top,
@@ -106,12 +109,12 @@ def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
 
 
 def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
-    """Returns ascending places moved apart to a minimum distance, in two sweeps.
+    """Returns ascending positions on an axis, moved apart to a minimum distance.
 
     Args:
-        places: (P,) ascending places.
+        places: (P,) the positions.
         gap: The minimum distance.
-        upper: Upper bound of the moved places, unless the last place already exceeds it.
+        upper: Upper bound of the moved positions, unless the last one already exceeds it.
     """
     moved = np.array(places, dtype=float)
     for i in range(1, len(moved)):
@@ -130,7 +133,7 @@ def draw_point_error(axes: Any, data: SummaryData) -> None:
 
 
 def draw_tracking_error(axes: Any, data: SummaryData) -> None:
-    """Draws the tracker's mean error against the truth, and the range over the points, in mm."""
+    """Draws the mean distance of tracked from true points, and the range over the points, in mm."""
     _draw_errors(axes, data.tracking_times, data.tracking_errors, COLORS["truth"])
     axes.set_ylabel("tracking error\n[mm]")
 
@@ -166,7 +169,7 @@ def draw_potential(axes: Any, data: SummaryData) -> None:
 
 
 def draw_progress(axes: Any, data: SummaryData) -> None:
-    """Draws the progress of the points along the reference."""
+    """Draws the time of the reference's closest sample, and the reference's duration."""
     axes.plot(data.times, data.tau, color=COLORS["target"])
     axes.set_ylabel("progress τ*\n[s]")
     axes.set_ylim(bottom=0.0)
@@ -197,7 +200,7 @@ def joint_colors(count: int) -> np.ndarray:
 
 
 def label_joints(axes: Any) -> None:
-    """Labels a panel of joint velocities, with a legend to its right."""
+    """Labels a panel of joint velocities, and adds a legend to its right."""
     axes.set_ylabel("joint velocity\n[% of limit]")
     axes.legend(
         title="joint",

@@ -1,4 +1,4 @@
-"""Points on the surfaces of collision geometries, as perfect cameras all around would see them."""
+"""Points on the surfaces of collision geometries, seen from all sides."""
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Cylinder, SceneGraphInspector, Shape, Sphere
@@ -36,7 +36,7 @@ def ModelCloud(
 
 
 def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
-    """Returns points (P, 3) on the surface of a shape [m], in its frame.
+    """Returns points (P, 3) on the surface of a shape [m], in the frame of the shape.
 
     Args:
         shape: A box, sphere, cylinder or capsule.
@@ -64,7 +64,7 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         heights = np.concatenate([half + above, side, -half - above])
         return _revolved(radii, heights, spacing)
     raise InvalidValueError(
-        f"A collision geometry has the unsupported shape {type(shape).__name__}.",
+        f"The shape {type(shape).__name__} of a collision geometry is not supported.",
         remedy="Use only boxes, spheres, cylinders and capsules as collision geometries.",
     )
 

@@ -30,13 +30,13 @@ class FieldPolicy:
         self._reference, self._config = reference, config
 
     def start(self) -> float | None:
-        """Returns None: no step has found the reference's closest time yet."""
+        """Returns None, because no closest time on the reference is known before the first step."""
         return None
 
     def step(
         self, state: float | None, observation: Observation
     ) -> tuple[float | None, CommandedTwist]:
-        """Returns the reference's closest time and the field's twist, which is zero when lost."""
+        """Returns the closest time on the reference and the twist; zero if the points are lost."""
         output = point_set_bcsdm(
             observation.points,
             self._reference,
@@ -55,7 +55,7 @@ class EntryPolicyState(NamedTuple):
 
     @property
     def note(self) -> str:
-        """The kind of entry, the number of plans, and the status."""
+        """The kind of the planned entry, the number of plans, and the monitor's status."""
         plan = self.entry.plan
         kind = "none" if plan is None else plan.kind.name.lower()
         return f"{kind}, {self.entry.replans} plans, {self.entry.status.name.lower()}"
@@ -81,7 +81,7 @@ class SafeEntryPolicy:
     def step(
         self, state: EntryPolicyState, observation: Observation
     ) -> tuple[EntryPolicyState, CommandedTwist]:
-        """Returns the next state, and the twist that follows the plan (zero to stand still)."""
+        """Returns the next state, and the twist that follows the plan; zero if there is none."""
         entry = safe_entry_step(
             state.entry,
             observation.points,
@@ -94,7 +94,7 @@ class SafeEntryPolicy:
 
 
 def _command(output: BcsdmOutput | None) -> CommandedTwist:
-    """Returns the field's twist; zero if there is none."""
+    """Returns the field's twist; zero if there is no output or the points are lost."""
     if output is None or output.status is BcsdmStatus.LOST:
         return CommandedTwist(np.zeros(6), np.zeros(3))
     return CommandedTwist(output.twist, output.centroid)

@@ -29,7 +29,7 @@ class ScriptedPolicy:
         self._poses = poses
 
     def start(self) -> None:
-        """Returns None: the time determines the pose."""
+        """Returns None, because the time alone determines the pose."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
         """Returns the motion to the next pose, with feedback on the pose error."""
@@ -52,15 +52,15 @@ class ReplayPlan(NamedTuple):
 class OpenLoopPolicy:
     """Moves the object straight to the demonstration's start, then repeats the demonstration.
 
-    As in correspondence-based transfer, the points are observed once, at the beginning. Afterwards
-    the hand follows the planned poses in closed loop on its own pose, as an arm does on its joints;
-    the object is not observed again.
+    As in correspondence-based transfer, the points are observed once, at the beginning. From then
+    on the hand tracks planned poses with feedback from its own pose, as an arm does from its
+    joints. The object is not observed again.
 
     Args:
         points: (T, N, 3) the demonstrated points, one sample per `period` [m, world].
         period: Time between two steps [s].
         max_angular_speed: Upper bound of the hand's angular speed on the way to the start [rad/s].
-        max_linear_speed: Likewise [m/s].
+        max_linear_speed: Upper bound of the hand's linear speed on the way to the start [m/s].
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class OpenLoopPolicy:
         self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
 
     def start(self) -> None:
-        """Returns None: there is no plan before the points are observed."""
+        """Returns None, because there is no plan before the points are observed."""
 
     def step(
         self, state: ReplayPlan | None, observation: Observation
