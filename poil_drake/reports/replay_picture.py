@@ -43,7 +43,6 @@ def make_replay_picture(
         velocity_limits: (J,) velocity limits of the joints [rad/s].
     """
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = Path(path)
@@ -52,7 +51,6 @@ def make_replay_picture(
     phases = [PhaseSpan(name=n, start=s, end=e) for n, s, e in comparison.spans]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_SIZE)
-        FigureCanvasAgg(figure)
         _draw_header(figure, summary)
         axes = figure.subplots(
             3,

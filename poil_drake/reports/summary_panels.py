@@ -65,7 +65,6 @@ def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: flo
             "boxstyle": "round,pad=0.25",
         },
     )
-    figure.canvas.draw()
     return verdict.get_window_extent().x1 / figure.bbox.width
 
 
@@ -151,9 +150,7 @@ def _draw_errors(axes: Any, times: np.ndarray, errors: np.ndarray, color: str) -
     axes.plot(times, mean, color=color, label="mean")
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="upper right", ncols=2)
-    finite = np.flatnonzero(np.isfinite(mean))
-    if finite.size:
-        _write_last(axes, mean[finite[-1]], f"last\n{mean[finite[-1]]:.1f} mm", color)
+    _write_last(axes, mean, "last\n{:.1f} mm", color)
 
 
 def draw_potential(axes: Any, data: SummaryData) -> None:
@@ -162,10 +159,7 @@ def draw_potential(axes: Any, data: SummaryData) -> None:
     axes.plot(data.times, positive, color=COLORS["reference"])
     axes.set_yscale("log")
     axes.set_ylabel("potential $D$\n[m²]")
-    finite = np.flatnonzero(np.isfinite(positive))
-    if finite.size:
-        value = positive[finite[-1]]
-        _write_last(axes, value, f"last\n{value:.1e} m²", COLORS["reference"])
+    _write_last(axes, positive, "last\n{:.1e} m²", COLORS["reference"])
 
 
 def draw_progress(axes: Any, data: SummaryData) -> None:
@@ -176,7 +170,7 @@ def draw_progress(axes: Any, data: SummaryData) -> None:
     if np.isfinite(data.reference_duration):
         axes.axhline(data.reference_duration, color=COLORS["muted"], linewidth=0.9, linestyle="--")
         axes.set_ylim(top=1.12 * data.reference_duration)
-        _write_last(axes, data.reference_duration, "goal", COLORS["muted"])
+        _write_last(axes, np.array([data.reference_duration]), "goal", COLORS["muted"])
 
 
 def draw_joint_velocities(axes: Any, data: SummaryData) -> None:
@@ -214,11 +208,14 @@ def label_joints(axes: Any) -> None:
     )
 
 
-def _write_last(axes: Any, height: float, text: str, color: str) -> None:
-    """Writes a text to the right of the panel, at a height in data coordinates."""
+def _write_last(axes: Any, values: np.ndarray, text: str, color: str) -> None:
+    """Writes the last finite value, formatted into `text`, to the right of the panel."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return
     axes.annotate(
-        text,
-        xy=(1.0, height),
+        text.format(finite[-1]),
+        xy=(1.0, finite[-1]),
         xycoords=("axes fraction", "data"),
         xytext=(5, 0),
         textcoords="offset points",
