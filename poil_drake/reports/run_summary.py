@@ -47,18 +47,15 @@ class ErrorStatistics:
         """Returns the statistics of errors [m], an array of any shape."""
         samples = np.asarray(errors, dtype=float).ravel()
         values = samples[np.isfinite(samples)]
-        missing = 1.0 - values.size / samples.size if samples.size else 0.0
-        if values.size == 0:
-            unknown = dict.fromkeys(("median", "percentile_95", "maximum", "final"), math.nan)
-            return cls(count=0, missing=missing, **unknown)
-        median, percentile_95 = np.percentile(values, [50.0, 95.0])
+        shown = values if values.size else np.array([math.nan])
+        median, percentile_95 = np.percentile(shown, [50.0, 95.0])
         return cls(
             count=values.size,
             median=float(median),
             percentile_95=float(percentile_95),
-            maximum=float(values.max()),
-            final=float(values[-1]),
-            missing=missing,
+            maximum=float(shown.max()),
+            final=float(shown[-1]),
+            missing=1.0 - values.size / samples.size if samples.size else 0.0,
         )
 
 
