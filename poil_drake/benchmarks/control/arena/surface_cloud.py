@@ -49,17 +49,14 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         return _box(np.array(shape.size()), spacing)
     if isinstance(shape, Sphere):
         return _revolved(*_arc(shape.radius(), 0.0, np.pi, spacing), spacing)
-    if isinstance(shape, Cylinder):
-        r, half = shape.radius(), shape.length() / 2
-        lid = np.linspace(0.0, r, _count(r, spacing))
-        side = np.linspace(-half, half, _count(2 * half, spacing))
-        radii = np.concatenate([lid, np.full(side.size, r), lid])
-        heights = np.concatenate([np.full(lid.size, half), side, np.full(lid.size, -half)])
-        return _revolved(radii, heights, spacing)
-    if isinstance(shape, Capsule):
+    if isinstance(shape, Cylinder | Capsule):
         r, half = shape.radius(), shape.length() / 2
         side = np.linspace(-half, half, _count(2 * half, spacing))
-        top, above = _arc(r, 0.0, np.pi / 2, spacing)
+        if isinstance(shape, Cylinder):
+            top = np.linspace(0.0, r, _count(r, spacing))
+            above = np.zeros(top.size)
+        else:
+            top, above = _arc(r, 0.0, np.pi / 2, spacing)
         radii = np.concatenate([top, np.full(side.size, r), top])
         heights = np.concatenate([half + above, side, -half - above])
         return _revolved(radii, heights, spacing)
