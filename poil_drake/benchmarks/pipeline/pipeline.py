@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_recorded_trial
+from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_trial
 from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario
@@ -57,7 +57,7 @@ def run_pipeline_benchmark(
     with (
         closing(
             run_trials(
-                run_recorded_trial,
+                run_trial,
                 arguments,
                 shared=({task: _demonstration(task) for task in tasks},),
                 jobs=jobs,

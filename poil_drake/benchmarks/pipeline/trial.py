@@ -63,12 +63,20 @@ class Trial:
     simulated: float = np.nan
 
 
-def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
-    """Runs one trial with a demonstration file; an error becomes the trial's cause of failure."""
+def run_trial(
+    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
+) -> Trial:
+    """Runs one trial, given the contents of each task's demonstration file (MCAP).
+
+    An error becomes the trial's cause of failure.
+    """
     scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
     model = _object_model(scenario)
     try:
-        plan = PlanScenario(scenario, demonstration)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{task}.mcap"
+            path.write_bytes(demonstrations[task])
+            plan = PlanScenario(scenario, path)
         summary = ExecutePlan(
             plan, scenario, outputs=OutputPaths(), show=False, show_progress=False, check=False
         )
@@ -98,18 +106,8 @@ def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> 
     )
 
 
-def run_recorded_trial(
-    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
-) -> Trial:
-    """Runs one trial, given the contents of each task's demonstration file (MCAP)."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{task}.mcap"
-        path.write_bytes(demonstrations[task])
-        return run_trial(task, seed, tracker, str(path))
-
-
 def lost_trial(lost: LostTrial) -> Trial:
-    """Returns a failed trial to replace a `run_recorded_trial` whose workers were all killed."""
+    """Returns a failed trial to replace a `run_trial` whose workers were all killed."""
     task, seed, tracker = lost.arguments
     model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
     return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))
