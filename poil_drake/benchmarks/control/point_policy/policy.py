@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import rotation_log, transform_points
 
@@ -23,7 +23,7 @@ class PointPolicyState(NamedTuple):
     chunks: tuple[np.ndarray, ...] = ()
 
 
-class PointPolicy:
+class PointPolicy(Policy):
     """Moves the points to their predicted next positions, averaged over the latest predictions.
 
     Every observation must contain every point.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.control.entry.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
 from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import (
@@ -16,7 +16,7 @@ from poil_drake.control.field.point_set_bcsdm import (
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 
 
-class FieldPolicy:
+class FieldPolicy(Policy):
     """Follows the field of POIL, which uses only the points.
 
     Args:
@@ -24,14 +24,8 @@ class FieldPolicy:
         config: Parameters of the field.
     """
 
-    period = STEP_PERIOD
-
     def __init__(self, reference: PointTrajectory, config: BcsdmConfig):
         self._reference, self._config = reference, config
-
-    def start(self) -> float | None:
-        """Returns None, because no closest time on the reference is known before the first step."""
-        return None
 
     def step(
         self, state: float | None, observation: Observation
@@ -61,15 +55,13 @@ class EntryPolicyState(NamedTuple):
         return f"{kind}, {self.entry.replans} plans, {self.entry.status.name.lower()}"
 
 
-class SafeEntryPolicy:
+class SafeEntryPolicy(Policy):
     """Follows a collision-free path onto the reference, and then the field of POIL.
 
     Args:
         planner: Planner for the reference, the scene and the object's shape.
         config: When to plan again.
     """
-
-    period = STEP_PERIOD
 
     def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig):
         self._planner, self._config = planner, config

@@ -5,9 +5,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-STEP_PERIOD = 1 / 64
-"""Time between two steps of the analytic policies [s]."""
-
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -47,10 +44,11 @@ class Policy(Protocol):
         period: Time between two steps [s].
     """
 
-    period: float
+    period: float = 1 / 64
 
     def start(self) -> Any:
-        """Returns the state before the first step."""
+        """Returns the state before the first step; None unless a policy needs another."""
+        return None
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the next state and the motion until the next step.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.geometry.rigid_transform import rotation_exp, rotation_log
 
 
@@ -100,7 +100,7 @@ def se3_bcsdm(
     return np.concatenate([R @ omega, v]), index
 
 
-class Se3BcsdmPolicy:
+class Se3BcsdmPolicy(Policy):
     """Follows the field at the object's true pose. This policy has no state.
 
     Args:
@@ -108,13 +108,8 @@ class Se3BcsdmPolicy:
         config: Parameters of the field.
     """
 
-    period = STEP_PERIOD
-
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
         self._reference, self._config = reference, config
-
-    def start(self) -> None:
-        """Returns None, because there is no state."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
         """Returns None for the state, and the twist of the field at the object's pose."""
