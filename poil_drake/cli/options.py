@@ -105,14 +105,9 @@ def choose_scenario(
     file: Path | None = None,
     **changes: Any,
 ) -> "Scenario":
-    """Returns the scenario that the command line chooses.
+    """Returns the scenario that the arguments SCENARIO, --scenario_name and so on choose.
 
-    Args:
-        argument: The positional argument, a scenario file.
-        name: The value of --scenario_name.
-        text: The value of --scenario_text.
-        file: The value of --scenario_file.
-        changes: Further arguments of `ChooseScenario`.
+    `changes` are further arguments of `ChooseScenario`.
 
     Raises:
         ScenarioError: if `argument` and `file` are both given, or the scenario is invalid.

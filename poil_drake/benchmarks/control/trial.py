@@ -81,12 +81,8 @@ def goal_error(
 ) -> float:
     """Returns the object's distance from its place at the demonstration's end [m].
 
-    Args:
-        criterion: "center" for the distance of the driven body's origin, "points" for the mean
-            distance of the points.
-        points: (N, 3) the object's points [m, world].
-        X_WO: (4, 4) pose of the driven body.
-        shown: The demonstration.
+    It is the distance of the driven body's origin (criterion "center", from X_WO (4, 4)), or the
+    mean distance of the points (N, 3) (criterion "points").
     """
     if criterion == "center":
         return float(np.linalg.norm(X_WO[:3, 3] - shown.X_WO[-1, :3, 3]))
