@@ -157,16 +157,14 @@ def draw_potential(axes: Any, data: SummaryData) -> None:
     """Draws the potential D on a logarithmic axis."""
     positive = np.where(data.potential > 0.0, data.potential, np.nan)
     axes.plot(data.times, positive, color=COLORS["reference"])
-    axes.set_yscale("log")
-    axes.set_ylabel("potential $D$\n[m²]")
+    axes.set(yscale="log", ylabel="potential $D$\n[m²]")
     _write_last(axes, positive, "last\n{:.1e} m²", COLORS["reference"])
 
 
 def draw_progress(axes: Any, data: SummaryData) -> None:
     """Draws the time of the reference's closest sample, and the reference's duration."""
     axes.plot(data.times, data.tau, color=COLORS["target"])
-    axes.set_ylabel("progress τ*\n[s]")
-    axes.set_ylim(bottom=0.0)
+    axes.set(ylabel="progress τ*\n[s]", ylim=(0.0, None))
     if np.isfinite(data.reference_duration):
         axes.axhline(data.reference_duration, color=COLORS["muted"], linewidth=0.9, linestyle="--")
         axes.set_ylim(top=1.12 * data.reference_duration)

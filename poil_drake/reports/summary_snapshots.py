@@ -59,10 +59,7 @@ def draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bo
         uv, depth = project(known, camera.K, camera.X_WC)
         uv = uv[depth > 0.0]
         axes.plot(*uv.T, linestyle="", color=color, markeredgecolor=edge, **style)
-    axes.set_xlim(view[0], view[1])
-    axes.set_ylim(view[3], view[2])
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xlim=view[:2], ylim=view[:1:-1], xticks=[], yticks=[])
     axes.grid(False)
     axes.set_xlabel(f"{snapshot.time:.1f} s", labelpad=2)
     if legend and axes.get_legend_handles_labels()[0]:

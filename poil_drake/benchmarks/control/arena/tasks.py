@@ -149,8 +149,8 @@ def _straight_keyframes(
     durations: Sequence[float], positions: Sequence[Sequence[float] | np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns times (K,) [s] and poses (K, 4, 4) without rotation."""
-    poses = [make_transform(np.eye(3), np.array(position)) for position in positions]
-    return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
+    times = np.concatenate([[0.0], np.cumsum(durations)])
+    return times, make_transform(np.eye(3), np.array(positions))
 
 
 def _box_points(size: tuple[float, float, float]) -> np.ndarray:
