@@ -2,7 +2,8 @@
 
 import os
 import sys
-from typing import Any, Self
+from contextlib import AbstractContextManager
+from typing import Any
 
 from tqdm import tqdm
 
@@ -31,7 +32,7 @@ class OneLineTqdm(tqdm):
         super().close()
 
 
-class ProgressBar:
+class ProgressBar(AbstractContextManager["ProgressBar"]):
     """A progress bar for successive steps; use it in a `with` block.
 
     Call it with the name of the step and the fraction done. A new name begins a new bar.
@@ -69,9 +70,6 @@ class ProgressBar:
             self._bar.refresh()
             self._bar.close()
             self._bar = None
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self._finish()
