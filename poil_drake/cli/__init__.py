@@ -86,7 +86,7 @@ _REASONS: dict[int, str] = {signal.SIGTERM: "terminated", signal.SIGHUP: "the te
 class Stopped(BaseException):
     """Raised when a signal asks the process to end; clean-up runs while it propagates.
 
-    Not a KeyboardInterrupt, because typer turns those into an exit status without a message.
+    It is not a KeyboardInterrupt, because typer exits on those without a message.
 
     Attributes:
         number: The signal's number.

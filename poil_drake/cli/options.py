@@ -85,10 +85,7 @@ DryRun = Annotated[
 def require_hardware(hardware: bool, realtime_rate: float | None = None, **options: object) -> None:
     """Rejects --realtime-rate with --hardware, and hardware options without --hardware.
 
-    Args:
-        hardware: Whether --hardware is given.
-        realtime_rate: The value of --realtime-rate; None if it is not given.
-        options: Values of the hardware options by name; None or False if not given.
+    `options` has the values of the hardware options by name; None or False means "not given".
     """
     if hardware and realtime_rate is not None:
         raise typer.BadParameter("--realtime-rate does not work with --hardware. Use --speed.")

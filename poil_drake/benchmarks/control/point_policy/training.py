@@ -41,7 +41,7 @@ def train_point_policy(
 
 
 def learning_rate_factor(step: int, config: PointPolicyConfig) -> float:
-    """Returns the factor on the learning rate: a linear rise, then half a cosine down to 0."""
+    """Returns a step's factor on the learning rate: a linear rise, then half a cosine down to 0."""
     rise = math.floor(config.warm_up * config.steps)
     if step < rise:
         return (step + 1) / (rise + 1)
