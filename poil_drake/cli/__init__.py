@@ -84,9 +84,12 @@ _REASONS: dict[int, str] = {signal.SIGTERM: "terminated", signal.SIGHUP: "the te
 
 
 class Stopped(BaseException):
-    """A signal asks the process to end; unfinished work is completed while this propagates.
+    """Raised when a signal asks the process to end; clean-up runs while it propagates.
 
-    Not a KeyboardInterrupt, which typer turns into an exit status without a message.
+    It is not a KeyboardInterrupt, because typer exits on those without a message.
+
+    Attributes:
+        number: The signal's number.
     """
 
     def __init__(self, number: int):
@@ -95,7 +98,7 @@ class Stopped(BaseException):
 
 
 def main() -> None:
-    """Runs the command line; a deliberate error prints one line and gives a non-zero status."""
+    """Runs the command line. An expected error prints one line and gives a non-zero status."""
     before = {n: signal.signal(n, _stop) for n in ENDING}
     try:
         sys.exit(app(standalone_mode=False) or 0)

@@ -14,7 +14,7 @@ Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of trials in pa
 Json = Annotated[Path, typer.Option("--json", help="File for all results (JSON).")]
 Pictures = Annotated[
     Path | None,
-    typer.Option("--pictures", help="Folder for the pictures. Default: that of the JSON file."),
+    typer.Option("--pictures", help="Folder for the pictures. Default: the JSON file's."),
 ]
 Ray = Annotated[
     str | None,
@@ -27,7 +27,7 @@ Ray = Annotated[
 
 
 def _names(text: str | None) -> tuple[str, ...]:
-    """Returns the names in a comma-separated list."""
+    """Returns the names in a comma-separated list; none if there is no list."""
     return tuple(name.strip() for name in (text or "").split(",") if name.strip())
 
 
@@ -40,7 +40,7 @@ def bench_pipeline(
     tracker: Tracker = None,
     json: Json = Path("out/bench_pipeline.json"),
 ) -> None:
-    """Run the whole job in trials with random object, pose, texture and noise."""
+    """Run the whole job many times, each with random object, pose, texture and noise."""
     from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark
     from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
     from poil_drake.diagrams.scenario.load import ChooseScenario
@@ -78,7 +78,7 @@ def bench_control(
         int, typer.Option("--trials", min=1, help="Trials in each region of each task.")
     ] = 100,
     hard: Annotated[
-        bool, typer.Option(help="Add trials with any orientation, a slow tracker and a slip.")
+        bool, typer.Option(help="Add trials with random orientation, slow tracker and a slip.")
     ] = True,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, slips, noise.")] = 0,
     jobs: Jobs = 1,
@@ -86,7 +86,7 @@ def bench_control(
     json: Json = Path("out/bench_control.json"),
     pictures: Pictures = None,
 ) -> None:
-    """Compare controllers on four tasks with contact, from near and far (POIL, table II).
+    """Compare controllers on four tasks with contact, from Near and Far starts (POIL, table II).
 
     The first run trains the learned baselines, which takes some minutes, and caches them.
     """
@@ -133,7 +133,7 @@ def bench_latency(
     ] = 60.0,
     json: Json = Path("out/bench_latency.json"),
 ) -> None:
-    """Time the vector field, its baseline on poses, and the whole control path."""
+    """Time the vector field, a baseline that works on poses, and the whole control path."""
     require_writable(json)
     if hardware:
         from poil_drake.benchmarks.latency.hardware import run_hardware_latency_benchmark

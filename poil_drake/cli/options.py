@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
 
 def finite(value: float | None) -> float | None:
-    """Rejects infinity and NaN."""
+    """Returns an option's value (None: not given); rejects infinity and NaN."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number.")
     return value
 
 
 def positive(value: float) -> float:
-    """Rejects non-positive values; allows infinity."""
+    """Returns an option's value; rejects non-positive values and NaN, but allows infinity."""
     if not value > 0.0:
         raise typer.BadParameter(f"{value} is not a positive number.")
     return value
@@ -65,7 +65,7 @@ RealtimeRate = Annotated[
         "--realtime-rate",
         min=0.0,
         callback=finite,
-        help="Slow down to this rate; 0 does not slow down. Default: the scenario's.",
+        help="Slow down to this multiple of real time; 0: full speed. Default: the scenario's.",
     ),
 ]
 TimeScale = Annotated[
@@ -83,9 +83,12 @@ DryRun = Annotated[
 
 
 def require_hardware(hardware: bool, realtime_rate: float | None = None, **options: object) -> None:
-    """Rejects --realtime-rate with --hardware, and the other options without --hardware."""
+    """Rejects --realtime-rate with --hardware, and hardware options without --hardware.
+
+    `options` has the values of the hardware options by name; None or False means "not given".
+    """
     if hardware and realtime_rate is not None:
-        raise typer.BadParameter("--realtime-rate slows only simulations; use --speed.")
+        raise typer.BadParameter("--realtime-rate does not work with --hardware. Use --speed.")
     for name, value in options.items():
         if value and not hardware:
             raise typer.BadParameter(f"--{name.replace('_', '-')} works only with --hardware.")
@@ -99,7 +102,13 @@ def choose_scenario(
     file: Path | None = None,
     **changes: Any,
 ) -> "Scenario":
-    """Returns the scenario that a verb's options choose; `changes` go to `ChooseScenario`."""
+    """Returns the scenario that the arguments SCENARIO, --scenario_name and so on choose.
+
+    `changes` are further arguments of `ChooseScenario`.
+
+    Raises:
+        ScenarioError: if `argument` and `file` are both given, or the scenario is invalid.
+    """
     from poil_drake.diagrams.scenario.load import ChooseScenario
 
     if argument is not None and file is not None:

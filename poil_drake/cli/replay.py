@@ -23,11 +23,11 @@ def replay(
         typer.Option("--scenario_text", help="YAML merged over the run's scenario."),
     ] = None,
 ) -> None:
-    """Replay the log of a run and compare the commands.
+    """Replay the log of a run, and compare the new commands with the recorded ones.
 
     Perception and control process the recorded sensor data again. The exit status is 0 if the
-    commands are the same, 1 if they differ, and 2 if the log cannot be replayed. Only the files
-    that options name are written.
+    commands are the same, 1 if they differ, and 2 if the log cannot be replayed. Files are written
+    only where options name them.
     """
     from poil_drake.diagrams.replay.replay import Replay
     from poil_drake.diagrams.run.output_paths import OutputPaths

@@ -178,7 +178,7 @@ def execute(
 
 
 def _end(summary: "RunSummary") -> None:
-    """Prints where a run's outputs are, then its outcome, and exits with status 0 on success."""
+    """Prints the paths of a run's outputs and its outcome; exits with 0 on success, else 1."""
     titles = {"html": "recording", "mcap": "log", "png": "picture", "json": "figures"}
     for kind, title in titles.items():
         if kind in summary.outputs:

@@ -11,7 +11,7 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.recording.demonstration.demonstration import Demonstration
 
 _TITLE_KEYS = ("scenario", "object", "fixture", "seed")
-"""The keys of the metadata that fit into the title."""
+"""The metadata that the title shows."""
 
 _GAP = 4  # [px] between images.
 
@@ -19,13 +19,13 @@ _DPI = 100
 """Dots per inch, which sets the size of the text relative to the images."""
 
 _DEPTH_PERCENTILES = (2.0, 98.0)
-"""Percentiles of depth at the ends of the colour scale, which a few far pixels must not stretch."""
+"""Percentiles of depth at the ends of the colour scale; a few far pixels do not stretch it."""
 
 
 def contact_sheet(
     demonstration: Demonstration, path: str | Path, *, columns: int = 8, tile_width: int = 240
 ) -> None:
-    """Writes a PNG with time from left to right and, for each camera, colour above depth.
+    """Writes a PNG of frames in order of time: each camera has a row of colour above one of depth.
 
     Args:
         demonstration: The demonstration. Only the frames shown are decoded.
@@ -73,7 +73,7 @@ def contact_sheet(
 
 
 def _draw_depth(figure: Any, axis: Any, depth: np.ndarray) -> None:
-    """Draws depth [m] in colours, with its scale; invalid pixels are grey."""
+    """Draws a depth image [m] in colours beside a colour bar; invalid pixels are grey."""
     from matplotlib import colormaps
 
     seen = np.ma.masked_equal(depth, 0.0)
@@ -85,7 +85,7 @@ def _draw_depth(figure: Any, axis: Any, depth: np.ndarray) -> None:
 
 
 def _strip(images: Sequence[np.ndarray], tile_width: int) -> np.ndarray:
-    """Returns images side by side; the gaps are white in colour and invalid in depth."""
+    """Returns images side by side, each `tile_width` [px] wide. Gaps are white, or depth 0."""
     height = round(tile_width * images[0].shape[0] / images[0].shape[1])
     is_color = images[0].ndim == 3
     gap = np.full((height, _GAP, *images[0].shape[2:]), 255 if is_color else 0)

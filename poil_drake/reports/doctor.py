@@ -16,9 +16,9 @@ class Finding:
 
     Attributes:
         name: What was checked.
-        ok: Whether the main job can rely on it.
-        found: What was found.
-        remedy: The command that installs what is missing, or another remedy.
+        ok: Whether the check passed.
+        found: The version or device, or the first line of the error.
+        remedy: What to do if the check fails, usually an installation command.
     """
 
     name: str
@@ -90,28 +90,15 @@ def _torch() -> str:
 
 
 def _rendering() -> str:
-    from pydrake.geometry import (
-        ClippingRange,
-        ColorRenderCamera,
-        MakeRenderEngineVtk,
-        RenderCameraCore,
-        RenderEngineVtkParams,
-        SceneGraph,
-    )
+    from pydrake.geometry import MakeRenderEngineVtk, RenderEngineVtkParams, SceneGraph
     from pydrake.math import RigidTransform
-    from pydrake.systems.sensors import CameraInfo
+    from pydrake.systems.sensors import CameraConfig
 
     scene_graph = SceneGraph()
     scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams(backend="EGL")))
-    core = RenderCameraCore(
-        "vtk", CameraInfo(64, 48, 0.8), ClippingRange(0.01, 10.0), RigidTransform()
-    )
-    context = scene_graph.CreateDefaultContext()
-    image = (
-        scene_graph.get_query_output_port()
-        .Eval(context)
-        .RenderColorImage(ColorRenderCamera(core), scene_graph.world_frame_id(), RigidTransform())
-    )
+    camera, _ = CameraConfig(width=64, height=48, renderer_name="vtk").MakeCameras()
+    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    image = query.RenderColorImage(camera, scene_graph.world_frame_id(), RigidTransform())
     return f"VTK on EGL drew {image.width()} x {image.height()} pixels"
 
 

@@ -2,7 +2,8 @@
 
 import os
 import sys
-from typing import Any, Self
+from contextlib import AbstractContextManager
+from typing import Any
 
 from tqdm import tqdm
 
@@ -16,12 +17,12 @@ class OneLineTqdm(tqdm):
         super().__init__(*args, **kwargs)
 
     def display(self, *args: Any, **kwargs: Any) -> None:
-        """Draws the bar, on a terminal."""
+        """Draws the bar if standard error is a terminal."""
         if self._drawn:
             super().display(*args, **kwargs)
 
     def clear(self, *args: Any, **kwargs: Any) -> None:
-        """Wipes the bar, on a terminal."""
+        """Wipes the bar if standard error is a terminal."""
         if self._drawn:
             super().clear(*args, **kwargs)
 
@@ -31,10 +32,10 @@ class OneLineTqdm(tqdm):
         super().close()
 
 
-class ProgressBar:
+class ProgressBar(AbstractContextManager["ProgressBar"]):
     """A progress bar for successive steps; use it in a `with` block.
 
-    A call with (step, fraction in [0, 1]) moves the bar; the name of a new step begins a new bar.
+    Call it with the name of the step and the fraction done. A new name begins a new bar.
     """
 
     def __init__(self, *, disable: bool = False):
@@ -48,7 +49,7 @@ class ProgressBar:
         self._step = ""
 
     def __call__(self, step: str, fraction: float) -> None:
-        """Shows that the fraction (in [0, 1]) of the step is done."""
+        """Moves the bar forward to a fraction, in [0, 1], of the step."""
         if step != self._step or self._bar is None:
             self._finish()
             self._step = step
@@ -70,15 +71,12 @@ class ProgressBar:
             self._bar.close()
             self._bar = None
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *exception: object) -> None:
         self._finish()
 
 
 def _default_size() -> tuple[int | None, int | None]:
-    """Returns columns and lines to assume where the terminal reports 0; None lets tqdm ask it."""
+    """Returns 80 columns and 24 lines where the terminal reports 0, else None: tqdm asks it."""
     try:
         size = os.get_terminal_size(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -38,12 +38,11 @@ def make_replay_picture(
     Args:
         path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
         summary: The outcome of the replay.
-        recorded: The run.
-        replayed: Its replay.
+        recorded: The signals of the run.
+        replayed: The signals of its replay.
         velocity_limits: (J,) velocity limits of the joints [rad/s].
     """
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = Path(path)
@@ -52,7 +51,6 @@ def make_replay_picture(
     phases = [PhaseSpan(name=n, start=s, end=e) for n, s, e in comparison.spans]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=_SIZE)
-        FigureCanvasAgg(figure)
         _draw_header(figure, summary)
         axes = figure.subplots(
             3,
@@ -95,7 +93,7 @@ def _draw_header(figure: Any, summary: ReplaySummary) -> None:
 def _draw_velocities(
     axes: Any, recorded: RecordedRun, replayed: RecordedRun, limits: np.ndarray
 ) -> None:
-    """Draws each joint's velocity as a share of its limit: solid recorded, dashed replayed."""
+    """Draws joint velocities as shares of their limits: recorded solid, replayed dashed."""
     for joint, color in enumerate(joint_colors(len(limits))):
         before, after = recorded.commands, replayed.commands
         share = 100.0 / limits[joint]

@@ -31,16 +31,16 @@ class ReplaySummary:
     """The outcome of a replay.
 
     Attributes:
-        log: The log that was replayed.
-        station: The station that wrote it: simulated, hardware or dry_run.
+        log: Path of the log that was replayed.
+        station: The station that wrote the log: simulated, hardware or dry_run.
         tracker: The tracker of the replay; "recorded" if it repeats the tracks of the log.
         changed: Whether the settings of the replay differ from those of the run.
         comparison: How the replay differs from the run.
-        replayed: The replayed time [s].
+        replayed: Length of the replayed run [s].
         wall: Wall-clock time of the replay [s].
         notes: Remarks about the log, one clause each.
-        outputs: Kind -> path of the files written.
-        versions: Library -> version.
+        outputs: Paths of the files written, by kind.
+        versions: Versions of the libraries, by name.
     """
 
     log: str

@@ -28,11 +28,11 @@ class ErrorStatistics:
 
     Attributes:
         count: Number of finite samples.
-        median: Their median.
+        median: Median of the finite samples.
         percentile_95: Their 95th percentile.
-        maximum: The largest.
-        final: The last.
-        missing: Share of all samples that are not finite; the other figures leave them out.
+        maximum: The largest finite sample.
+        final: The last finite sample.
+        missing: Share of the samples that are not finite.
     """
 
     count: int
@@ -47,18 +47,15 @@ class ErrorStatistics:
         """Returns the statistics of errors [m], an array of any shape."""
         samples = np.asarray(errors, dtype=float).ravel()
         values = samples[np.isfinite(samples)]
-        missing = 1.0 - values.size / samples.size if samples.size else 0.0
-        if values.size == 0:
-            unknown = dict.fromkeys(("median", "percentile_95", "maximum", "final"), math.nan)
-            return cls(count=0, missing=missing, **unknown)
-        median, percentile_95 = np.percentile(values, [50.0, 95.0])
+        shown = values if values.size else np.array([math.nan])
+        median, percentile_95 = np.percentile(shown, [50.0, 95.0])
         return cls(
             count=values.size,
             median=float(median),
             percentile_95=float(percentile_95),
-            maximum=float(values.max()),
-            final=float(values[-1]),
-            missing=missing,
+            maximum=float(shown.max()),
+            final=float(shown[-1]),
+            missing=1.0 - values.size / samples.size if samples.size else 0.0,
         )
 
 
@@ -70,9 +67,9 @@ class RunTiming:
         simulated: Simulated time [s].
         wall: Wall-clock time of the simulation [s].
         parts: Wall-clock time by kind of work [s]; they add up to `wall`. "capture" includes the
-            rendering of images, unless the cameras delay them; "waiting" is the wait for concurrent
-            work; "physics" is the rest, including the sleep of a run at a real-time rate.
-        concurrent: Wall-clock time that other processes work [s]: "rendering" for cameras that
+            rendering of images, unless the cameras delay their images; "waiting" is the wait for
+            other processes; "physics" is the rest, including sleep for a real-time rate.
+        concurrent: Wall-clock time for which other processes work [s]: "rendering" if the cameras
             delay their images, and "tracking".
         stages: Wall-clock time of each stage of the job [s]: demonstration, planning, execution
             (building the loop and simulating it), report (finishing log, recording, picture).
@@ -98,23 +95,23 @@ class RunSummary:
         success: Whether the task succeeded.
         reason: Why it succeeded or failed, in one clause, e.g. "the mug hung for 2.0 s".
         scenario: The scenario's name.
-        scenario_file: The file it was read from.
+        scenario_file: Path of the scenario's file.
         seed: The seed of all randomness.
-        timing: How long it took.
+        timing: How long the run took.
         phases: The skill's phases in order.
-        mean_error: Mean distance of the points from the reference's end at the end of the phase
-            `follow` [m].
-        initial_potential: D of POIL eq. 4 at the start of that phase [m^2].
-        final_potential: D at its end [m^2].
-        tracking_error: The tracker against the truth; None if the truth is not known.
-        carried_tracking_error: The same while the object is carried, which is harder: in the other
-            phases the object rests most of the time.
-        outputs: Kind -> path of the files written.
-        versions: Library -> version.
+        mean_error: Mean distance of the points from the reference's last points when the phase
+            `follow` ends [m].
+        initial_potential: D of POIL eq. 4 when `follow` starts [m^2].
+        final_potential: D when `follow` ends [m^2].
+        tracking_error: Distance of tracked points from the true ones; None if those are unknown.
+        carried_tracking_error: The tracking error while the object is carried. In the other phases
+            the object mostly rests, so tracking it is easier.
+        outputs: Paths of the files written, by kind.
+        versions: Versions of the libraries, by name.
         tracker: The tracker's name.
         final_state_digest: SHA-256 of the simulated plant's final positions and velocities. Two
             runs of the same scenario with the same seed have the same digest.
-        figures: Further measurements, name (with its unit) -> value.
+        figures: Further measurements by name; the name contains the unit.
     """
 
     success: bool
@@ -167,7 +164,7 @@ class RunSummary:
 def phase_spans(
     times: np.ndarray, phases: np.ndarray, names: Sequence[str]
 ) -> tuple[PhaseSpan, ...]:
-    """Returns the phases from samples of their indices.
+    """Returns start and end of each phase, given sampled indices of the current phase.
 
     Args:
         times: (T,) sample times [s].

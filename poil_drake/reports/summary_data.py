@@ -11,14 +11,14 @@ from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SummaryData:
-    """The contents of a summary picture. Anything that is empty is left out.
+    """The contents of a summary picture. Empty fields are not drawn.
 
     Attributes:
-        title: The run's name, e.g. "Hang a mug".
+        title: Name of the run, e.g. "Hang a mug".
         success: Whether the task succeeded.
         reason: Why it succeeded or failed, in one clause.
         subtitle: One line of further figures.
-        times: (T,) times [s] of the samples below.
+        times: (T,) times of the samples of points, potential, tau and joint velocities [s].
         point_errors: (T, N) distance of each point from its target [m]; NaN where unknown.
         potential: (T,) D of POIL eq. 4 [m^2].
         tau: (T,) time of the reference's closest sample [s].

@@ -47,7 +47,10 @@ _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
 
 
 def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
-    """Draws the verdict at its top left corner, and returns its right edge [figure coordinates]."""
+    """Draws a white text on a green box (red without success), and returns the box's right edge.
+
+    The top left corner is at (`left`, `top`); all three values are in figure coordinates.
+    """
     verdict = figure.text(
         left,
         top,
@@ -62,7 +65,6 @@ def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: flo
             "boxstyle": "round,pad=0.25",
         },
     )
-    figure.canvas.draw()
     return verdict.get_window_extent().x1 / figure.bbox.width
 
 
@@ -106,12 +108,12 @@ def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
 
 
 def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
-    """Returns ascending places moved apart to a minimum distance, in two sweeps.
+    """Returns ascending positions on an axis, moved apart to a minimum distance.
 
     Args:
-        places: (P,) ascending places.
+        places: (P,) the positions.
         gap: The minimum distance.
-        upper: Upper bound of the moved places, unless the last place already exceeds it.
+        upper: Upper bound of the moved positions, unless the last one already exceeds it.
     """
     moved = np.array(places, dtype=float)
     for i in range(1, len(moved)):
@@ -130,7 +132,7 @@ def draw_point_error(axes: Any, data: SummaryData) -> None:
 
 
 def draw_tracking_error(axes: Any, data: SummaryData) -> None:
-    """Draws the tracker's mean error against the truth, and the range over the points, in mm."""
+    """Draws the mean distance of tracked from true points, and the range over the points, in mm."""
     _draw_errors(axes, data.tracking_times, data.tracking_errors, COLORS["truth"])
     axes.set_ylabel("tracking error\n[mm]")
 
@@ -148,32 +150,25 @@ def _draw_errors(axes: Any, times: np.ndarray, errors: np.ndarray, color: str) -
     axes.plot(times, mean, color=color, label="mean")
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="upper right", ncols=2)
-    finite = np.flatnonzero(np.isfinite(mean))
-    if finite.size:
-        _write_last(axes, mean[finite[-1]], f"last\n{mean[finite[-1]]:.1f} mm", color)
+    _write_last(axes, mean, "last\n{:.1f} mm", color)
 
 
 def draw_potential(axes: Any, data: SummaryData) -> None:
     """Draws the potential D on a logarithmic axis."""
     positive = np.where(data.potential > 0.0, data.potential, np.nan)
     axes.plot(data.times, positive, color=COLORS["reference"])
-    axes.set_yscale("log")
-    axes.set_ylabel("potential $D$\n[m²]")
-    finite = np.flatnonzero(np.isfinite(positive))
-    if finite.size:
-        value = positive[finite[-1]]
-        _write_last(axes, value, f"last\n{value:.1e} m²", COLORS["reference"])
+    axes.set(yscale="log", ylabel="potential $D$\n[m²]")
+    _write_last(axes, positive, "last\n{:.1e} m²", COLORS["reference"])
 
 
 def draw_progress(axes: Any, data: SummaryData) -> None:
-    """Draws the progress of the points along the reference."""
+    """Draws the time of the reference's closest sample, and the reference's duration."""
     axes.plot(data.times, data.tau, color=COLORS["target"])
-    axes.set_ylabel("progress τ*\n[s]")
-    axes.set_ylim(bottom=0.0)
+    axes.set(ylabel="progress τ*\n[s]", ylim=(0.0, None))
     if np.isfinite(data.reference_duration):
         axes.axhline(data.reference_duration, color=COLORS["muted"], linewidth=0.9, linestyle="--")
         axes.set_ylim(top=1.12 * data.reference_duration)
-        _write_last(axes, data.reference_duration, "goal", COLORS["muted"])
+        _write_last(axes, np.array([data.reference_duration]), "goal", COLORS["muted"])
 
 
 def draw_joint_velocities(axes: Any, data: SummaryData) -> None:
@@ -197,7 +192,7 @@ def joint_colors(count: int) -> np.ndarray:
 
 
 def label_joints(axes: Any) -> None:
-    """Labels a panel of joint velocities, with a legend to its right."""
+    """Labels a panel of joint velocities, and adds a legend to its right."""
     axes.set_ylabel("joint velocity\n[% of limit]")
     axes.legend(
         title="joint",
@@ -211,11 +206,14 @@ def label_joints(axes: Any) -> None:
     )
 
 
-def _write_last(axes: Any, height: float, text: str, color: str) -> None:
-    """Writes a text to the right of the panel, at a height in data coordinates."""
+def _write_last(axes: Any, values: np.ndarray, text: str, color: str) -> None:
+    """Writes the last finite value, formatted into `text`, to the right of the panel."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return
     axes.annotate(
-        text,
-        xy=(1.0, height),
+        text.format(finite[-1]),
+        xy=(1.0, finite[-1]),
         xycoords=("axes fraction", "data"),
         xytext=(5, 0),
         textcoords="offset points",

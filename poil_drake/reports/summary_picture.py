@@ -40,7 +40,6 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
         data: The contents.
     """
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = Path(path)
@@ -56,7 +55,6 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
     )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(_WIDTH, height))
-        FigureCanvasAgg(figure)
         _draw_header(figure, data, height)
         _draw_snapshots(figure, data, height, picture_height)
         _draw_panels(figure, panels, data, height)
@@ -65,7 +63,7 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
 
 
 def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels; the tracking error needs a known truth."""
+    """Returns the functions that draw the panels: one for tracking errors only if any are known."""
     known = np.isfinite(data.tracking_errors).any()
     return [
         draw_point_error,

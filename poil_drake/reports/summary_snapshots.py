@@ -18,8 +18,8 @@ def common_view(snapshots: Sequence[Snapshot], *, margin: float = 0.12) -> np.nd
         margin: Margin around the points, as a share of the picture's width.
 
     Returns:
-        Left, right, upper and lower edge [px], with the proportions of the picture; the whole
-        picture if no point is in view.
+        (4,) left, right, upper and lower edge [px]. The part has the proportions of the picture,
+        and is the whole picture if no point is in view.
     """
     camera = snapshots[0].camera
     size = np.array([camera.width, camera.height], dtype=float)
@@ -42,7 +42,7 @@ def draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bo
     Args:
         axes: Where to draw.
         snapshot: The picture.
-        view: The part of it to show, from `common_view`.
+        view: The part of the picture to show, from `common_view` [px].
         legend: Whether to draw a legend.
     """
     camera = snapshot.camera
@@ -59,10 +59,7 @@ def draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bo
         uv, depth = project(known, camera.K, camera.X_WC)
         uv = uv[depth > 0.0]
         axes.plot(*uv.T, linestyle="", color=color, markeredgecolor=edge, **style)
-    axes.set_xlim(view[0], view[1])
-    axes.set_ylim(view[3], view[2])
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xlim=view[:2], ylim=view[:1:-1], xticks=[], yticks=[])
     axes.grid(False)
     axes.set_xlabel(f"{snapshot.time:.1f} s", labelpad=2)
     if legend and axes.get_legend_handles_labels()[0]:

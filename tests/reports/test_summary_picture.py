@@ -93,17 +93,10 @@ def test_the_tracking_error_has_a_panel_if_the_truth_is_known(tmp_path):
 
 
 def test_signals_without_finite_values_are_drawn_empty(tmp_path):
-    times = make_data().times
-    unknown = np.full(len(times), np.nan)
-    dut = make_data(
-        point_errors=np.full((len(times), 3), np.nan),
-        potential=unknown,
-        tau=unknown,
-        joint_velocities=np.full((len(times), 7), np.nan),
-        reference_duration=np.nan,
-    )
+    signals = ("point_errors", "potential", "tau", "joint_velocities", "reference_duration")
+    unknown = {name: np.nan * getattr(make_data(), name) for name in signals}
 
-    assert draw(tmp_path / "a.png", dut).size
+    assert draw(tmp_path / "a.png", make_data(**unknown)).size
 
 
 def test_the_same_data_give_the_same_picture(tmp_path):

@@ -57,7 +57,8 @@ def TaskDemonstration(name: str) -> RecordedDemonstration:
 def TaskDeformation(name: str) -> float:
     """Returns how far the points deform from their shape at the start of the demonstration [m].
 
-    It is the largest mean distance, over all samples, of the points from the best rigid motion.
+    In each sample, the start's points are rigidly fitted to the points; the result is the largest
+    mean distance that remains.
     """
     points = TaskDemonstration(name).points
     start = np.broadcast_to(points[0], points.shape)
@@ -72,9 +73,10 @@ def TaskReference(name: str) -> PointTrajectory:
 
 
 def ReferenceAlong(name: str, positions: np.ndarray) -> PointTrajectory:
-    """Returns a reference through positions (T, M, 3) [m], sampled in a task's one demonstration.
+    """Returns a reference through positions (T, M, 3) [m] at the times of a task's demonstration.
 
-    For a rigid object, one shape is fitted to all samples; those of a deforming object are kept.
+    For a rigid object, one shape is fitted to all samples. For a deforming object, the positions
+    are used as they are.
     """
     times = TaskDemonstration(name).times
     if TaskDeformation(name) < _RIGID:
@@ -87,10 +89,10 @@ def Demonstrate(
 ) -> RecordedDemonstration:
     """Simulates a demonstration.
 
-    The object is held still until it has come to rest, and then moved smoothly through keyframes.
+    The object is held still until it has come to rest, then moved smoothly through the keyframes.
 
     Args:
-        task: The object and the scene.
+        task: The object and the scene; its own keyframes are not used.
         times: (K,) times of the keyframes [s].
         keyframes: (K, 4, 4) poses of the driven body.
     """
@@ -122,7 +124,7 @@ def Demonstrate(
 def NearDemonstrations(name: str, count: int) -> tuple[RecordedDemonstration, ...]:
     """Returns demonstrations of a task with random starts in the Near region.
 
-    Each moves the object to the start of the task's one demonstration and then repeats it.
+    Each moves the object to the start of the task's one demonstration and then repeats that one.
     """
     task, shown = MakeTask(name), TaskDemonstration(name)
     arena = Arena(task, ScriptedPolicy(task.keyframes, period=RECORDING_PERIOD))

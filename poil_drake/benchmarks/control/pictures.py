@@ -19,11 +19,11 @@ _BIN = 0.08  # Width of a bin of distances [m].
 _SHOWN_PATHS = 40
 
 _Groups = dict[tuple[str, str], list[ControlTrial]]
-"""Trials by task and policy. Those in hard mode and those that found no start are left out."""
+"""Trials by task and policy, without those in hard mode and those that found no start."""
 
 
 def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
-    """Writes PNGs of success against distance, if there are Far trials, and of objects' paths."""
+    """Writes PNGs of the objects' paths and, if there are Far trials, of success by distance."""
     groups: _Groups = {}
     for trial in trials:
         group = groups.setdefault((trial.task, trial.policy), [])
@@ -38,9 +38,9 @@ def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:
 def success_by_distance(
     trials: Sequence[ControlTrial],
 ) -> list[tuple[float, float, tuple[float, float]]]:
-    """Returns success by the distance of the start from the Near region.
+    """Returns the rate of success, in bins of the start's distance from the Near region.
 
-    Each bin is (middle [m], success rate, 95 % interval). The bin before 0 holds the Near starts.
+    Each bin is (middle [m], success rate, 95 % interval). The bin below 0 holds the Near starts.
     """
     bins: dict[int, list[bool]] = {}
     for trial in trials:

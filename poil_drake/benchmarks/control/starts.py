@@ -23,7 +23,7 @@ _ATTEMPTS = 1000
 
 
 def trial_generator(task: str, region: str, trial: int, *, seed: int = 0) -> np.random.Generator:
-    """Returns the generator of all random numbers of a trial."""
+    """Returns the generator of all random numbers of a trial, seeded by all four arguments."""
     return np.random.default_rng([zlib.crc32(f"{task} {region}".encode()), trial, seed])
 
 
@@ -32,14 +32,14 @@ def sample_start(
 ) -> np.ndarray:
     """Returns a pose (4, 4) of the object in which it touches nothing.
 
-    Near draws x and y from a box around the demonstration's start, Far from a larger box outside
-    the Near one; both draw the yaw (POIL, section IV-B). Hard draws x and y from the whole larger
-    box, any orientation, and a height above the table.
+    For "near", x and y come from a box around the demonstration's start; for "far", from a larger
+    box without the Near box. The yaw is random in both (POIL, section IV-B). For "hard", x and y
+    come from the whole larger box, and the height and the orientation are random.
 
     Args:
         arena: The arena to check for collisions.
         context: The context of its diagram, in which the object is moved.
-        shape: Positions of the object's joints.
+        shape: Positions of the object's joints, without its pose.
         region: The region to draw from.
         rng: The generator to draw with.
 
@@ -56,7 +56,7 @@ def sample_start(
             return X_WO
     raise InvalidValueError(
         f"All {_ATTEMPTS} random {region} starts of {arena.task.title} are too close to a fixture.",
-        remedy="Move the task's fixtures, or widen its far_lower and far_upper.",
+        remedy="Move the task's fixtures away from its start.",
     )
 
 

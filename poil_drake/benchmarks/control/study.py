@@ -53,7 +53,7 @@ def run_control_study(
 
     Args:
         config: The trials to run.
-        json_path: JSON file for the results. An interrupted study leaves its results so far.
+        json_path: JSON file for the results. If interrupted, the study writes the results so far.
         pictures: Folder for the pictures; None draws none.
         jobs: Number of worker processes on this machine.
         ray_address: Address of a Ray cluster to use instead; see `run_trials`.
@@ -106,7 +106,7 @@ def run_control_study(
 
 
 def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, path: Path) -> None:
-    """Writes the results of the trials that have ended, and the study's settings, as JSON."""
+    """Writes the results of trials and the settings of the study as JSON."""
     figures = {
         "config": asdict(config),
         "arena": asdict(ArenaConfig()),
@@ -129,7 +129,8 @@ def run_control_trial(
 ) -> ControlTrial:
     """Runs one trial, whose random numbers depend only on task, region, number and seed.
 
-    A trial that ends in an error counts as a failure, and has the error as its note.
+    `trained` needs an entry for the task only if the policy is a learned one. A trial that ends in
+    an error counts as a failure, and its note is the error.
     """
     rng, hard = trial_generator(task, region, number, seed=seed), region == "hard"
     trial = ControlTrial(task=task, region=region, policy=policy, trial=number)
@@ -180,7 +181,8 @@ def _draw_slip(rng: np.random.Generator) -> Slip:
 def train_policy(task: str, name: str) -> TrainedPointPolicy:
     """Returns a learned policy for a task, from the cache or newly trained.
 
-    A single demonstration is the task's own; several have random starts in the Near region.
+    A policy that learns from one demonstration gets the task's own; one that learns from several
+    gets demonstrations with random starts in the Near region.
     """
     (row,) = [row for row in ROWS if row.name == name]
     if row.demonstrations > 1:

@@ -11,9 +11,9 @@ from poil_drake.benchmarks.control.trial import TrialConfig
 from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
-"""The policies that run in hard mode. Even there, `se3_bcsdm` knows the exact pose.
+"""The policies that run in hard mode. There, too, `se3_bcsdm` knows the exact pose.
 
-The learned policies are left out: the orientation in their demonstrations varies only in yaw.
+The learned policies are left out because only the yaw varies in their demonstrations.
 """
 
 
@@ -22,12 +22,12 @@ class HardMode:
     """The difficulties of hard mode, in addition to a start in any orientation.
 
     Attributes:
-        slip_start: Earliest and latest time at which the object begins to slip in the hand [s].
+        slip_start: Earliest and latest time at which a slip of the object in the hand begins [s].
         slip_duration: Duration of the slip [s].
         slip_distance: Shift of the object [m].
         slip_angle: Rotation of the object [rad].
         tracking: Delay and noise of the points.
-        trial: When a trial ends: later than usual, since noise can make the object rest briefly.
+        trial: When a trial ends: later than usual, because noise can make the object rest briefly.
     """
 
     slip_start: tuple[float, float] = (1.0, 3.0)

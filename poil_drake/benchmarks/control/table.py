@@ -81,7 +81,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def print_tables(trials: Sequence[ControlTrial]) -> None:
-    """Prints success beside the paper's figures, collision-free success, and then hard mode."""
+    """Prints success beside the paper's figures, success without collisions, and hard mode."""
     cells = {(cell.task, cell.region, cell.policy): cell for cell in summarize(trials)}
     tasks = [name for name in TASKS if any(key[0] == name for key in cells)]
     for title, clean in (
@@ -131,7 +131,7 @@ def table_lines(
         cells: Results by task, region and policy.
         tasks: Names of the tasks, in the order of the columns.
         regions: Regions of each task.
-        clean: Whether collisions count as failures. The paper has no such figures.
+        clean: Whether collisions count as failures. If so, the paper's figures are left out.
     """
     columns = [(task, region) for task in tasks for region in regions]
     heads = [f"{MakeTask(task).title} {region}" for task, region in columns]

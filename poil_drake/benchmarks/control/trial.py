@@ -20,10 +20,10 @@ class TrialConfig:
     Attributes:
         max_time: Time limit [s]: about three times a demonstration.
         look_period: Time between two checks of the state [s].
-        settled_time: A trial ends when the object has hardly moved for this time [s], which is
-            longer than safe entry takes to notice that it is blocked.
-        settled_motion: The rotation [rad] and shift [m] in that time below which the object has
-            hardly moved. At the reference's lowest speed, 2 cm/s, it moves 5 cm.
+        settled_time: A trial ends when the object has hardly moved for this time [s]. Safe entry
+            notices in less time that the object is blocked.
+        settled_motion: The object has hardly moved if it rotates [rad] and shifts [m] by less than
+            this in `settled_time`. At the reference's lowest speed, 2 cm/s, it shifts by 5 cm.
         threshold: The contact above which a trial counts as a collision.
     """
 
@@ -49,8 +49,8 @@ class ControlTrial:
         impulse: Total impulse of all contacts that were not intended [N s].
         depth: Deepest penetration in these contacts [m].
         time: Simulated time [s].
-        strain: Largest strain over all pairs of points and all times: the change of their distance,
-            relative to that at the start.
+        strain: Largest strain over all pairs of points and all times. The strain of a pair is the
+            change of its distance since the start, divided by its distance at the start.
         typical_strain: Largest value over time of the median strain over all pairs.
         distance: Distance of the start from the Near region in x and y [m].
         path: (K, 3) positions of the object's frame [m], one per `look_period`.
@@ -79,7 +79,11 @@ class ControlTrial:
 def goal_error(
     criterion: str, points: np.ndarray, X_WO: np.ndarray, shown: RecordedDemonstration
 ) -> float:
-    """Returns the object's distance from the demonstration's end [m], by the task's criterion."""
+    """Returns the object's distance from its place at the demonstration's end [m].
+
+    It is the distance of the driven body's origin (criterion "center", from X_WO (4, 4)), or the
+    mean distance of the points (N, 3) (criterion "points").
+    """
     if criterion == "center":
         return float(np.linalg.norm(X_WO[:3, 3] - shown.X_WO[-1, :3, 3]))
     return float(np.linalg.norm(points - shown.points[-1], axis=1).mean())
@@ -150,7 +154,7 @@ def _watch(
 
 
 def pair_strains(points: np.ndarray) -> np.ndarray:
-    """Returns the strain (K, P) of each pair of points (K, N, 3) [m], relative to the start."""
+    """Returns the strain (K, P) of each pair of points (K, N, 3) [m] since the first sample."""
     first, second = np.triu_indices(points.shape[1], 1)
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     return np.abs(lengths / lengths[0] - 1.0)

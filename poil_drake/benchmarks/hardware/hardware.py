@@ -88,7 +88,7 @@ def run_hardware_benchmark(
 def run_trial(
     seed: int, demonstration: Path, *, speed: float, time_scale: float, folder: Path
 ) -> HardwareTrial:
-    """Runs both processes once.
+    """Runs `poil run --hardware` against `poil driver` once.
 
     Args:
         seed: Seed of object, pose and noise.
@@ -142,7 +142,7 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
 
     Args:
         arguments: Options of `poil driver`.
-        folder: Its working directory, in which "driver.log" receives its output.
+        folder: Working directory of the process. Its output goes to "driver.log" there.
 
     Raises:
         StationError: if the driver does not start.
@@ -188,7 +188,7 @@ def summarize(trials: Sequence[HardwareTrial]) -> dict[str, float]:
 
 
 def _share(figures: Sequence[dict[str, float]], name: str) -> float:
-    """Returns the share of all ticks that a figure counts."""
+    """Returns a figure that counts ticks, such as "missed_ticks", as a share of all ticks."""
     ticks = sum(one.get("ticks", 0.0) for one in figures)
     return sum(one.get(name, 0.0) for one in figures) / ticks if ticks else float("nan")
 

@@ -4,8 +4,8 @@ It sends the driver's messages at the driver's rates, but has no dynamics: joint
 commands through a low-pass filter, the hand stops at the width of the object it holds, and each
 camera sends the same image forever. (`poil driver`, in contrast, simulates the physics.)
 
-Run as `python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json`, it prints "ready", runs
-until its standard input is closed, and then prints its records as JSON.
+`python -m poil_drake.benchmarks.hardware.stand_in_robot SETUP.json` prints "ready", runs until its
+standard input is closed, and then prints the robot's records as JSON.
 """
 
 import json
@@ -68,7 +68,7 @@ class StandInSetup:
         holds: Width of the object between the fingers [m].
         pictures: Path of an npz with the cameras' images: "<camera>.rgb", ".depth" and ".label".
         cameras: Names of the cameras.
-        image_period: Time between two images [s].
+        image_period: Time between two images of a camera [s].
         time_scale: Seconds of the robot's time per second; all other times are the robot's.
         fault: Name of a fault, for stand-ins that simulate faults.
         after: Time from the arm's first motion to the fault [s].
@@ -137,7 +137,7 @@ class StandInRobot:
         return self.setup.time_scale * time.time()
 
     def now(self) -> float:
-        """Returns the driver's time [s], which is that of `clock` unless a fault shifts it."""
+        """Returns the driver's time [s]. It differs from `clock` only if a fault shifts it."""
         return self.clock()
 
     def desired_velocity(self, now: float) -> np.ndarray:
@@ -147,7 +147,7 @@ class StandInRobot:
         return self.command.velocity
 
     def step(self, tick: int) -> None:
-        """Simulates the driver for one `PERIOD`."""
+        """Simulates the driver in its period number `tick`."""
         self.lcm.HandleSubscriptions(0)
         now = self.now()
         self.velocity = self.velocity + _SMOOTHING * (self.desired_velocity(now) - self.velocity)
@@ -158,7 +158,7 @@ class StandInRobot:
             self.move_hand(now)
 
     def status(self, stamp: float) -> PandaStatus:
-        """Returns the arm's status."""
+        """Returns the arm's status, stamped with the driver's time [s]."""
         return PandaStatus(
             stamp=stamp,
             position=self.position,
@@ -169,12 +169,12 @@ class StandInRobot:
         )
 
     def send_status(self, now: float) -> None:
-        """Sends the arm's status."""
+        """Sends the arm's status, stamped with the driver's time [s]."""
         message = encode_panda_status(self.status(now), self.velocity)
         self.lcm.Publish(self.channels.status, message)
 
     def move_hand(self, now: float) -> None:
-        """Moves the hand, and sends its status."""
+        """Moves the hand for one `HAND_PERIOD`, and sends its status, stamped with the time [s]."""
         if self.hand_command is not None:
             step, goal = _HAND_SPEED * HAND_PERIOD, max(self.hand_command.width, self.setup.holds)
             self.width += min(max(goal - self.width, -step), step)
@@ -192,13 +192,13 @@ class StandInRobot:
         return f"DRAKE_RGBD_CAMERA_IMAGES_{camera}"
 
     def picture(self, camera: str, stamp: float) -> bytes:
-        """Returns a camera's image as a message."""
+        """Returns a camera's image as an LCM message, stamped with the driver's time [s]."""
         rgb, depth, label = self.pictures[camera]
         image = RgbdImage(rgb=rgb, depth=depth, stamp=stamp, label=label)
         return encode_images(image, camera=camera)
 
     def seen(self) -> dict[str, Any]:
-        """Returns the latest rows of all records."""
+        """Returns the latest rows of each record, by the name of its attribute."""
         kept = ("speeds", "commanded", "told", "hand_told")
         return {name: getattr(self, name)[-_KEPT:] for name in kept}
 
@@ -252,9 +252,10 @@ def with_own_networks(scenario: "Scenario") -> "Scenario":
 def running_stand_in(
     setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
 ) -> Iterator[subprocess.Popen[str]]:
-    """Runs a stand-in robot as a process during a `with` block, which begins when it is ready.
+    """Runs a stand-in robot as a process, which it yields when the robot is ready.
 
-    Closing the process's standard input ends it; the last line of its output has the records.
+    When its standard input is closed, the process prints its records in one line, and ends. At the
+    end of the `with` block it is killed.
 
     Args:
         setup: The setup.

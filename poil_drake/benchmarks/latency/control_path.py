@@ -123,7 +123,7 @@ class ControlPath:
 
 
 def _connect(systems: dict[str, LeafSystem]) -> Diagram:
-    """Returns a diagram of some of the loop's systems; inputs replace the outputs of the others."""
+    """Returns a diagram with the loop's wires; each output of a missing system is an input port."""
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)

@@ -39,7 +39,7 @@ _BARE = 10.0
 """Duration of the bare loop, the baseline [s]."""
 
 _WARM_UP = 2.0
-"""Time at the start that is not measured, since caches and libraries are set up in it [s]."""
+"""Time at the start, in which caches and libraries are set up; not measured [s]."""
 
 _HELD_WIDTH = 0.01
 _SLOW_RISE = 2e-4  # [m/s]. The reference hardly moves, since the images never change.
@@ -56,7 +56,7 @@ class PeriodRow:
         p99_9: 99.9th percentile of the period.
         largest: Largest period.
         jitter_p99_9: 99.9th percentile of the jitter, the distance from the nominal period.
-        ratio: Ratio of that jitter to the bare loop's.
+        ratio: Ratio of `jitter_p99_9` to that of the bare loop.
     """
 
     name: str
@@ -72,11 +72,11 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
     """Runs the loop against a stand-in robot, prints a table and writes it as JSON.
 
     The loop is the whole hardware path: LCM, cameras, tracker in its process, propagator, field,
-    inverse kinematics and log, kept in the phase in which the object follows its reference. The
-    stand-in sends a thousand statuses and eight images of the scenario per second, and records the
-    stamps of the commands, whose period is measured. In the middle of the run the tracker's process
-    is stopped for a second. Before the run, a bare loop that only waits measures the jitter of the
-    machine itself.
+    inverse kinematics and log. It stays in the phase `follow`, in which the object follows its
+    reference. The stand-in sends a thousand statuses and eight images of the scenario per second,
+    and records the stamps of the commands. The time between two stamps is the measured period. In
+    the middle of the run, the tracker's process is stopped for a second. Before the run, a bare
+    loop that only waits measures the jitter of the machine itself.
 
     Args:
         duration: Duration of the run [s].
@@ -117,7 +117,10 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
 
 
 def summarize(stamps: dict[str, np.ndarray], period: float) -> list[PeriodRow]:
-    """Returns a row for each loop, given its stamps (T,) [s]; the first loop is the baseline."""
+    """Returns a row for each loop, given its stamps (T,) and nominal period [s].
+
+    The first loop is the baseline of the ratios.
+    """
     rows: list[PeriodRow] = []
     for name, times in stamps.items():
         periods = np.diff(times)
@@ -175,7 +178,7 @@ def _stand_in_setup(scenario: Scenario, plan: ExecutionPlan, folder: Path) -> St
 def _run(
     scenario: Scenario, plan: ExecutionPlan, folder: Path, duration: float
 ) -> tuple[LoopTiming, list[float], float]:
-    """Returns the timing, start and end of the stall [s], and end of the run [s since epoch]."""
+    """Returns the timing, the start and end of the stall [s], and the run's end [s since epoch]."""
     with RunLogWriter(folder / "run.mcap", config=RunLogConfig(drop_when_full=True)) as log:
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
         assert isinstance(loop.tracker, PointTracker)

@@ -77,7 +77,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
     of them alike. Garbage is collected as in the closed loop, with all existing objects frozen.
 
     Args:
-        ticks: Number of times that each subject is timed.
+        ticks: Number of times that each subject is timed; batches of states are timed less often.
         json_path: JSON file for the results.
     """
     import torch
@@ -105,7 +105,7 @@ def run_latency_benchmark(*, ticks: int, json_path: Path) -> list[Row]:
 
 
 def summarize(names: Sequence[str], durations: Sequence[np.ndarray]) -> list[Row]:
-    """Returns the percentiles of each subject's durations [s]."""
+    """Returns a row of percentiles for each subject, given its name and durations (T,) [s]."""
     percentiles = [np.percentile(1e6 * d, [50.0, 99.0, 99.9, 100.0]).tolist() for d in durations]
     baseline = percentiles[list(names).index(BASELINE)][0]
     return [

@@ -1,7 +1,7 @@
 """BCSDM on poses in PyTorch, written directly from its formulas: the baseline for latency.
 
-It takes a batch of poses, as the published implementation does, and computes the logarithm of the
-rotation from every sample of the reference by the textbook formula.
+It takes a batch of poses, as the published implementation does. The logarithm of the rotation
+between a pose and every sample of the reference is computed by the textbook formula.
 
 Imports torch: import this module inside functions only.
 """

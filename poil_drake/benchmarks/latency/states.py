@@ -1,4 +1,4 @@
-"""A moving body, and states near its motion and far from it, with which controllers are timed."""
+"""A moving body, and states near and far from its motion, for timing controllers."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, tr
 
 _COUNT, _OUTLIERS = 64, 2
 _NOISE = 1e-3
-"""Standard deviation of a tracker's points [m]."""
+"""Standard deviation of the noise in each coordinate of a tracked point [m]."""
 
 
 def moving_body(
@@ -19,7 +19,7 @@ def moving_body(
     """Returns a body's motion in 4 s: a turn by 115 degrees on a curved path of half a metre.
 
     Returns:
-        times: (T,) [s].
+        times: (T,) sample times [s].
         X_WO: (T, 4, 4) poses of the body.
         reference: The motion of its points.
         points: (N, 3) the points in the body's frame [m], within 4 cm.

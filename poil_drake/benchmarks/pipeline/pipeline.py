@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_recorded_trial
+from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_trial
 from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario
@@ -40,7 +40,7 @@ def run_pipeline_benchmark(
         trials: Number of trials, with seeds 0 to trials - 1.
         jobs: Number of trials that run at the same time; speeds are comparable only with one job.
         tracker: Name of the tracker; None for the scenario's.
-        json_path: JSON file for the results. An interrupted benchmark leaves its results so far.
+        json_path: JSON file for the results, written after every trial.
         ray_address: Address of a Ray cluster, see `run_trials`; None for this machine.
 
     Raises:
@@ -57,7 +57,7 @@ def run_pipeline_benchmark(
     with (
         closing(
             run_trials(
-                run_recorded_trial,
+                run_trial,
                 arguments,
                 shared=({task: _demonstration(task) for task in tasks},),
                 jobs=jobs,
@@ -90,9 +90,9 @@ def _write(trials: Sequence[Trial], path: Path) -> None:
 
 
 def summarize(trials: Sequence[Trial]) -> dict[str, object]:
-    """Returns the figures over all trials, by name.
+    """Returns statistics over all trials, by name.
 
-    Errors are in metres. The worst trial's median and 95th percentile reveal a bad trial.
+    Errors are in metres. Trials that raised an error count only in "trials" and "causes".
     """
     finished = [trial for trial in trials if np.isfinite(trial.simulated)]
 

@@ -31,17 +31,18 @@ class Trial:
         object_model: Name of the object's model file.
         success: Whether the object hung at the end.
         cause: Cause of the failure; empty on success.
-        final_error: Mean distance of the points to the reference's end at release [m].
+        final_error: Mean distance of the points, at release, from the reference's last points [m].
         tracking_errors: Median and 95th percentile of the distance of tracked points from the
-            truth [m]; NaN without tracks.
-        worst_tracking_error: Largest such distance [m].
+            true ones [m]; NaN without tracks.
+        worst_tracking_error: Largest distance of a tracked point from the true one [m].
         carried_tracking_errors: `tracking_errors` while the object is carried [m].
-        unobserved: Share of the points that the tracker did not observe; most of them after the
-            release, while the object drops and swings.
+        unobserved: Share of the points that the tracker did not observe. Most go unobserved after
+            the release, while the object drops and swings.
         carried_unobserved: `unobserved` while the object is carried.
-        real_time_factor: Simulated over wall-clock time of the closed loop.
+        real_time_factor: Ratio of simulated to wall-clock time of the closed loop.
         split: Shares of the closed loop's wall-clock time, by activity.
-        concurrent: Shares of that time in which another process rendered or tracked.
+        concurrent: Shares of the closed loop's wall-clock time in which another process rendered
+            or tracked, by activity.
         simulated: Simulated time [s].
     """
 
@@ -62,12 +63,20 @@ class Trial:
     simulated: float = np.nan
 
 
-def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> Trial:
-    """Runs one trial with a demonstration file; an error becomes the trial's cause of failure."""
+def run_trial(
+    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
+) -> Trial:
+    """Runs one trial, given the contents of each task's demonstration file (MCAP).
+
+    An error becomes the trial's cause of failure.
+    """
     scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
     model = _object_model(scenario)
     try:
-        plan = PlanScenario(scenario, demonstration)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{task}.mcap"
+            path.write_bytes(demonstrations[task])
+            plan = PlanScenario(scenario, path)
         summary = ExecutePlan(
             plan, scenario, outputs=OutputPaths(), show=False, show_progress=False, check=False
         )
@@ -97,18 +106,8 @@ def run_trial(task: str, seed: int, tracker: str | None, demonstration: str) -> 
     )
 
 
-def run_recorded_trial(
-    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
-) -> Trial:
-    """Runs one trial, given the contents of each task's demonstration file (MCAP)."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{task}.mcap"
-        path.write_bytes(demonstrations[task])
-        return run_trial(task, seed, tracker, str(path))
-
-
 def lost_trial(lost: LostTrial) -> Trial:
-    """Returns a failed trial in place of a `run_recorded_trial` that lost all its workers."""
+    """Returns a failed trial to replace a `run_trial` whose workers were all killed."""
     task, seed, tracker = lost.arguments
     model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
     return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))

@@ -1,4 +1,4 @@
-"""The effect of delay and held twists on the field around its goal: simulated and closed form."""
+"""The effect of delay and held twists on the field near its goal, simulated and in closed form."""
 
 from typing import Any
 
@@ -15,14 +15,19 @@ from poil_drake.control.theory.stability import rotation_potential, rotation_vel
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 _GRID, _PERIODS = 44, 500
-"""Points along each axis of the map of delay and period, and periods simulated for each."""
+"""Points along each axis of the map over delay and period; periods simulated at each point."""
 
 _ETA, _TRACKER_PERIOD, _TRACKER_LATENCY = 3.0, 0.125, 0.1875
 """Gain [1/s], and period and latency of the paper's tracker [s]."""
 
 
 def measure_delay() -> dict[str, Any]:
-    """Returns for which delays and periods D falls, rises at times, or does not settle."""
+    """Returns the effect of delay and sampling period on the potential D, by name.
+
+    "verdicts" maps `periods` and `delays`, both times eta, to 0 if D falls, 1 if it rises at times,
+    and 2 if it does not settle. The other entries are the limits in closed form, and a run with the
+    paper's tracker.
+    """
     W = np.diag(COMPACT_MOMENTS)
     # The centres of cells that fill the map.
     middles = (np.arange(_GRID) + 0.5) / _GRID
@@ -64,12 +69,12 @@ def delayed_flow(
 ) -> np.ndarray:
     """Returns the potentials (count + 1, K) of K rotations under delayed, held twists, at eta = 1.
 
-    Rotations are sampled at the start of each period. The twist of a sample acts `delays` later, in
-    the world frame in which it was measured, until the next one acts. Until the first one acts, the
-    twist is that at `start`.
+    Each rotation is sampled at the start of each period. The twist of a sample, fixed in the world
+    frame, begins to act after the delay, and acts until the next sample's twist does. Until the
+    first sample's twist begins to act, the rotations turn with the field's twist at `start`.
 
     Args:
-        W: (3, 3) moments.
+        W: (3, 3) moment matrix of the points, as in `rotation_potential`.
         start: (3, 3) initial rotation.
         delays: (K,) delays of the twists [s].
         periods: (K,) times between two samples [s].
@@ -95,7 +100,13 @@ def delayed_flow(
 
 
 def delayed_offsets(gain: float, periods: float, count: int) -> np.ndarray:
-    """Returns samples (count + 1,) of an offset from 1, given the gain eta dt and delay / dt."""
+    """Returns samples (count + 1,) of an offset that starts at 1, under delayed, held feedback.
+
+    Args:
+        gain: eta times the sampling period.
+        periods: Delay divided by the sampling period.
+        count: Number of periods.
+    """
     whole = int(periods)
     rest = periods - whole
     offsets = [1.0] * (whole + 2)

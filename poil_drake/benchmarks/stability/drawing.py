@@ -26,7 +26,7 @@ _STYLE = {
 
 
 def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the time that the flow takes to leave each saddle, against the initial angle."""
+    """Draws the results of `measure_escape`: times to leave the saddles against initial angles."""
     with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
         markers = ("o", "s", "^")
@@ -57,7 +57,7 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
 
 
 def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the effect of holding a twist: on runs, rotations and point sets."""
+    """Draws the results of `measure_sampling`, for runs, rotations and point sets."""
     with _figure(path, width=13.5, height=4.3) as figure:
         left, middle, right = figure.subplots(1, 3)
         _draw_runs(left, figures["runs"], mpl.colormaps["viridis"])
@@ -115,7 +115,7 @@ def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
 
 
 def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the map of delay and period, and a run with the paper's tracker."""
+    """Draws the results of `measure_delay`: the map over delay and period, and a run."""
     with _figure(path, width=12.0, height=4.8) as figure:
         left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
         _draw_delay_map(left, figures)
@@ -169,7 +169,7 @@ def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
 
 
 def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the angular noise of the field as the points approach a line."""
+    """Draws the results of `measure_noise`: noise against the condition number of the points."""
     with _figure(path, width=7.4, height=4.6) as figure:
         axes = figure.subplots()
         condition = figures["condition"]

@@ -1,4 +1,4 @@
-"""Simulations of the field around its goal, and the predictions of theory."""
+"""Simulations of the field near its goal, with what the theory predicts."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,22 +27,22 @@ from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
 COMPACT_MOMENTS = (1.0, 2.0, 3.0)
 ELONGATED_MOMENTS = (0.001, 0.03, 1.0)
-"""Eigenvalues of W of two point sets, for which the condition number of A is 1.7 and 33."""
+"""Eigenvalues of two point sets' moment matrices W. A = tr(W) I - W has condition 1.7 and 33."""
 
 _CONDITIONS = 13
 """Number of point sets from compact to elongated."""
 
 _POINT_NOISE = 0.001
-"""Standard deviation of each coordinate of a point [m]."""
+"""Standard deviation of the noise in each coordinate of a point [m]."""
 
 _MIN_ROTATION_SPREAD = 0.002
-"""`BcsdmConfig.min_rotation_spread` of the field that limits its noise [m]."""
+"""`BcsdmConfig.min_rotation_spread` of the field whose noise is limited [m]."""
 
 
 def measure_escape() -> dict[str, Any]:
-    """Returns how long the flow takes to get 1 rad away from each saddle along each unstable axis.
+    """Returns how long the field takes to leave each saddle by 1 rad, along each unstable axis.
 
-    The flow is integrated by the midpoint rule at eta = 1.
+    The field's rotation is integrated by the midpoint rule at eta = 1.
     """
     W, end, step = np.diag(COMPACT_MOMENTS), 1.0, 0.02
     distances = np.geomspace(1e-3, 1e-1, 7)
@@ -75,7 +75,7 @@ def measure_escape() -> dict[str, Any]:
 
 
 def measure_sampling() -> dict[str, Any]:
-    """Returns the effect of holding the twist: on single runs, single rotations, and point sets."""
+    """Returns the effect of holding the twist for a period on runs, rotations and point sets."""
     rng = np.random.default_rng(0)
     R = Rotation.random(4000, rng=rng).as_matrix()
     angles = rotation_angle(R)
@@ -115,7 +115,7 @@ def measure_sampling() -> dict[str, Any]:
 
 
 def measure_noise() -> dict[str, Any]:
-    """Returns the field's noise due to noise in the points, for sets from compact to a line."""
+    """Returns the noise of omega due to noise in the points, from a compact set to a thin one."""
     rng = np.random.default_rng(0)
     spreads = np.geomspace(0.0012, 0.03, _CONDITIONS)
     noise = _POINT_NOISE * rng.normal(size=(200, 8, 3))

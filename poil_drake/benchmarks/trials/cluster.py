@@ -16,7 +16,7 @@ from poil_drake.errors import InvalidValueError, MissingDependencyError
 _CONNECTION_TIMEOUT = 10.0  # [s]
 
 _OBJECT_STORE = 128 * 2**20
-"""Shared memory of a cluster that is started here [bytes]; the shared arguments must fit."""
+"""Shared memory of a cluster that is started here [bytes]. It holds the shared arguments."""
 
 
 class ClusterWorkers:
@@ -24,7 +24,7 @@ class ClusterWorkers:
 
     Args:
         function: Runs a trial.
-        shared: Its first arguments.
+        shared: The first arguments of `function`, the same in all trials.
         address: Address of the cluster, as for `ray.init`.
         cpus: Number of CPUs of a cluster that is started here.
         trials_per_worker: Number of trials after which a process is replaced; None for never.
@@ -74,7 +74,7 @@ class ClusterWorkers:
         return future
 
     def close(self) -> None:
-        """Ends the workers of this run; the cluster too, if it was started here."""
+        """Ends the workers of this run, and the cluster if it was started here."""
         for reference in list(self._running):
             self._ray.cancel(reference, force=True)
         if self._started:

@@ -16,7 +16,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class LostTrial:
-    """Stands in for the result of a trial whose workers were all killed.
+    """Replaces the result of a trial whose workers were all killed.
 
     Attributes:
         index: Index of the trial.
@@ -49,18 +49,18 @@ def run_trials(
 ) -> Generator[tuple[int, Result | LostTrial], None, None]:
     """Runs `function(*shared, *arguments[i])` for every i, and yields results as they arrive.
 
-    The result of a trial depends only on its arguments, as long as `function` draws its random
+    The result of a trial depends only on its arguments, provided that `function` draws its random
     numbers from a seed among them. The number of workers affects only the order in which trials
     end. Each worker computes on one core.
 
-    If a worker dies (killed by the system for lack of memory or by a user, or crashed in a
-    library), nothing is lost: its trial runs again after all others. A trial that has used up
-    `attempts` workers is yielded as a `LostTrial`; other trials are not affected.
+    If a worker dies, because it runs out of memory, crashes in a library or is killed, its trial
+    runs again after all others. A trial that has used up `attempts` workers is yielded as a
+    `LostTrial`. Other trials are not affected.
 
-    An exception in `function` ends the run: it is raised here as soon as its trial ends, as a
-    RuntimeError unless it is a `PoilError`. A trial that may fail should return its failure. No
-    worker is left behind, however the run ends: by an exception, by a signal, or because the
-    generator is closed.
+    An exception in `function` ends the run. It is raised here as soon as its trial ends: unchanged
+    if it is a `PoilError`, otherwise as a RuntimeError. A trial that may fail should return its
+    failure. No worker is left behind when the run ends, be it by an exception, by a signal, or
+    because the generator is closed.
 
     Args:
         function: A function of a module that workers can import, or of the script itself. Arguments
@@ -83,8 +83,9 @@ def run_trials(
         result: The return value of `function`.
 
     Raises:
-        InvalidValueError: if a number is not positive, or no cluster answers at the address.
-        MissingDependencyError: if an address is given and Ray is not installed.
+        InvalidValueError: if `jobs`, `attempts` or `trials_per_worker` is not positive, or no
+            cluster answers at `ray_address`.
+        MissingDependencyError: if `ray_address` is given and Ray is not installed.
     """
     limits = {"jobs": jobs, "attempts": attempts, "trials_per_worker": trials_per_worker}
     for name, value in limits.items():

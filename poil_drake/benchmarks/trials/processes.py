@@ -13,12 +13,12 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 class ProcessWorkers:
     """Up to `jobs` processes, started when they are needed. Each trial runs once.
 
-    A thread waits for each process, so a killed process fails only the future of its trial. (A
-    `ProcessPoolExecutor` fails all futures, and cannot tell which trial the killed process ran.)
+    A thread waits for each process, so a killed process fails only the future of its trial. A
+    `ProcessPoolExecutor` would fail all futures.
 
     Args:
         function: Runs a trial.
-        shared: Its first arguments.
+        shared: The first arguments of `function`, the same in all trials.
         jobs: Number of processes that work at the same time.
         trials_per_worker: Number of trials after which a process is replaced; None for never.
 

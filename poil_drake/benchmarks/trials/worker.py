@@ -20,8 +20,8 @@ def run_trial(
 ) -> bytes:
     """Returns the pickled outcome of a trial: (result, error, traceback of the error).
 
-    The error is None, a `PoilError` as it was raised, or a RuntimeError with the text of any other
-    exception: not every exception survives pickling.
+    The error is None if the trial succeeds. A `PoilError` is returned as it was raised; any other
+    exception becomes a RuntimeError with its text, because not every exception can be pickled.
     """
     try:
         return pickle.dumps((function(*shared, *arguments), None, ""))
@@ -46,7 +46,7 @@ def _make_handler(
 
 
 def _exit_with(process: int) -> None:
-    """Ends this process, even during a trial, when the process of a pidfd has ended."""
+    """Ends this process, even during a trial, when another one ends, given its pidfd."""
     select.select([process], [], [])
     os._exit(1)
 

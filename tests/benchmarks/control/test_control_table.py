@@ -15,11 +15,7 @@ TRIAL = ControlTrial(
     success=True,
     collision_free=True,
     error=0.001,
-    impulse=0.0,
-    depth=0.0,
     time=6.0,
-    strain=0.0,
-    typical_strain=0.0,
     distance=0.1,
     path=np.array([[0.4, -0.2, 0.03], [0.5, 0.1, 0.2], [0.55, 0.2, 0.03]]),
 )

@@ -5,23 +5,18 @@ from poil_drake.benchmarks.control.arena.arena import Arena
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Policy
 from poil_drake.benchmarks.control.policies.scripted import pose_difference
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig, pair_strains
 
 SHOWN = TaskDemonstration("pnp_cube")
 
 
-class Straight:
+class Straight(Policy):
     """Moves straight to a known pose."""
 
-    period = 1 / 64
-
-    def __init__(self, X_WO, gain=3.0):
+    def __init__(self, X_WO, gain):
         self.goal, self.gain = X_WO, gain
-
-    def start(self):
-        return None
 
     def step(self, state, observation):
         V = self.gain * pose_difference(observation.X_WO, self.goal)

@@ -110,7 +110,7 @@ class Arena:
     Args:
         task: The object, the scene and the demonstration.
         policy: The controller.
-        intended_contact: See `ContactMonitor`.
+        intended_contact: The argument `intended` of `ContactMonitor`.
         tracker: Tracks the points for the policy; if None, the policy observes the true points.
     """
 
@@ -175,7 +175,7 @@ class Arena:
         return _evaluate(self._observer, "object_pose", context).reshape(4, 4)
 
     def contact(self, context: Context) -> tuple[float, float]:
-        """Returns the total impulse [N s] and the deepest penetration [m] so far."""
+        """Returns total impulse [N s] and deepest penetration [m] of unintended contact so far."""
         impulse, depth = (_evaluate(self._monitor, name, context) for name in ("impulse", "depth"))
         return float(impulse[0]), float(depth[0])
 

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 _TOLERANCE = 0.01
-"""Largest mean distance of the points from a configuration in which contact is intended [m]."""
+"""Contact is intended below this mean distance of the points from an intended sample [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,14 +44,15 @@ class ContactMonitor(LeafSystem):
     Inputs: `contact_results` of the plant, `query_object` of the scene graph, and `points` (3N,)
     row-major [m, world]. Outputs are discrete state, initially zero: `impulse` (1,), the integral
     of the magnitudes of all contact forces [N s], and `depth` (1,), the deepest penetration so far
-    [m]. Contact does not count while the mean distance of the points from one of the `intended`
-    configurations is below 1 cm.
+    [m]. Contact does not count while the points are within 1 cm, on average, of one of the K
+    `intended` samples.
 
     Args:
         plant: The finalized plant.
         body: A body of the object; contacts within its model instance do not count.
         num_points: N, number of points.
-        intended: (K, N, 3) points while the demonstration is in contact [m, world], or None.
+        intended: (K, N, 3) the points in each sample of the demonstration that has contact [m,
+            world]; None if no contact is intended.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ class DelayedTracking(LeafSystem):
 
     Args:
         num_points: N, number of points.
-        config: Rate, latency, noise.
+        config: Rate, latency and noise of the tracker.
     """
 
     def __init__(self, *, num_points: int, config: TrackingConfig):

@@ -23,8 +23,8 @@ class ActuationConfig:
     Attributes:
         gain: Rate at which the object's velocity approaches the commanded one [1/s]. With a time
             step of 1/128 s, it must stay well below 128 / s.
-        max_force: Largest force in addition to the one that carries the weight [N]; an obstacle
-            that withstands it stops the object.
+        max_force: Largest force [N], without the force that carries the weight. An obstacle that
+            withstands it stops the object.
         max_torque: Largest torque [N m].
     """
 
@@ -63,11 +63,11 @@ def servo_wrench(
     inertia: np.ndarray,
     c: ActuationConfig,
 ) -> np.ndarray:
-    """Returns the bounded wrench (6,) [N m, N] that drives a measured velocity to a commanded one.
+    """Returns a bounded wrench (6,) [N m, N] that drives a measured velocity to the commanded one.
 
     Args:
         commanded: (6,) commanded (omega [rad/s], v [m/s]) of the centre of mass, world.
-        measured: (6,) measured velocity, likewise.
+        measured: (6,) measured (omega [rad/s], v [m/s]) of the centre of mass, world.
         mass: Mass [kg].
         inertia: (3, 3) rotational inertia about the centre of mass [kg m^2, world].
         c: Gain and limits. A torque or force beyond its limit is scaled down to it.
@@ -94,11 +94,11 @@ class DirectActuation(LeafSystem):
         - applied_spatial_force
         - hand_pose
 
-    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of `point` (3,) [m, world]; the others are
-    outputs of the plant. Outputs, both functions of the inputs and time:
+    Inputs: `twist` (6,), (omega [rad/s], v [m/s]) of `point` (3,) [m, world], and the plant's
+    `body_poses` and `body_spatial_velocities`. Outputs, both functions of the inputs and time:
 
-    - `applied_spatial_force`: a list with one spatial force at the object's centre of mass: that
-      of `servo_wrench` plus the force that carries the weight.
+    - `applied_spatial_force`: a list with one spatial force at the object's centre of mass, the sum
+      of `servo_wrench` and the force that carries the weight.
     - `hand_pose` (16,): X_WH row-major of the hand, a frame that coincides with the driven body
       until the object slips.
 

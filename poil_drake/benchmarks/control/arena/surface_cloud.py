@@ -1,4 +1,4 @@
-"""Points on the surfaces of collision geometries, as perfect cameras all around would see them."""
+"""Points on the surfaces of collision geometries, seen from all sides."""
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Cylinder, SceneGraphInspector, Shape, Sphere
@@ -36,7 +36,7 @@ def ModelCloud(
 
 
 def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
-    """Returns points (P, 3) on the surface of a shape [m], in its frame.
+    """Returns points (P, 3) on the surface of a shape [m], in the frame of the shape.
 
     Args:
         shape: A box, sphere, cylinder or capsule.
@@ -49,22 +49,19 @@ def shape_surface(shape: Shape, spacing: float) -> np.ndarray:
         return _box(np.array(shape.size()), spacing)
     if isinstance(shape, Sphere):
         return _revolved(*_arc(shape.radius(), 0.0, np.pi, spacing), spacing)
-    if isinstance(shape, Cylinder):
-        r, half = shape.radius(), shape.length() / 2
-        lid = np.linspace(0.0, r, _count(r, spacing))
-        side = np.linspace(-half, half, _count(2 * half, spacing))
-        radii = np.concatenate([lid, np.full(side.size, r), lid])
-        heights = np.concatenate([np.full(lid.size, half), side, np.full(lid.size, -half)])
-        return _revolved(radii, heights, spacing)
-    if isinstance(shape, Capsule):
+    if isinstance(shape, Cylinder | Capsule):
         r, half = shape.radius(), shape.length() / 2
         side = np.linspace(-half, half, _count(2 * half, spacing))
-        top, above = _arc(r, 0.0, np.pi / 2, spacing)
+        if isinstance(shape, Cylinder):
+            top = np.linspace(0.0, r, _count(r, spacing))
+            above = np.zeros(top.size)
+        else:
+            top, above = _arc(r, 0.0, np.pi / 2, spacing)
         radii = np.concatenate([top, np.full(side.size, r), top])
         heights = np.concatenate([half + above, side, -half - above])
         return _revolved(radii, heights, spacing)
     raise InvalidValueError(
-        f"A collision geometry has the unsupported shape {type(shape).__name__}.",
+        f"The shape {type(shape).__name__} of a collision geometry is not supported.",
         remedy="Use only boxes, spheres, cylinders and capsules as collision geometries.",
     )
 

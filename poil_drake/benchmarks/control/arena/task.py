@@ -39,10 +39,10 @@ class ControlTask:
         link_points: (N, 3) the points, each in the frame of its link [m].
         times: (K,) times of the demonstration's keyframes [s].
         keyframes: (K, 4, 4) poses of the object's first link at these times.
-        criterion: The paper's success criterion. "center": the object's frame ends within 1 cm of
-            where it ended in the demonstration; "points": the points do, on average.
+        criterion: What must end within 1 cm of its place at the demonstration's end: "center", the
+            origin of the object's frame, or "points", the points on average.
         far_lower: Lower corner of the Far region, relative to the demonstration's start (x, y) [m].
-        far_upper: Upper corner, likewise [m].
+        far_upper: Upper corner, relative to the same (x, y) [m].
         rigid: Whether the object keeps its shape; only then is its weight compensated.
         paper: Row of the paper's table II -> success rates (near, far) in percent.
     """
@@ -63,7 +63,7 @@ class ControlTask:
 
     @property
     def start(self) -> np.ndarray:
-        """(4, 4) pose at the start of the demonstration [m, world]."""
+        """(4, 4) pose of the object's first link at the start of the demonstration, world."""
         return self.keyframes[0]
 
 

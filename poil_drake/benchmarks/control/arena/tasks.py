@@ -20,7 +20,7 @@ POINT_COUNT = 10
 """Number of points, N_k in the paper."""
 
 _ABOVE_TABLE = 0.005
-"""Height above the table or a shelf board at which objects start or end [m], never touching it."""
+"""Height above the table or shelf at which objects start and end, so as not to touch it [m]."""
 
 _TABLE = Fixture(file="fixtures/table.sdf", link="table")
 _RACK = Fixture(file="fixtures/rack.sdf", link="stand", position=(0.55, 0.30, 0.0))
@@ -149,8 +149,8 @@ def _straight_keyframes(
     durations: Sequence[float], positions: Sequence[Sequence[float] | np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns times (K,) [s] and poses (K, 4, 4) without rotation."""
-    poses = [make_transform(np.eye(3), np.array(position)) for position in positions]
-    return np.concatenate([[0.0], np.cumsum(durations)]), np.array(poses)
+    times = np.concatenate([[0.0], np.cumsum(durations)])
+    return times, make_transform(np.eye(3), np.array(positions))
 
 
 def _box_points(size: tuple[float, float, float]) -> np.ndarray:
@@ -164,7 +164,7 @@ def _box_points(size: tuple[float, float, float]) -> np.ndarray:
 
 
 def _strap_points(bag: BagParameters) -> tuple[tuple[str, ...], np.ndarray]:
-    """Returns N link names and a point in each link's frame (N, 3) [m], on both strap sides."""
+    """Returns N link names, and points (N, 3) on both strap sides, each in its link's frame [m]."""
     lengths = np.linalg.norm(np.diff(handle_vertices(bag), axis=0), axis=1)
     places = np.linspace(0.5, bag.links - 0.5, POINT_COUNT)
     links = np.minimum(places.astype(int), bag.links - 1)

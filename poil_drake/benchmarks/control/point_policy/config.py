@@ -10,10 +10,10 @@ class PointPolicyConfig:
     Attributes:
         period: Time between two samples of a demonstration, and between two steps of the policy
             [s]. 1/16 s is exact in binary and makes a chunk reach 1.25 s ahead.
-        history: Number of observations the network sees, including the current; as in the paper.
+        history: Number of observations the network sees, with the current one; as in the paper.
         chunk: Number of future positions that it predicts for each point; as in the paper.
-        aggregation_rate: m in the weights exp(-m i) of overlapping chunks, with i = 0 for the
-            oldest (Zhao et al., RSS 2023); as in the paper.
+        aggregation_rate: m in the weights exp(-m i) of overlapping chunks, where i = 0 is the
+            oldest chunk (Zhao et al., RSS 2023); as in the paper.
         width: Length of a token. The paper uses 256, on a GPU; 64 trains in under a minute on one
             core.
         layers: Number of transformer layers; the paper uses 4.
@@ -26,8 +26,8 @@ class PointPolicyConfig:
         warm_up: Share of the steps in which the learning rate rises linearly.
         translation_noise: Standard deviation of the shift of the observations in a window, along
             each axis [m]; see `perturb_histories`. The published method has none.
-        rotation_noise: Standard deviation of their rotation about each axis [rad]. 0.05 rad moves
-            a point 10 cm from the centroid by 5 mm. The published method has none.
+        rotation_noise: Standard deviation of the window's rotation about each axis [rad]. 0.05 rad
+            moves a point 10 cm from the centroid by 5 mm. The published method has none.
         halt_probability: Share of the training windows whose points seem to have stopped, as
             after a contact, so that a blocked policy learns to continue. The published method has
             none.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import rotation_log, transform_points
 
@@ -23,8 +23,8 @@ class PointPolicyState(NamedTuple):
     chunks: tuple[np.ndarray, ...] = ()
 
 
-class PointPolicy:
-    """Moves the points to the average of the latest predictions for the next step.
+class PointPolicy(Policy):
+    """Moves the points to their predicted next positions, averaged over the latest predictions.
 
     Every observation must contain every point.
 
@@ -37,7 +37,7 @@ class PointPolicy:
         self.period = trained.config.period
 
     def start(self) -> PointPolicyState:
-        """Returns the state without history or predictions."""
+        """Returns a state without history and predictions."""
         return PointPolicyState()
 
     def step(
@@ -54,13 +54,13 @@ class PointPolicy:
 
 
 def aggregate_chunks(chunks: tuple[np.ndarray, ...], rate: float) -> np.ndarray:
-    """Returns the next positions (N, 3), averaged over all chunks that predict them.
+    """Returns the next positions (N, 3) [m, world], averaged over the chunks that predict them.
 
-    The weights are exp(-m i), with i = 0 for the oldest chunk (Zhao et al., RSS 2023).
+    The weights are exp(-m i), where i = 0 is the oldest chunk (Zhao et al., RSS 2023).
 
     Args:
-        chunks: (K, N, 3) each, one for each of the latest steps, oldest first.
-        rate: The rate m.
+        chunks: Predictions (K, N, 3) [m, world], one of each of the latest steps, oldest first.
+        rate: m in the weights.
     """
     predictions = np.stack([chunk[age] for age, chunk in enumerate(reversed(chunks))][::-1])
     weights = np.exp(-rate * np.arange(len(chunks)))

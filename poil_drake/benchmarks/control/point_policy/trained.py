@@ -10,8 +10,8 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.network import Weights, forward
 
 _SMALLEST_HALF_RANGE = 1e-3
-"""Lower bound of half the box's size along each axis [m]. It prevents a division by zero, and the
-magnification of noise, along an axis on which the data hardly vary."""
+"""Lower bound of half the box's size along each axis [m]. Without it, noise along an axis on which
+the data hardly vary would be magnified."""
 
 
 @dataclass(frozen=True, eq=False)

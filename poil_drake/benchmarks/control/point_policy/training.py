@@ -17,9 +17,9 @@ def train_point_policy(
 ) -> TrainedPointPolicy:
     """Returns a policy that imitates demonstrations.
 
-    Minimises the mean squared error of the normalised future positions, as published: the network
-    learns where the points were in the world, not how they moved. The same demonstrations and
-    settings give the same weights on the same machine.
+    As published, training minimises the mean squared error of normalised future positions. So the
+    network learns where the points were in the world, not how they moved. On one machine, the same
+    demonstrations and settings give the same weights.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], finite, with one sample per `config.period` and
@@ -41,7 +41,7 @@ def train_point_policy(
 
 
 def learning_rate_factor(step: int, config: PointPolicyConfig) -> float:
-    """Returns the factor on the learning rate: a linear rise, then half a cosine down to 0."""
+    """Returns a step's factor on the learning rate: a linear rise, then half a cosine down to 0."""
     rise = math.floor(config.warm_up * config.steps)
     if step < rise:
         return (step + 1) / (rise + 1)

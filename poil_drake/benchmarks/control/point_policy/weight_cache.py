@@ -16,13 +16,13 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.runtime.user_cache import cached_directory
 
 TRAINING_VERSION = 3
-"""Increase this when the same data and settings give different weights or a different file."""
+"""To be increased when the same data and settings give different weights or another file."""
 
 
 def load_or_train(
     demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> TrainedPointPolicy:
-    """Returns the policy trained on these demonstrations, from the user's cache if it is there.
+    """Returns a policy trained on the demonstrations, from the user's cache if it is there.
 
     Several processes may train the same policy at the same time.
 
@@ -48,7 +48,7 @@ def load_or_train(
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InvalidValueError(
             f"The file '{path}' of a trained policy is damaged: {error}.",
-            remedy="Delete its folder. The next study trains the policy again.",
+            remedy=f"Delete the folder '{path.parent}'. The next study trains the policy again.",
         ) from error
     return TrainedPointPolicy(config, normalization, weights)
 

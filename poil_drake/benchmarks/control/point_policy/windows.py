@@ -11,17 +11,17 @@ from poil_drake.geometry.rigid_transform import rotation_exp
 def cut_windows(
     demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns one window for each sample of each demonstration, including appended rest samples.
+    """Returns one window for each sample of each demonstration, after appending rest samples.
 
-    The first sample is repeated to fill the first histories, as in the policy; the last sample is
-    repeated to fill the last futures.
+    Rest samples repeat the last sample. The first sample is repeated to fill the first histories,
+    as in the policy, and the last one to fill the last futures.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], the same N points in all.
         config: Lengths of history, chunk and rest.
 
     Returns:
-        histories: (S, H, N, 3) observations, oldest first, the last one current [m, world].
+        histories: (S, H, N, 3) observations, oldest first; the last one is current [m, world].
         futures: (S, K, N, 3) the positions that followed [m, world].
     """
     histories, futures = [], []
@@ -39,10 +39,10 @@ def perturb_histories(
 ) -> np.ndarray:
     """Returns histories (B, H, N, 3) [m] as if the motion so far had strayed or stopped.
 
-    Two independent random perturbations, each a shift and a rotation about the centroid, apply to
-    the current observation and to the one before the oldest; they are interpolated in between. So
-    both the points and their recent motion are off. In some histories, the points seem to have
-    stopped. Since the futures stay the same, the network learns to return and to continue.
+    A random shift and a random rotation about the centroid perturb the current observation. They
+    fade linearly, over the length of the history, into another random shift and rotation. So both
+    the points and their recent motion are off. In some histories, the points seem to have stopped.
+    Because the futures stay the same, the network learns to return and to continue.
 
     Args:
         histories: (B, H, N, 3) [m], oldest first.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.control.entry.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
 from poil_drake.control.entry.safe_entry import SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import (
@@ -16,7 +16,7 @@ from poil_drake.control.field.point_set_bcsdm import (
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 
 
-class FieldPolicy:
+class FieldPolicy(Policy):
     """Follows the field of POIL, which uses only the points.
 
     Args:
@@ -24,19 +24,13 @@ class FieldPolicy:
         config: Parameters of the field.
     """
 
-    period = STEP_PERIOD
-
     def __init__(self, reference: PointTrajectory, config: BcsdmConfig):
         self._reference, self._config = reference, config
-
-    def start(self) -> float | None:
-        """Returns None: no step has found the reference's closest time yet."""
-        return None
 
     def step(
         self, state: float | None, observation: Observation
     ) -> tuple[float | None, CommandedTwist]:
-        """Returns the reference's closest time and the field's twist, which is zero when lost."""
+        """Returns the closest time on the reference and the twist; zero if the points are lost."""
         output = point_set_bcsdm(
             observation.points,
             self._reference,
@@ -55,21 +49,19 @@ class EntryPolicyState(NamedTuple):
 
     @property
     def note(self) -> str:
-        """The kind of entry, the number of plans, and the status."""
+        """The kind of the planned entry, the number of plans, and the monitor's status."""
         plan = self.entry.plan
         kind = "none" if plan is None else plan.kind.name.lower()
         return f"{kind}, {self.entry.replans} plans, {self.entry.status.name.lower()}"
 
 
-class SafeEntryPolicy:
+class SafeEntryPolicy(Policy):
     """Follows a collision-free path onto the reference, and then the field of POIL.
 
     Args:
         planner: Planner for the reference, the scene and the object's shape.
         config: When to plan again.
     """
-
-    period = STEP_PERIOD
 
     def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig):
         self._planner, self._config = planner, config
@@ -81,7 +73,7 @@ class SafeEntryPolicy:
     def step(
         self, state: EntryPolicyState, observation: Observation
     ) -> tuple[EntryPolicyState, CommandedTwist]:
-        """Returns the next state, and the twist that follows the plan (zero to stand still)."""
+        """Returns the next state, and the twist that follows the plan; zero if there is none."""
         entry = safe_entry_step(
             state.entry,
             observation.points,
@@ -94,7 +86,7 @@ class SafeEntryPolicy:
 
 
 def _command(output: BcsdmOutput | None) -> CommandedTwist:
-    """Returns the field's twist; zero if there is none."""
+    """Returns the field's twist; zero if there is no output or the points are lost."""
     if output is None or output.status is BcsdmStatus.LOST:
         return CommandedTwist(np.zeros(6), np.zeros(3))
     return CommandedTwist(output.twist, output.centroid)

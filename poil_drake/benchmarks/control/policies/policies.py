@@ -50,13 +50,13 @@ LEARNED = {
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyRow:
-    """A row of the table.
+    """A policy, which is a row of the study's table.
 
     Attributes:
         name: Name on the command line and in files.
         title: Name in tables and pictures.
         demonstrations: Number of demonstrations that the policy learns from.
-        paper: Row of the paper's table to compare it with; empty if there is none.
+        paper: Row of the paper's table to compare the policy with; empty if there is none.
     """
 
     name: str
@@ -88,9 +88,9 @@ def MakePolicy(
     """Returns a policy for a task.
 
     Args:
-        name: Name of a row.
+        name: Name of the policy, as in `ROWS`.
         task: Name of the task.
-        trained: The network of a learned policy; None for the others.
+        trained: The network of a learned policy; None for other policies.
         noise: Standard deviation of the noise in each coordinate of the observed points [m].
     """
     limits = ArenaConfig()
@@ -113,8 +113,8 @@ def MakePolicy(
 def field_config(task: str, noise: float) -> BcsdmConfig:
     """Returns the field's parameters for a task, chosen so that true points are not outliers.
 
-    The inlier distance is the default, plus 3.4 standard deviations of the noise, within which 99 %
-    of it lies in three dimensions, plus the deformation in the demonstration.
+    The inlier distance is the default plus the deformation in the demonstration plus 3.4 standard
+    deviations of the noise [m]. Of three-dimensional noise, 99 % lies within this distance.
     """
     default = BcsdmConfig().inlier_distance
     limit = default + 3.4 * noise + TaskDeformation(task)
@@ -122,10 +122,11 @@ def field_config(task: str, noise: float) -> BcsdmConfig:
 
 
 def monitor_config(task: str, noise: float) -> EntryMonitorConfig:
-    """Returns when safe entry plans again, such that an object at the goal does not seem blocked.
+    """Returns the settings of safe entry, such that an object at the goal does not seem blocked.
 
-    The mean distance of noisy points from their true positions is 1.6 standard deviations. The
-    deformation is added in quadrature, and the sum is increased by half.
+    The expected error at the goal is 1.6 standard deviations of the noise [m], which is the mean
+    distance of noisy points from the true ones, and, added in quadrature, the deformation. The
+    stall error is at least 1.5 times that.
     """
     expected = 1.5 * math.hypot(1.6 * noise, TaskDeformation(task))
     return EntryMonitorConfig(stall_error=max(EntryMonitorConfig().stall_error, expected))
@@ -149,8 +150,8 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
     """Returns points on the scene and on the object at the start of the demonstration.
 
     Returns:
-        scene: (P, 3) [m, world], without the table.
-        body: (Q, 3) [m, world].
+        scene: (P, 3) points on the fixtures, without the table [m, world].
+        body: (Q, 3) points on the object [m, world].
     """
     made, shown = MakeTask(task), TaskDemonstration(task)
     builder = DiagramBuilder()
@@ -167,7 +168,7 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _se3_bcsdm(task: str) -> Se3BcsdmPolicy:
-    """Returns the policy on the object's pose, whose reference is made like that of the points."""
+    """Returns the policy that knows the pose. Its reference is that of six points on the object."""
     corners = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
     poses = TaskDemonstration(task).X_WO[:, None]
     reference = ReferenceAlong(task, transform_points(poses, corners[None])[:, 0])

@@ -5,9 +5,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-STEP_PERIOD = 1 / 64
-"""Time between two steps of the analytic policies [s]."""
-
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -17,9 +14,8 @@ class Observation:
         time: Time since the start of the trial [s].
         points: (N, 3) the functional part's points [m, world]; NaN where not observed.
         confidence: (N,) in [0, 1].
-        X_WO: (4, 4) pose of the object's driven body. Only policies that are supposed to know the
-            pose may use it.
-        X_WH: (4, 4) pose of the hand, which any arm knows from its joints.
+        X_WO: (4, 4) true pose of the object's driven body, for policies that assume a known pose.
+        X_WH: (4, 4) pose of the hand, which an arm knows from its joints.
     """
 
     time: float
@@ -30,7 +26,7 @@ class Observation:
 
 
 class CommandedTwist(NamedTuple):
-    """A rigid motion.
+    """The rigid motion that a policy commands.
 
     Attributes:
         V: (6,) (omega [rad/s], v [m/s] of `point`), world.
@@ -48,14 +44,15 @@ class Policy(Protocol):
         period: Time between two steps [s].
     """
 
-    period: float
+    period: float = 1 / 64
 
     def start(self) -> Any:
-        """Returns the state before the first step."""
+        """Returns the state before the first step; None unless a policy needs another."""
+        return None
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the next state and the motion until the next step.
 
-        The state that is passed is not changed. An attribute `note` of the state, if there is one,
-        is a remark on the trial.
+        The argument `state` is not modified. If the state has an attribute `note`, it becomes the
+        note of the trial.
         """

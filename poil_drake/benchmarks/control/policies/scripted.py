@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.diagrams.demonstration.motion import minimum_jerk
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import inverse, make_transform, rotation_exp, rotation_log
@@ -16,7 +16,7 @@ _PEAK = 1.875
 """Peak over mean speed of a minimum-jerk motion."""
 
 
-class ScriptedPolicy:
+class ScriptedPolicy(Policy):
     """Moves the object along known poses in closed loop, as a human demonstrator does.
 
     Args:
@@ -27,9 +27,6 @@ class ScriptedPolicy:
     def __init__(self, poses: np.ndarray, *, period: float):
         self.period = period
         self._poses = poses
-
-    def start(self) -> None:
-        """Returns None: the time determines the pose."""
 
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
         """Returns the motion to the next pose, with feedback on the pose error."""
@@ -49,18 +46,18 @@ class ReplayPlan(NamedTuple):
     poses: np.ndarray
 
 
-class OpenLoopPolicy:
+class OpenLoopPolicy(Policy):
     """Moves the object straight to the demonstration's start, then repeats the demonstration.
 
-    As in correspondence-based transfer, the points are observed once, at the beginning. Afterwards
-    the hand follows the planned poses in closed loop on its own pose, as an arm does on its joints;
-    the object is not observed again.
+    As in correspondence-based transfer, the points are observed once, at the beginning. From then
+    on the hand tracks planned poses with feedback from its own pose, as an arm does from its
+    joints. The object is not observed again.
 
     Args:
         points: (T, N, 3) the demonstrated points, one sample per `period` [m, world].
         period: Time between two steps [s].
         max_angular_speed: Upper bound of the hand's angular speed on the way to the start [rad/s].
-        max_linear_speed: Likewise [m/s].
+        max_linear_speed: Upper bound of the hand's linear speed on the way to the start [m/s].
     """
 
     def __init__(
@@ -76,9 +73,6 @@ class OpenLoopPolicy:
         self._speeds = 0.8 * max_angular_speed / _PEAK, 0.8 * max_linear_speed / _PEAK
         self._first = points[0]
         self._motion = kabsch(np.broadcast_to(points[0], points.shape), points)
-
-    def start(self) -> None:
-        """Returns None: there is no plan before the points are observed."""
 
     def step(
         self, state: ReplayPlan | None, observation: Observation

@@ -1,9 +1,9 @@
 """BCSDM on the pose of an object: the baseline whose metric mixes radians and metres.
 
 The formulas are those of Lee, Lee, Ha and Park, "Behavior-Controllable Stable Dynamics Models on
-Riemannian Configuration Manifolds". With the closest sample
+Riemannian Configuration Manifolds". For a pose (R, p), with the closest sample (R*, p*) at
 
-    tau = argmin c |log(R*^T R)|_F^2 + d |p* - p|^2
+    tau = argmin c |log(R*^T R)|_F^2 + d |p* - p|^2,
 
 the field is p' = p*'(tau) + eta_p (p* - p) and R' = PT(R*'(tau)) + eta_R R log(R^T R*), where PT is
 the parallel transport on SO(3) from R* to R: PT(V) = R* exp(w/2) (R*^T V) exp(w/2) with
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poil_drake.benchmarks.control.policies.policy import STEP_PERIOD, CommandedTwist, Observation
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.geometry.rigid_transform import rotation_exp, rotation_log
 
 
@@ -41,9 +41,9 @@ class PoseTrajectory:
 
     Attributes:
         X_WO: (T, 4, 4) the object's poses.
-        omegas: (T, 3) angular velocities in the object's own frame [rad/s]: forward differences,
-            the last one zero.
-        velocities: (T, 3) velocities of the object's origin [m/s, world], likewise.
+        omegas: (T, 3) angular velocities in the object's own frame [rad/s].
+        velocities: (T, 3) velocities of the object's origin [m/s, world]. Both velocities are
+            forward differences, and zero in the last sample.
     """
 
     X_WO: np.ndarray
@@ -62,9 +62,9 @@ class PoseTrajectory:
 
 
 def closest_pose(X_WO: np.ndarray, reference: PoseTrajectory, config: Se3BcsdmConfig) -> int:
-    """Returns the index of the reference's sample closest to a pose (4, 4); the first of equals.
+    """Returns the index of the first sample of the reference that is closest to a pose (4, 4).
 
-    |log R|_F is sqrt(2) times the angle of R, whose cosine is (tr R - 1) / 2.
+    The norm |log R|_F is sqrt(2) times the angle of R, whose cosine is (tr R - 1) / 2.
     """
     R, p = reference.X_WO[:, :3, :3], reference.X_WO[:, :3, 3]
     traces = np.einsum("tij,ij->t", R, X_WO[:3, :3])
@@ -78,7 +78,7 @@ def closest_pose(X_WO: np.ndarray, reference: PoseTrajectory, config: Se3BcsdmCo
 def se3_bcsdm(
     X_WO: np.ndarray, reference: PoseTrajectory, config: Se3BcsdmConfig
 ) -> tuple[np.ndarray, int]:
-    """Returns the field at a pose and the closest sample.
+    """Returns the field at a pose, and the index of the closest sample.
 
     Args:
         X_WO: (4, 4) the object's pose.
@@ -100,7 +100,7 @@ def se3_bcsdm(
     return np.concatenate([R @ omega, v]), index
 
 
-class Se3BcsdmPolicy:
+class Se3BcsdmPolicy(Policy):
     """Follows the field at the object's true pose. This policy has no state.
 
     Args:
@@ -108,15 +108,10 @@ class Se3BcsdmPolicy:
         config: Parameters of the field.
     """
 
-    period = STEP_PERIOD
-
     def __init__(self, reference: PoseTrajectory, config: Se3BcsdmConfig):
         self._reference, self._config = reference, config
 
-    def start(self) -> None:
-        """Returns None: there is no state."""
-
     def step(self, state: None, observation: Observation) -> tuple[None, CommandedTwist]:
-        """Returns no state, and the twist of the field at the object's pose."""
+        """Returns None for the state, and the twist of the field at the object's pose."""
         V, _ = se3_bcsdm(observation.X_WO, self._reference, self._config)
         return None, CommandedTwist(V, observation.X_WO[:3, 3].copy())

@@ -83,17 +83,15 @@ def test_one_number_or_the_cut_between_demonstrations_changes_the_key() -> None:
 def test_damaged_file_is_reported_with_its_path(damage: str, cache: Path) -> None:
     load_or_train(demonstrations(), TINY)
     (path,) = cache.glob("*/*.npz")
-    content = bytearray(path.read_bytes())
-    if damage == "empty":
-        content = bytearray()
-    elif damage == "truncated":
-        content = content[: len(content) // 2]
-    elif damage == "flipped":
-        content[len(content) // 2] ^= 0xFF
+    content = path.read_bytes()
+    middle = len(content) // 2
     if damage == "other":
         np.savez(path, something=np.zeros(3))
+    elif damage == "flipped":
+        flipped = bytes([content[middle] ^ 0xFF])
+        path.write_bytes(content[:middle] + flipped + content[middle + 1 :])
     else:
-        path.write_bytes(content)
+        path.write_bytes(content[: middle if damage == "truncated" else 0])
 
     with pytest.raises(InvalidValueError, match=str(path)):
         load_or_train(demonstrations(), TINY)

@@ -19,12 +19,10 @@ CALM = dataclasses.replace(SMALL, translation_noise=0.0, rotation_noise=0.0, hal
 TINY = PointPolicyConfig(width=8, heads=2, layers=1, steps=5, batch=8)
 
 
-def arc() -> np.ndarray:
-    """A quarter of a circle of 0.2 m in 2 s, from rest to rest, the points turning with it."""
-    body = np.random.default_rng(0).uniform(-0.04, 0.04, (10, 3)) + np.array([0.2, 0.0, 0.1])
-    progress = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 33))
-    turns = rotation_exp(0.5 * np.pi * progress[:, None] * np.array([0.0, 0.0, 1.0]))
-    return body @ np.swapaxes(turns, -1, -2)
+# A quarter of a circle of 0.2 m in 2 s, from rest to rest, the points turning with it.
+BODY = np.random.default_rng(0).uniform(-0.04, 0.04, (10, 3)) + np.array([0.2, 0.0, 0.1])
+PROGRESS = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 33))
+ARC = BODY @ np.swapaxes(rotation_exp(PROGRESS[:, None] * [0.0, 0.0, 0.5 * np.pi]), -1, -2)
 
 
 def run(policy: PointPolicy, points: np.ndarray, steps: int) -> np.ndarray:
@@ -43,53 +41,47 @@ def run(policy: PointPolicy, points: np.ndarray, steps: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def trained() -> TrainedPointPolicy:
-    return train_point_policy([arc()], SMALL)
+    return train_point_policy([ARC], SMALL)
 
 
 @pytest.fixture(scope="module")
 def without_noise() -> TrainedPointPolicy:
-    return train_point_policy([arc()], CALM)
+    return train_point_policy([ARC], CALM)
 
 
 def test_single_demonstration_is_reproduced(trained: TrainedPointPolicy) -> None:
-    demonstration = arc()
+    path = run(PointPolicy(trained), ARC[0], steps=80)
 
-    path = run(PointPolicy(trained), demonstration[0], steps=80)
-
-    distances = np.linalg.norm(path[:, None] - demonstration, axis=-1).mean(axis=-1)
+    distances = np.linalg.norm(path[:, None] - ARC, axis=-1).mean(axis=-1)
     # The points pass within 1 cm of each sample of a path of 31 cm, and stay at its end.
     assert distances.min(axis=0).max() < 0.01
     assert distances.min(axis=1).max() < 0.01
     assert distances[-16:, -1].max() < 0.005
-    chunk = trained.predict(demonstration[5:15])
-    assert np.linalg.norm(chunk[:18] - demonstration[15:], axis=-1).mean() < 0.02
+    chunk = trained.predict(ARC[5:15])
+    assert np.linalg.norm(chunk[:18] - ARC[15:], axis=-1).mean() < 0.02
 
 
 @pytest.mark.parametrize("offset", [[0.05, 0.0, 0.0], [0.0, -0.05, 0.0], [0.0, 0.0, 0.05]], ids=str)
 def test_demonstrated_end_is_reached_from_another_start(
     without_noise: TrainedPointPolicy, offset: list[float]
 ) -> None:
-    demonstration = arc()
-
-    path = run(PointPolicy(without_noise), demonstration[0] + np.array(offset), steps=80)
+    path = run(PointPolicy(without_noise), ARC[0] + np.array(offset), steps=80)
 
     # A policy that learned displacements would keep 3 cm or more of the offset of 5 cm. The limit
     # is the study's limit for success.
-    assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
+    assert np.linalg.norm(path[-1] - ARC[-1], axis=-1).mean() < 0.01
 
 
 def test_policy_recovers_from_a_slip(trained: TrainedPointPolicy) -> None:
-    demonstration = arc()
+    path = run(PointPolicy(trained), ARC[10] + np.array([0.01, 0.0, -0.01]), steps=80)
 
-    path = run(PointPolicy(trained), demonstration[10] + np.array([0.01, 0.0, -0.01]), steps=80)
-
-    assert np.linalg.norm(path[-1] - demonstration[-1], axis=-1).mean() < 0.01
+    assert np.linalg.norm(path[-1] - ARC[-1], axis=-1).mean() < 0.01
 
 
 def test_training_follows_the_seed() -> None:
-    first = train_point_policy([arc()], TINY)
-    again = train_point_policy([arc()], TINY)
-    other = train_point_policy([arc()], dataclasses.replace(TINY, seed=1))
+    first = train_point_policy([ARC], TINY)
+    again = train_point_policy([ARC], TINY)
+    other = train_point_policy([ARC], dataclasses.replace(TINY, seed=1))
 
     for name, values in first.weights.items():
         np.testing.assert_array_equal(values, again.weights[name])
@@ -97,7 +89,7 @@ def test_training_follows_the_seed() -> None:
 
 
 def test_demonstrations_may_differ_in_length() -> None:
-    demonstrations = [arc()[: 20 + k] + 0.01 * k for k in range(10)]
+    demonstrations = [ARC[: 20 + k] + 0.01 * k for k in range(10)]
 
     dut = train_point_policy(demonstrations, TINY)
 
@@ -108,7 +100,7 @@ def test_training_restores_the_threads_of_torch() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        train_point_policy([arc()], TINY)
+        train_point_policy([ARC], TINY)
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
@@ -129,7 +121,7 @@ def test_learning_rate_rises_then_falls_to_zero() -> None:
 def test_step_at_the_full_rate_is_that_of_adam() -> None:
     config = dataclasses.replace(TINY, steps=1, warm_up=0.0, learning_rate=0.01)
 
-    dut = train_point_policy([arc()], config)
+    dut = train_point_policy([ARC], config)
 
     # The head starts at zero, and Adam's first step has the size of its rate whatever the gradient.
     np.testing.assert_allclose(np.abs(dut.weights["head.w"]), 0.01, rtol=1e-3)

@@ -19,8 +19,14 @@ def cut(demonstrations: list[np.ndarray], **lengths: int) -> tuple[np.ndarray, n
     return cut_windows(demonstrations, PointPolicyConfig(**lengths))
 
 
-def random_histories(batch: int = 6, length: int = 5, points: int = 4) -> np.ndarray:
-    return np.random.default_rng(0).uniform(-0.1, 0.1, (batch, length, points, 3))
+@pytest.fixture
+def histories() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-0.1, 0.1, (6, 5, 4, 3))
+
+
+def perturb(histories: np.ndarray, **noise: float) -> np.ndarray:
+    config = dataclasses.replace(CALM, **noise)
+    return perturb_histories(histories, config, np.random.default_rng(0))
 
 
 def test_every_sample_and_every_sample_at_rest_makes_a_window() -> None:
@@ -56,20 +62,14 @@ def test_windows_do_not_extend_into_another_demonstration() -> None:
     assert futures[5:].min() == 101.0
 
 
-def test_no_noise_changes_nothing() -> None:
-    histories = random_histories()
-
-    perturbed = perturb_histories(histories, CALM, np.random.default_rng(0))
-
-    np.testing.assert_allclose(perturbed, histories, atol=1e-15)
+def test_no_noise_changes_nothing(histories: np.ndarray) -> None:
+    np.testing.assert_allclose(perturb(histories), histories, atol=1e-15)
 
 
-def test_noise_keeps_shapes_and_its_argument() -> None:
-    histories = random_histories()
+def test_noise_keeps_shapes_and_its_argument(histories: np.ndarray) -> None:
     before = histories.copy()
-    config = PointPolicyConfig(translation_noise=0.1, rotation_noise=0.5, halt_probability=0.5)
 
-    perturbed = perturb_histories(histories, config, np.random.default_rng(0))
+    perturbed = perturb(histories, translation_noise=0.1, rotation_noise=0.5, halt_probability=0.5)
 
     np.testing.assert_array_equal(histories, before)
     np.testing.assert_allclose(
@@ -80,10 +80,7 @@ def test_noise_keeps_shapes_and_its_argument() -> None:
 
 
 def test_current_observation_is_shifted_by_the_stated_noise() -> None:
-    histories = np.zeros((20_000, 2, 1, 3))
-    config = dataclasses.replace(CALM, translation_noise=0.02)
-
-    perturbed = perturb_histories(histories, config, np.random.default_rng(0))
+    perturbed = perturb(np.zeros((20_000, 2, 1, 3)), translation_noise=0.02)
 
     # The standard deviation of 60,000 draws is known to 0.3 % (1 sigma).
     assert perturbed[:, -1].std() == pytest.approx(0.02, rel=0.02)
@@ -91,20 +88,15 @@ def test_current_observation_is_shifted_by_the_stated_noise() -> None:
 
 def test_current_observation_is_rotated_by_the_stated_noise() -> None:
     pair = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    histories = np.broadcast_to(pair, (20_000, 2, 2, 3))
-    config = dataclasses.replace(CALM, rotation_noise=0.01)
 
-    perturbed = perturb_histories(histories, config, np.random.default_rng(0))
+    perturbed = perturb(np.broadcast_to(pair, (20_000, 2, 2, 3)), rotation_noise=0.01)
 
     # A small rotation w of a point at (1, 0, 0) moves it by (0, w_z, -w_y).
     assert perturbed[:, -1, 1, 1:].std() == pytest.approx(0.01, rel=0.02)
 
 
-def test_halted_history_repeats_its_current_observation() -> None:
-    histories = random_histories()
-    config = dataclasses.replace(CALM, halt_probability=1.0)
-
-    perturbed = perturb_histories(histories, config, np.random.default_rng(0))
+def test_halted_history_repeats_its_current_observation(histories: np.ndarray) -> None:
+    perturbed = perturb(histories, halt_probability=1.0)
 
     np.testing.assert_allclose(
         perturbed, np.broadcast_to(histories[:, -1:], histories.shape), atol=1e-15

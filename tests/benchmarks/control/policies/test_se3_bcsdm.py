@@ -15,15 +15,13 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     se3_bcsdm,
 )
 from poil_drake.benchmarks.latency.se3_bcsdm_torch import TorchSe3Bcsdm
+from poil_drake.geometry.rigid_transform import make_transform, skew
 
 CONFIG = Se3BcsdmConfig(rotation_gain=2.0, position_gain=3.0)
 
 
 def pose(rotation_vector: object, position: object) -> np.ndarray:
-    X = np.eye(4)
-    X[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
-    X[:3, 3] = position
-    return X
+    return make_transform(Rotation.from_rotvec(rotation_vector).as_matrix(), position)
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +36,8 @@ def reference() -> PoseTrajectory:
 
 def random_poses(count: int, seed: int = 0) -> np.ndarray:
     random = np.random.default_rng(seed)
-    X = np.tile(np.eye(4), (count, 1, 1))
-    X[:, :3, :3] = Rotation.random(count, rng=random).as_matrix()
-    X[:, :3, 3] = random.uniform(-0.3, 0.3, (count, 3))
-    return X
-
-
-def skew(w: np.ndarray) -> np.ndarray:
-    return np.cross(np.eye(3), w)
+    R = Rotation.random(count, rng=random).as_matrix()
+    return make_transform(R, random.uniform(-0.3, 0.3, (count, 3)))
 
 
 def log(R: np.ndarray) -> np.ndarray:
@@ -99,9 +91,8 @@ def test_field_on_the_reference_is_the_reference_velocity(reference: PoseTraject
 def test_field_at_the_end_is_pure_contraction(reference: PoseTrajectory) -> None:
     end = reference.X_WO[-1]
     turn = np.array([0.0, 0.0, 0.2])
-    beyond = end @ pose([0, 0, 0], [0, 0, 0])
-    beyond[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ end[:3, :3]
-    beyond[:3, 3] += [0.3, 0.0, 0.4]
+    R = Rotation.from_rotvec(turn).as_matrix() @ end[:3, :3]
+    beyond = make_transform(R, end[:3, 3] + [0.3, 0.0, 0.4])
 
     V, closest = se3_bcsdm(beyond, reference, CONFIG)
 
