@@ -15,7 +15,7 @@ class PoilError(Exception):
         super().__init__(f"{problem} {remedy}")
 
     def __reduce__(self) -> tuple:
-        """Pickles both parts, so that worker processes can pass errors on."""
+        """Pickles `problem` and `remedy`, so that an error can be sent to another process."""
         return (_rebuild, (type(self), self.problem, self.remedy))
 
 

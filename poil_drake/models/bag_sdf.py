@@ -38,7 +38,7 @@ class BagParameters:
 
 
 def handle_vertices(bag: BagParameters) -> np.ndarray:
-    """Returns the (links + 1, 3) ends of the handle's links [m] in the body frame, -x to +x."""
+    """Returns the (links + 1, 3) ends of the handle's links [m] in the body frame."""
     angle = np.linspace(math.pi, 0.0, bag.links + 1)
     x = 0.5 * bag.handle_width * np.cos(angle)
     z = 0.5 * bag.body[2] + bag.handle_height * np.sin(angle)
@@ -80,7 +80,7 @@ def _sdf(bag: BagParameters) -> str:
 
 
 def _link(bag: BagParameters, k: int, vertices: np.ndarray) -> str:
-    """Returns link k, a capsule along its frame's +z from the origin, vertex k, to vertex k + 1."""
+    """Returns link k: a capsule from the origin, which is at vertex k, along +z to vertex k + 1."""
     step = vertices[k + 1] - vertices[k]
     length = float(np.linalg.norm(step))
     pitch = math.atan2(step[0], step[2])

@@ -126,9 +126,10 @@ def _collision(name: str, pose: tuple[float, ...], geometry: str, *, rigid: bool
 
 
 def _wall_collisions(mug: MugParameters) -> str:
-    """A ring of upright boxes, tilted with the taper; rigid, as the finger pads are compliant.
+    """Returns a ring of upright boxes, tilted with the taper.
 
-    They end just above the underside, so that a standing mug touches the table with its feet only.
+    The boxes are rigid, because the finger pads are compliant. They end just above the underside,
+    so that only the feet of a standing mug touch the table.
     """
     top, foot = float(outer_radius(mug, mug.height)), float(outer_radius(mug, _FOOT_RADIUS))
     height = mug.height - _FOOT_RADIUS
@@ -147,7 +148,7 @@ def _wall_collisions(mug: MugParameters) -> str:
 
 
 def _bottom_collisions(mug: MugParameters) -> str:
-    """Two crossed boxes, and small spheres as feet: few, well-defined contacts with a table."""
+    """Returns two crossed boxes, and spheres as feet, which give few contacts with a table."""
     thickness = BOTTOM_FACTOR * mug.wall - _FOOT_RADIUS
     radius = float(outer_radius(mug, 0.0)) - mug.wall / 2
     z = _FOOT_RADIUS + thickness / 2

@@ -12,9 +12,9 @@ _SHADES = 6  # Number of colours in a noise texture; a small one keeps the image
 
 
 def texture_image(mug: MugParameters) -> np.ndarray:
-    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug, above a strip of base colour.
+    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug.
 
-    The same parameters give the same image.
+    The decoration is above a strip of the base colour. The same parameters give the same image.
     """
     height, width = TEXTURE_SIZE
     rows = round(height * DECORATED_FRACTION)
@@ -28,14 +28,14 @@ def texture_image(mug: MugParameters) -> np.ndarray:
 
 
 def _stripes(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Slanted stripes of varying width, so that all sides of the mug look different."""
+    """Returns slanted stripes of varying width, so that all sides of the mug look different."""
     y, x = np.mgrid[:rows, :columns]
     phase = 2 * np.pi * (6 * x / columns + 2.0 * y / rows)
     return (np.sin(phase) > 0.6 * np.sin(2 * np.pi * x / columns)).astype(float)
 
 
 def _checks(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """A checkerboard whose dark squares have four shades, so that they can be distinguished."""
+    """Returns a checkerboard whose dark squares have four shades, so that they look different."""
     rng = np.random.default_rng(mug.seed)
     shades = rng.choice([0.4, 0.6, 0.8, 1.0], size=(8, 16))
     y, x = np.mgrid[:rows, :columns]
@@ -55,7 +55,7 @@ def _dots(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Speckles at three scales, without a seam around the mug."""
+    """Returns speckles at three scales, without a seam around the mug."""
     import cv2
 
     rng = np.random.default_rng(mug.seed)
@@ -70,7 +70,7 @@ def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
 
 
 def _logo(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Two framed logos on opposite sides, each a random, mirror-symmetric pattern of blocks."""
+    """Returns framed, mirror-symmetric, random logos on two opposite sides of the mug."""
     rng = np.random.default_rng(mug.seed)
     pattern = np.zeros((rows, columns))
     cells, size = 9, rows * 3 // 4 // 9

@@ -1,4 +1,4 @@
-"""A thread on which a system works in parallel with the simulation."""
+"""A thread that does a system's work in parallel with the simulation."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -26,7 +26,7 @@ class Background:
         self._futures: list[Future[Any]] = []
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Queues a piece of work and returns the future for its result.
+        """Queues the call `work(*args, **kwargs)` and returns the future of its result.
 
         Raises:
             StationError: if this object has been closed.
@@ -42,7 +42,7 @@ class Background:
         return future
 
     def close(self) -> None:
-        """Waits for the current or next piece of work, cancels the others, and ends the thread."""
+        """Finishes the oldest unfinished piece of work, cancels the rest, and ends the thread."""
         for future in self._unfinished()[1:]:
             future.cancel()
         self._executor.shutdown(wait=True)

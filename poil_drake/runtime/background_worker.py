@@ -12,7 +12,7 @@ Job = Callable[[], None]
 class BackgroundWorker:
     """Runs jobs in a separate thread, one after the other, in the order of submission.
 
-    Jobs are handed over in batches, because each handover may switch threads.
+    Jobs are handed over in batches, because each handover may cost a switch of threads.
 
     After an exception in a job, no further job runs; the next `submit` or `close` raises the
     exception.
@@ -44,7 +44,8 @@ class BackgroundWorker:
 
         Args:
             job: The job.
-            may_drop: Whether the batch that this job fills is dropped if the queue is full.
+            may_drop: What happens if this job fills its batch, but the queue is full: True drops
+                the batch, False waits.
 
         Raises:
             ValueError: if the worker has been closed.

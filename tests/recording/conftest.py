@@ -35,8 +35,8 @@ class ForeignRecording:
         depth: Makes a depth message from index, time and frame.
         transforms: What is written to /tf.
         calibrations: The calibration of each camera; None leaves it out.
-        options: Of the MCAP writer.
-        metadata: Of the record "poil"; None leaves it out.
+        options: Options of the MCAP writer.
+        metadata: The metadata record "poil"; None omits it.
         log_offset: Delay from capture to log of all messages [s].
     """
 

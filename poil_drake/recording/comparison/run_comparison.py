@@ -26,7 +26,7 @@ PHASE, TRACKS = "phase", "tracks"
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceStatistics:
-    """Statistics of the sizes of differences; NaN if nothing was compared.
+    """Statistics of the sizes of differences. All but `count` are NaN if nothing was compared.
 
     Attributes:
         count: Number of samples.
@@ -58,7 +58,7 @@ class DifferenceStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseComparison:
-    """A phase and its start times in the run and in the replay [s]; NaN if it does not occur."""
+    """The start times of a phase in a run and in its replay [s]; NaN where it does not occur."""
 
     name: str
     recorded: float
@@ -75,11 +75,12 @@ class FirstDifference:
     """Where two runs begin to differ.
 
     Attributes:
-        time: When [s].
-        what: A signal, `PHASE` or `TRACKS`.
-        phase: The phase of the recorded run at that time.
-        size: Size of the difference: for a signal in its unit, for `PHASE` [s], for `TRACKS` the
-            share that cannot be compared. Infinite if only one run has the value or the phase.
+        time: Time of the first difference [s].
+        what: What differs: the name of a signal, `PHASE` or `TRACKS`.
+        phase: The phase of the recorded run at `time`.
+        size: Size of the difference. For a signal, it is in the signal's unit; for `PHASE`, it is
+            the time between both starts [s]; for `TRACKS`, the share of tracks that cannot be
+            compared. Infinite if only one run has the value or the phase.
         tolerance: The tolerance that `size` exceeds.
         began: The phase that differs, if `what` is `PHASE`; otherwise None.
     """
@@ -101,10 +102,11 @@ class RunComparison:
     """How a replay differs from its run.
 
     Attributes:
-        differences: Signal -> its differences; infinite where only one of the two runs is finite.
-        judged: Signal -> the differences to which the tolerances apply. For velocities, either run
-            may be `ReplayTolerances.shift` earlier or later while points move the arm, and for
-            `ReplayTolerances.phase_start` afterwards.
+        differences: Signal -> (T, 1) its differences; infinite where only one run's value is
+            finite.
+        judged: Signal -> (T, 1) the differences to which the tolerances apply. Those of a velocity
+            allow either run to be `ReplayTolerances.shift` earlier or later while points move the
+            arm, and for `ReplayTolerances.phase_start` afterwards.
         phases: The phases of both runs.
         spans: Name, start and end [s] of each phase of the recorded run.
         tolerances: The tolerances.
@@ -162,10 +164,11 @@ class RunComparison:
     def limits(self, signal: str) -> np.ndarray:
         """Returns the (T,) tolerances of the judged differences; infinite where none applies.
 
-        Tracked points have a tolerance only in the phases in which they move the arm. The velocity
-        tolerances are those in `ReplayTolerances.elsewhere` while both runs are in the same other
-        phase, if it began at the same time in both; but not for `ReplayTolerances.phase_start`
-        after points moved the arm, while their effect fades.
+        Tracked points have a tolerance only in the phases in which they move the arm. The tolerance
+        of a velocity is usually `ReplayTolerances.of`. In a phase in which points do not move the
+        arm, it is that of `ReplayTolerances.elsewhere` while both runs are in this phase, if it
+        began at the same time in both. For `ReplayTolerances.phase_start` after points moved the
+        arm, the usual tolerance still applies, because their effect fades.
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
@@ -179,7 +182,7 @@ class RunComparison:
         return limits
 
     def judged_maximum(self, signal: str) -> float:
-        """Returns the largest judged difference where the usual tolerance applies; NaN if none."""
+        """Returns the largest judged difference to which `tolerances.of` applies; NaN if none."""
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
@@ -263,7 +266,7 @@ def _moved(
     *,
     fading: float = 0.0,
 ) -> np.ndarray:
-    """Returns whether points move the arm at (T,) times [s], or did up to `fading` [s] before."""
+    """Returns (T,) whether points move the arm at `times` [s], or at most `fading` [s] before."""
     moved = np.zeros(len(times), dtype=bool)
     for name, start, end in spans:
         if name in tolerances.point_phases:

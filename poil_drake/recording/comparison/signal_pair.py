@@ -11,7 +11,7 @@ _ROUNDING = 1e-9
 
 
 class SignalPair(NamedTuple):
-    """A signal in two runs, at the times that both have.
+    """The samples of a signal in two runs, at the times that both runs have.
 
     Attributes:
         times: (T,) sample times [s], sorted.
@@ -33,12 +33,12 @@ class SignalPair(NamedTuple):
     def differences(self, shift: float = 0.0) -> np.ndarray:
         """Returns the (T, n) absolute differences.
 
-        They are zero where neither value is finite, and infinite where only one is.
+        They are zero where neither value is finite, and infinite where only one value is finite.
 
         Args:
-            shift: How much earlier or later either run may be [s]. The difference is then the
-                distance of each value from the range of the other run's values within that time,
-                element by element; the larger of the two runs' distances counts.
+            shift: Time by which either run may be earlier or later [s]. Each value is compared with
+                the range of the values that the other run has within `shift` of it. The difference
+                is the larger of the two runs' distances from these ranges.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]

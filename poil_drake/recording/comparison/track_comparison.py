@@ -13,12 +13,14 @@ from poil_drake.recording.run_log.series import Series
 
 
 class TrackPair(NamedTuple):
-    """The tracks of both runs that come from the same images; one of them may be missing.
+    """The track of the recorded run and that of the replay that come from the same images.
 
     Attributes:
-        time: When the track was logged [s]; in the recorded run, if that has it.
-        both: Whether both runs have the track.
-        comparable: False if a run lacks it, or if points were seen, but none by both runs.
+        time: When the track was logged [s]: in the recorded run, or, if that lacks the track, in
+            the replay.
+        both: Whether both runs have the track; otherwise only one has it.
+        comparable: False if only one run has the track, or if the runs saw points, but none in
+            common.
     """
 
     time: float
@@ -28,14 +30,15 @@ class TrackPair(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackComparison:
-    """How the tracks differ.
+    """How the tracks of a run and of its replay differ.
 
     Attributes:
         pairs: The tracks of both runs, in the order of their images.
-        distances: (T, 1) largest distance [m] between corresponding points that both runs saw, per
-            track that both have; NaN if no point, infinite if the numbers of points differ.
-        points: Number of points that both runs have, over all tracks.
-        visibility: Number of these points that only one of the two runs saw.
+        distances: For each of the T tracks that both runs have, (T, 1) the largest distance [m]
+            between corresponding points that both runs saw. NaN if the runs saw no point in common;
+            infinite if the numbers of points differ.
+        points: Number of points in the tracks with the same number of points in both runs.
+        visibility: How many of `points` only one of the two runs saw.
     """
 
     pairs: Sequence[TrackPair]
@@ -52,7 +55,7 @@ class TrackComparison:
 def compare_tracks(
     recorded: Sequence[LoggedTrack], replayed: Sequence[LoggedTrack]
 ) -> TrackComparison:
-    """Compares the tracks of the same images, which have the same stamp.
+    """Compares the tracks that have the same stamp, and so come from the same images.
 
     Args:
         recorded: The tracks of the run.
@@ -84,7 +87,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the largest distance of common points [m], and `TrackPair.comparable`."""
+    """Returns the track's element of `TrackComparison.distances`, and `TrackPair.comparable`."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

@@ -99,7 +99,7 @@ class CameraPlayback:
             raise CaptureError(
                 f"{self._source}: the images in {file} have {model.width} x {model.height} pixels, "
                 f"but the camera in the scenario has {wanted.width} x {wanted.height}.",
-                remedy="Set its size and calibration in the scenario to those of the recording.",
+                remedy="Set the camera's size and calibration to those of the recording.",
             )
         check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
         frames = recording.frames

@@ -44,7 +44,7 @@ class Demonstration:
     def __post_init__(self) -> None:
         if len(self.frames) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{self.name} has only {len(self.frames)} of the {MIN_FRAMES} required frames in "
+                f"{self.name} has {len(self.frames)} of at least {MIN_FRAMES} required frames in "
                 "which all cameras have colour and depth.",
                 remedy="Record the whole motion with all cameras running at the same time.",
             )

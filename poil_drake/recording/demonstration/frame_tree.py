@@ -22,7 +22,7 @@ class FrameTree:
     def add(self, *, parent: str, child: str, stamp: int, X_PC: np.ndarray) -> None:
         """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns].
 
-        A new parent of `child` replaces the previous one, and all poses in it.
+        If `child` had another parent, its poses in that parent are discarded.
         """
         if self._parent.get(child) != parent:
             self._parent[child], self._poses[child] = parent, []

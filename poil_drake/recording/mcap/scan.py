@@ -96,7 +96,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
     Checks the CRC of each chunk, and that of the data section if it has one.
 
     Raises:
-        CutOffError: if the file is cut off; raised after everything before the cut was yielded.
+        CutOffError: if the file is cut off; raised after yielding all items before the cut.
         DemonstrationError: if the file cannot be opened, is empty, is not MCAP, or is damaged.
     """
     schemas: dict[int, Schema] = {}
@@ -209,7 +209,7 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
 
 
 def _unpack(record: McapRecord) -> list[McapRecord]:
-    """Returns the records of a chunk, after checking its size and CRC; otherwise `[record]`.
+    """Returns the records in a chunk, after checking its size and CRC, or else `[record]`.
 
     The library decompresses without a limit, so a small file could exhaust the memory.
     """

@@ -44,8 +44,8 @@ class RunLogConfig:
         drop_when_full: Whether a full queue drops messages, and counts them in the metadata
             `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
             must not wait for a disk.
-        chunk_size: How much is written at once [bytes, before compression], and so how much a log
-            loses at most if its process is killed.
+        chunk_size: How much is written at once [bytes, before compression]. If the process is
+            killed, the log lacks the chunk that is not full yet.
     """
 
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
@@ -57,12 +57,12 @@ class RunLogConfig:
 
     @classmethod
     def for_hardware(cls) -> Self:
-        """Returns the configuration for a real robot: no call blocks, and a kill loses little."""
+        """Returns the configuration for a real robot: writes do not block, and chunks are small."""
         return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
 _BATCH = 48
-"""Number of messages that are handed to the thread at once: those of about 1/32 s."""
+"""Number of messages handed to the background thread at once: those of about 1/32 s."""
 
 
 class RunLogWriter:
@@ -70,11 +70,11 @@ class RunLogWriter:
 
     All times are those of the loop's context [s], which start at 0 on hardware, too. `time` is when
     a message is logged; `stamp` is when its contents were measured, by default `time`. A write
-    copies its arrays and returns; a background thread encodes, compresses and writes to disk, and
-    `close` joins it. After `close`, the file is readable, even if there was an exception. The log
-    is also closed when the interpreter exits.
+    copies its arrays and returns. A background thread encodes and compresses them and writes them
+    to disk. If it fails, e.g. because the disk is full, a later write or `close` raises the error.
 
-    A write raises the error of an earlier write in the background thread, e.g. on a full disk.
+    After `close`, the file is readable, even if there was an exception. The log is also closed when
+    the interpreter exits.
 
     Args:
         path: The MCAP file; its folder is created if needed. An older file is overwritten.
@@ -136,7 +136,7 @@ class RunLogWriter:
     def write_label(
         self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
-        """Writes an (H, W) label image."""
+        """Writes an (H, W) int16 label image."""
         self._write_pixels("label", camera, label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:

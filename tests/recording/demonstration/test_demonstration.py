@@ -137,5 +137,5 @@ def test_a_demonstration_can_be_made_of_frames(make_frame):
     dut = Demonstration([make_frame(i) for i in range(3)])
 
     assert dut.duration == 0.25
-    with pytest.raises(DemonstrationError, match="only 1 of the 2 required frames"):
+    with pytest.raises(DemonstrationError, match="has 1 of at least 2 required frames"):
         Demonstration([make_frame(0)])

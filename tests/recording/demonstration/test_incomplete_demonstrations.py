@@ -59,7 +59,7 @@ def stops_early(foreign):
 
 
 def encoded(encoding, pixels, *, frame_id="", size=None):
-    """Returns what makes a recording's images: `size` bytes of the pixels."""
+    """Returns a function that makes images with the first `size` bytes of the pixels."""
     message = RawImage(
         encoding=encoding,
         data=pixels.tobytes()[:size],
@@ -84,7 +84,7 @@ def encoded(encoding, pixels, *, frame_id="", size=None):
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "at least 2 are needed"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),
-        (out_of_step, ["only 0 of the 2 required frames in which all cameras have"]),
+        (out_of_step, ["has 0 of at least 2 required frames in which all cameras have"]),
         (stops_early, ["/camera/left/depth", "stops 1.25 s before"]),
         (having(times={}, calibrations={}), ["no camera", "/camera/<name>/image"]),
         (having(color=encoded("yuv422", RGB[..., :2])), ["/camera/left/image", "yuv422", "rgb8"]),
