@@ -1,5 +1,7 @@
 """Typed errors. Each says what is wrong and what to do about it."""
 
+from functools import partial
+
 
 class PoilError(Exception):
     """Base of every error that poil_drake raises on purpose.
@@ -16,11 +18,7 @@ class PoilError(Exception):
 
     def __reduce__(self) -> tuple:
         """Pickles `problem` and `remedy`, so that an error can be sent to another process."""
-        return (_rebuild, (type(self), self.problem, self.remedy))
-
-
-def _rebuild(cls: type[PoilError], problem: str, remedy: str) -> PoilError:
-    return cls(problem, remedy=remedy)
+        return partial(type(self), remedy=self.remedy), (self.problem,)
 
 
 class InvalidValueError(PoilError, ValueError):
