@@ -4,10 +4,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from poil_drake.recording.run_log.series import Series
-
-_ROUNDING = 1e-9
-"""Tolerance for the rounding of times to nanoseconds [s]."""
+from poil_drake.recording.run_log.series import ROUNDING, Series
 
 
 class SignalPair(NamedTuple):
@@ -53,7 +50,7 @@ class SignalPair(NamedTuple):
         self, values: np.ndarray, finite: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns the (T, n) minima and maxima of finite values within `shift` [s] of each time."""
-        reach = shift + _ROUNDING
+        reach = shift + ROUNDING
         first = np.searchsorted(self.times, self.times - reach)
         last = np.searchsorted(self.times, self.times + reach, side="right")
         # `reduceat` reduces from each index to the next; every other result is that of a window. A

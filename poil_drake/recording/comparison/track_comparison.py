@@ -18,13 +18,11 @@ class TrackPair(NamedTuple):
     Attributes:
         time: When the track was logged [s]: in the recorded run, or, if that lacks the track, in
             the replay.
-        both: Whether both runs have the track; otherwise only one has it.
         comparable: False if only one run has the track, or if the runs saw points, but none in
             common.
     """
 
     time: float
-    both: bool
     comparable: bool
 
 
@@ -37,19 +35,16 @@ class TrackComparison:
         distances: For each of the T tracks that both runs have, (T, 1) the largest distance [m]
             between corresponding points that both runs saw. NaN if the runs saw no point in common;
             infinite if the numbers of points differ.
+        unmatched: Number of tracks that only one of the two runs has.
         points: Number of points in the tracks with the same number of points in both runs.
         visibility: How many of `points` only one of the two runs saw.
     """
 
     pairs: Sequence[TrackPair]
     distances: Series
+    unmatched: int
     points: int
     visibility: int
-
-    @property
-    def unmatched(self) -> int:
-        """How many tracks only one of the two runs has."""
-        return sum(not pair.both for pair in self.pairs)
 
 
 def compare_tracks(
@@ -69,18 +64,19 @@ def compare_tracks(
     for stamp in sorted(run.keys() | replay.keys()):
         if stamp not in run or stamp not in replay:
             only = run.get(stamp) or replay[stamp]
-            pairs.append(TrackPair(only.time, both=False, comparable=False))
+            pairs.append(TrackPair(only.time, comparable=False))
             continue
         time, a, b = run[stamp].time, run[stamp].track, replay[stamp].track
         distance, comparable = _distance(a, b)
-        pairs.append(TrackPair(time, both=True, comparable=comparable))
+        pairs.append(TrackPair(time, comparable))
         distances.append((time, [distance]))
         if len(a.positions) == len(b.positions):
             points += len(a.positions)
             visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
     return TrackComparison(
-        pairs=tuple(pairs),
+        pairs=pairs,
         distances=Series.of(distances, 1),
+        unmatched=len(run.keys() ^ replay.keys()),
         points=points,
         visibility=visibility,
     )

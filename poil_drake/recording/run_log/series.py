@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Tolerance for the rounding of times to nanoseconds [s]."""
 
 
@@ -39,7 +39,7 @@ class Series:
 
     def index(self, time: float) -> int:
         """Returns the index of the newest sample at or before a time [s]; -1 if there is none."""
-        return int(np.searchsorted(self.times, time + _ROUNDING, side="right")) - 1
+        return int(np.searchsorted(self.times, time + ROUNDING, side="right")) - 1
 
     def at(self, time: float) -> np.ndarray:
         """Returns the (N,) newest sample at or before a time [s]; NaN if there is none."""
