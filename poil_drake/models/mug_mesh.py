@@ -85,9 +85,8 @@ def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
     edges = np.diff(profile, axis=0)
     edge_normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     edge_normals /= np.linalg.norm(edge_normals, axis=1, keepdims=True)
-    point_normals = np.vstack([edge_normals[:1], edge_normals]) + np.vstack(
-        [edge_normals, edge_normals[-1:]]
-    )
+    neighbours = np.vstack([edge_normals[:1], edge_normals, edge_normals[-1:]])
+    point_normals = neighbours[:-1] + neighbours[1:]
     point_normals /= np.linalg.norm(point_normals, axis=1, keepdims=True)
     angle = np.linspace(0, 2 * np.pi, BODY_SEGMENTS + 1)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
