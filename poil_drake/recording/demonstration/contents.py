@@ -12,10 +12,7 @@ from mcap.records import Attachment, Metadata
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.frame_tree import FrameTree
-from poil_drake.recording.demonstration.layout import (
-    CAMERA_TOPIC,
-    SCENARIO_ATTACHMENT,
-)
+from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, SCENARIO_ATTACHMENT
 from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.message_decoders import (
     Calibration,

@@ -64,8 +64,7 @@ class Demonstration:
     @property
     def duration(self) -> float:
         """The time from the first to the last frame [s]."""
-        stamps_ = self.stamps
-        return float(stamps_[-1] - stamps_[0])
+        return float(np.ptp(self.stamps))
 
 
 def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:

@@ -47,8 +47,7 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
-        log_time, location = scanned.log_time, scanned.location
-        return cls(stamp, log_time, message.frame_id, type(message), location)
+        return cls(stamp, scanned.log_time, message.frame_id, type(message), scanned.location)
 
 
 @dataclass(frozen=True)

@@ -159,16 +159,9 @@ class RunLogWriter:
         The names in use are tracked, propagated, reference and target. Points are rounded to
         float32 unless `exact`.
         """
-        self._write(
-            f"/points/{name}",
-            self._encoder.points,
-            points,
-            time=time,
-            stamp=stamp,
-            frame_id=WORLD_FRAME,
-            confidence=confidence,
-            exact=exact,
-        )
+        options = {"frame_id": WORLD_FRAME, "confidence": confidence, "exact": exact}
+        encode = self._encoder.points
+        self._write(f"/points/{name}", encode, points, time=time, stamp=stamp, **options)
 
     def write_transform(self, X_WC: np.ndarray, *, child: str, time: float) -> None:
         """Writes the (4, 4) pose of frame `child` in the world [m] to /tf."""
@@ -186,15 +179,8 @@ class RunLogWriter:
         topic: str = JOINT_STATES_TOPIC,
     ) -> None:
         """Writes the (J,) positions [rad], velocities [rad/s] and torques [N m] of named joints."""
-        self._write(
-            topic,
-            self._encoder.joint_states,
-            names,
-            time=time,
-            position=position,
-            velocity=velocity,
-            effort=effort,
-        )
+        states: dict[str, Any] = {"position": position, "velocity": velocity, "effort": effort}
+        self._write(topic, self._encoder.joint_states, names, time=time, **states)
 
     def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
         """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""
