@@ -44,16 +44,10 @@ class DifferenceStatistics:
     def of(cls, values: np.ndarray) -> "DifferenceStatistics":
         """Returns the statistics of the values that are not NaN."""
         known = values[~np.isnan(values)]
-        if not known.size:
-            return cls(count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan)
         # Each percentile is one of the samples, because infinite samples cannot be interpolated.
-        median, percentile_95 = np.percentile(known, [50.0, 95.0], method="higher")
-        return cls(
-            count=known.size,
-            median=float(median),
-            percentile_95=float(percentile_95),
-            maximum=float(known.max()),
-        )
+        percentiles = np.percentile(known if known.size else np.nan, [50, 95, 100], method="higher")
+        median, percentile_95, maximum = percentiles.tolist()
+        return cls(count=known.size, median=median, percentile_95=percentile_95, maximum=maximum)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +87,6 @@ class FirstDifference:
     began: PhaseComparison | None = None
 
 
-_Difference = tuple[float, str, float, float, PhaseComparison | None]
-"""Time [s], what differs, size, tolerance, and the phase that differs."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunComparison:
     """How a replay differs from its run.
@@ -126,17 +116,7 @@ class RunComparison:
     def first(self) -> FirstDifference | None:
         """The earliest difference that exceeds its tolerance; None if there is none."""
         found = [*self._signals_above(), *self._phases_apart(), *self._tracks_missing()]
-        if not found:
-            return None
-        time, what, size, tolerance, began = min(found, key=lambda one: one[0])
-        return FirstDifference(
-            time=float(time),
-            what=what,
-            phase=self._phase_at(time),
-            size=float(size),
-            tolerance=float(tolerance),
-            began=began,
-        )
+        return min(found, key=lambda difference: difference.time, default=None)
 
     @property
     def same(self) -> bool:
@@ -202,25 +182,36 @@ class RunComparison:
             return False  # The other run may have ended just before this phase.
         return not abs(starts[0] - starts[1]) <= late
 
-    def _signals_above(self) -> Iterator[_Difference]:
+    def _difference(
+        self, time: float, what: str, size: float, tolerance: float, **began: PhaseComparison
+    ) -> FirstDifference:
+        phase = self._phase_at(time)
+        return FirstDifference(
+            time=time, what=what, phase=phase, size=size, tolerance=tolerance, **began
+        )
+
+    def _signals_above(self) -> Iterator[FirstDifference]:
         for signal, series in self.judged.items():
             limits = self.limits(signal)
             for k in np.flatnonzero(series.values[:, 0] > limits)[:1]:
-                yield series.times[k], signal, series.values[k, 0], limits[k], None
+                yield self._difference(
+                    float(series.times[k]), signal, float(series.values[k, 0]), float(limits[k])
+                )
 
-    def _phases_apart(self) -> Iterator[_Difference]:
+    def _phases_apart(self) -> Iterator[FirstDifference]:
         for phase in filter(self._differs, self.phases):
             size = math.inf if phase.alone else abs(phase.recorded - phase.replayed)
-            time = np.nanmin((phase.recorded, phase.replayed))
-            yield time, PHASE, size, self.tolerances.phase_start, phase
+            time = float(np.nanmin((phase.recorded, phase.replayed)))
+            tolerance = self.tolerances.phase_start
+            yield self._difference(time, PHASE, size, tolerance, began=phase)
 
-    def _tracks_missing(self) -> Iterator[_Difference]:
+    def _tracks_missing(self) -> Iterator[FirstDifference]:
         wanted, tolerance = self.tolerances.point_phases, self.tolerances.unmatched_tracks
         judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
         times = [pair.time for pair in judged if not pair.comparable]
         share = len(times) / max(len(judged), 1)
         if share > tolerance:
-            yield min(times), TRACKS, share, tolerance, None
+            yield self._difference(min(times), TRACKS, share, tolerance)
 
     def _phase_at(self, time: float) -> str:
         names = [name for name, start, _ in self.spans if start <= time]
