@@ -1,13 +1,13 @@
 import ctypes
 import gc
 import os
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from python_process import run_python
 
 from poil_drake.runtime import real_time
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
@@ -29,10 +29,7 @@ print(min(faults))
 
 def page_faults(how: str) -> int:
     """Returns the page faults of allocating 40 MB five times."""
-    done = subprocess.run(
-        [sys.executable, "-c", _PROGRAM, how], capture_output=True, text=True, check=True
-    )
-    return int(done.stdout)
+    return int(run_python("-c", _PROGRAM, how))
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="not the GNU C library")
