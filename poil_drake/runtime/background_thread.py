@@ -11,14 +11,13 @@ _T = TypeVar("_T")
 
 
 class Background:
-    """Runs pieces of work one after the other on one thread, which the constructor starts."""
+    """Runs pieces of work one after the other on one thread, which the constructor starts.
+
+    Args:
+        name: Name of the thread; the error of `submit` after `close` quotes it.
+    """
 
     def __init__(self, name: str):
-        """Starts the thread.
-
-        Args:
-            name: Name of the thread; the error of `submit` after `close` quotes it.
-        """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
         # An executor starts its thread with the first piece of work.

@@ -22,6 +22,9 @@ class BackgroundWorker:
         capacity: How many batches may wait. If the queue is full, `submit` either waits, so that no
             job is lost, or drops the batch and counts its jobs.
         batch: Number of jobs in a batch.
+
+    Attributes:
+        dropped: Number of jobs that were dropped because the queue was full.
     """
 
     def __init__(self, *, name: str, capacity: int, batch: int = 1):
@@ -29,15 +32,10 @@ class BackgroundWorker:
         self._batch, self._batch_size = list[Job](), batch
         self._error: Exception | None = None
         self._closed = False
-        self._dropped = 0
+        self.dropped = 0
         # A daemon, so that a program that does not call `close` can still end.
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
-
-    @property
-    def dropped(self) -> int:
-        """Number of jobs that were dropped because the queue was full."""
-        return self._dropped
 
     def submit(self, job: Job, *, may_drop: bool = False) -> None:
         """Adds a job to the batch, which is queued once it is full.
@@ -61,7 +59,7 @@ class BackgroundWorker:
         try:
             self._queue.put(batch, block=not may_drop)
         except queue.Full:
-            self._dropped += len(batch)
+            self.dropped += len(batch)
 
     def close(self) -> None:
         """Waits until all jobs are done and ends the thread. A second call does nothing.

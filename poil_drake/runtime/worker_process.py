@@ -39,16 +39,14 @@ class WorkerProcess:
     only `module`; a `multiprocessing.Process` would fork or run the user's script again. The worker
     ends when this object is deleted or this process ends, for whatever reason. While the worker
     computes, other threads of this process can run. Only one thread at a time may call `ask`.
+    The constructor starts the process, without waiting until it is ready.
+
+    Args:
+        module: Name of the module, which calls `serve` when run as a program.
+        setup: A value that can be pickled; the worker passes it to the `make_handler` of `serve`.
     """
 
     def __init__(self, module: str, setup: object):
-        """Starts the process, without waiting until it is ready.
-
-        Args:
-            module: Name of the module, which calls `serve` when run as a program.
-            setup: A value that can be pickled; the worker passes it to the `make_handler` of
-                `serve`.
-        """
         connection, theirs = Pipe()
         files = os.memfd_create("poil_requests"), os.memfd_create("poil_answers")
         with theirs:

@@ -62,17 +62,15 @@ def compare_tracks(
     )
     pairs, distances, points, visibility = [], [], 0, 0
     for stamp in sorted(run.keys() | replay.keys()):
-        if stamp not in run or stamp not in replay:
-            only = run.get(stamp) or replay[stamp]
-            pairs.append(TrackPair(only.time, comparable=False))
-            continue
-        time, a, b = run[stamp].time, run[stamp].track, replay[stamp].track
-        distance, comparable = _distance(a, b)
+        time, comparable = (run.get(stamp) or replay[stamp]).time, False
+        if stamp in run and stamp in replay:
+            a, b = run[stamp].track, replay[stamp].track
+            distance, comparable = _distance(a, b)
+            distances.append((time, [distance]))
+            if len(a.positions) == len(b.positions):
+                points += len(a.positions)
+                visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
         pairs.append(TrackPair(time, comparable))
-        distances.append((time, [distance]))
-        if len(a.positions) == len(b.positions):
-            points += len(a.positions)
-            visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
     return TrackComparison(
         pairs=pairs,
         distances=Series.of(distances, 1),
