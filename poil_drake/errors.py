@@ -58,7 +58,7 @@ class PlanningError(PoilError):
 
 
 class CaptureError(PoilError):
-    """A camera cannot be opened, has disappeared, or delivers unusable images."""
+    """A camera cannot be opened, is disconnected, or delivers unusable images."""
 
 
 class NoImageError(CaptureError):

@@ -92,14 +92,14 @@ class RunComparison:
     """How a replay differs from its run.
 
     Attributes:
-        differences: Signal -> (T, 1) its differences; infinite where only one run's value is
+        differences: Signal -> its (T, 1) differences; infinite where only one run's value is
             finite.
-        judged: Signal -> (T, 1) the differences to which the tolerances apply. Those of a velocity
+        judged: Signal -> the (T, 1) differences to which the tolerances apply. Those of a velocity
             allow either run to be `ReplayTolerances.shift` earlier or later while points move the
             arm, and for `ReplayTolerances.phase_start` afterwards.
         phases: The phases of both runs.
         spans: Name, start and end [s] of each phase of the recorded run.
-        tolerances: The tolerances.
+        tolerances: The differences up to which the runs count as the same.
         tracks: How the tracks differ.
         commands: Number of command samples in the recorded run.
     """
@@ -162,7 +162,7 @@ class RunComparison:
         return limits
 
     def judged_maximum(self, signal: str) -> float:
-        """Returns the largest judged difference to which `tolerances.of` applies; NaN if none."""
+        """Returns the largest judged difference where `tolerances.of` applies, or else NaN."""
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
@@ -268,7 +268,7 @@ def _moved(
 def _velocity_differences(
     commands: SignalPair, twists: SignalPair, *, shift: float
 ) -> dict[str, Series]:
-    """Returns the (T, 1) differences of each velocity, allowing a time `shift` [s]."""
+    """Returns the (T, 1) differences of each velocity; see `SignalPair.differences` for `shift`."""
     joints, twist = commands.differences(shift), twists.differences(shift)
     largest = np.max(joints, axis=1, initial=0.0)
     angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
@@ -282,7 +282,7 @@ def _velocity_differences(
 def _compare_phases(
     recorded: Sequence[PhaseStart], replayed: Sequence[PhaseStart]
 ) -> tuple[PhaseComparison, ...]:
-    """Pairs the phases of both runs up to the first that differs; the rest occur in only one."""
+    """Pairs the phases of both runs up to the first that differs. Later phases have no partner."""
     pairs = zip(recorded, replayed, strict=False)
     same = sum(1 for _ in takewhile(lambda pair: pair[0].name == pair[1].name, pairs))
     rows = [

@@ -34,7 +34,7 @@ class SignalPair(NamedTuple):
 
         Args:
             shift: Time by which either run may be earlier or later [s]. Each value is compared with
-                the range of the values that the other run has within `shift` of it. The difference
+                the range of the other run's values within `shift` of the same time. The difference
                 is the larger of the two runs' distances from these ranges.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)

@@ -20,12 +20,13 @@ class ReplayTolerances:
         joint_velocity: Difference of each joint's commanded velocity [rad/s].
         angular_velocity: Difference of the gripper's commanded angular velocity [rad/s].
         linear_velocity: Difference of the gripper's commanded linear velocity [m/s].
-        tracked_points: Distance of each tracked point [m], in the phases `point_phases`.
+        tracked_points: Distance between the positions of each tracked point in both runs [m], in
+            the phases `point_phases`.
         phase_start: Difference of the times at which a phase begins [s].
         shift: Time by which the velocities may be earlier or later [s], in the phases
-            `point_phases` and for `phase_start` after them. The reason is that a small error of a
-            point changes where the field's reference jumps. Oscillations with a period below
-            `shift` are not detected.
+            `point_phases` and for `phase_start` after them. If a point has a small error, the
+            field's reference jumps earlier or later. Oscillations with a period below `shift` are
+            not detected.
         unmatched_tracks: Share of the tracks in the phases `point_phases` that cannot be compared,
             because only one run has the track, or because the runs saw no point in common.
         point_phases: The phases in which the points move the arm. In other phases, nothing depends
@@ -61,7 +62,7 @@ class ReplayTolerances:
         }[signal]
 
     def at_speed(self, speed: float) -> Self:
-        """Returns the tolerances for a run at `speed` times the usual speed, in (0, 1].
+        """Returns the tolerances for a run at `speed`, in (0, 1], times the usual speed.
 
         The tolerances of velocities are multiplied by `speed`. `shift` is divided by `speed`,
         because the arm takes that much longer to reach a place, and limited to `phase_start`.

@@ -81,7 +81,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the track's element of `TrackComparison.distances`, and `TrackPair.comparable`."""
+    """Returns the pair's element of `TrackComparison.distances`, and `TrackPair.comparable`."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

@@ -92,8 +92,8 @@ def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
     """Returns the name of the world frame.
 
-    It is the frame that the metadata name, or else "world" if the file has a frame of that name, or
-    else the root of the tree that holds the first camera.
+    This is the frame named in the metadata, or else "world" if the file has such a frame, or else
+    the root of the tree that holds the first camera.
 
     Raises:
         DemonstrationError: if a camera has no pose in the world frame.

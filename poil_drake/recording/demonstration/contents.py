@@ -32,7 +32,7 @@ class CameraContents:
         image: Its colour images.
         depth: Its depth images.
         label: Its label images.
-        calibration: Its intrinsics, each with the stamp from which they hold [ns].
+        calibration: Pairs of a stamp [ns] and the intrinsics that hold from then on.
     """
 
     image: list[StoredImage] = field(default_factory=list)

@@ -11,8 +11,8 @@ _STAMP = itemgetter(0)
 class FrameTree:
     """Frames and the recorded transforms between them.
 
-    A transform holds from its stamp until that of the next one between the same frames. The first
-    also holds before its stamp, so that a static transform may carry any stamp.
+    A transform holds from its stamp until the stamp of the next transform between the same frames.
+    The first one also holds before its stamp, so that a static transform may carry any stamp.
     """
 
     def __init__(self) -> None:

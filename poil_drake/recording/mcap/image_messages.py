@@ -43,7 +43,8 @@ class ColorEncoding:
     def __post_init__(self) -> None:
         if self.format not in ("jpeg", "raw", "png"):
             raise InvalidValueError(
-                f"ColorEncoding.format is '{self.format}'.", remedy="Use 'jpeg', 'raw' or 'png'."
+                f"ColorEncoding.format is '{self.format}', which is unknown.",
+                remedy="Use 'jpeg', 'raw' or 'png'.",
             )
 
 
@@ -51,7 +52,7 @@ def decode_color(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W, 3) uint8 RGB image of a message.
 
     Raises:
-        InvalidValueError: if the encoding is unknown or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or does not fit the data.
     """
     if isinstance(message, CompressedImage):
         return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
@@ -68,10 +69,10 @@ def decode_color(message: ImageMessage) -> np.ndarray:
 def decode_depth(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) float32 depth [m] of a message; 0 where invalid.
 
-    By the usual convention, integers are millimetres and floats are metres.
+    As usual, integer images are in millimetres, and float images are in metres.
 
     Raises:
-        InvalidValueError: if the encoding is unknown or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or does not fit the data.
     """
     if isinstance(message, RawImage) and message.encoding == "32FC1":
         depth = _raw_pixels(message, np.dtype("<f4"), 1)[..., 0].astype(np.float32)
@@ -83,7 +84,7 @@ def decode_label(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) int16 label image of a message.
 
     Raises:
-        InvalidValueError: if the encoding is unknown or the data do not fit it.
+        InvalidValueError: if the encoding is unknown or does not fit the data.
     """
     return _pixels_16_bit(message, "label").view(np.int16)
 

@@ -59,7 +59,7 @@ class ScannedMessage(NamedTuple):
     location: Location
 
     def message_type(self, *candidates: Any) -> Any:
-        """Returns the Foxglove class in `candidates` that the schema names; None if none does."""
+        """Returns the Foxglove class in `candidates` that the schema names, or None."""
         if self.encoding != MessageEncoding.Protobuf:
             return None
         return next((c for c in candidates if c.DESCRIPTOR.full_name == self.schema), None)
@@ -209,7 +209,7 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
 
 
 def _unpack(record: McapRecord) -> list[McapRecord]:
-    """Returns the records in a chunk, after checking its size and CRC, or else `[record]`.
+    """Returns the records in `record` if it is a chunk, else `[record]`; checks its size and CRC.
 
     The library decompresses without a limit, so a small file could exhaust the memory.
     """

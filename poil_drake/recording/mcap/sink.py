@@ -85,7 +85,7 @@ class McapSink:
         channel, known_schema = self._channels[topic]
         if schema != known_schema:
             raise InvalidValueError(
-                f"Topic {topic} holds {known_schema} messages and cannot take a {schema}.",
+                f"Topic {topic} holds {known_schema} messages and cannot take a {schema} message.",
                 remedy="Use a separate topic for each type of message.",
             )
         self._writer.add_message(channel, log_time=time, data=data, publish_time=time)

@@ -52,7 +52,7 @@ class RecordedRun:
         commands: (T, J) commanded joint velocities [rad/s].
         postures: (T, J) commanded joint positions [rad].
         twist: (T, 6) commanded spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
-        numbers: Topic -> (T, F) the fields that `reader.NUMBERS` lists for the topic.
+        numbers: Topic -> (T, F) values of the fields that `reader.NUMBERS` lists for the topic.
         camera_times: Camera -> (T, 1) capture time of its newest image [s].
         calibrations: Camera -> its intrinsics.
         camera_poses: Camera -> (4, 4) pose of the camera in the world [m].

@@ -39,8 +39,8 @@ class RunLogConfig:
         exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
             log's size. With "raw" or "png" colour as well, a replay sees exactly what the run saw.
         images: Whether images are written; otherwise they are discarded at once.
-        queue_capacity: How many messages may wait for the writing thread. 2048 messages are more
-            than a second at the default rates, and take 60 MB including images.
+        queue_capacity: How many messages may wait for the writing thread. 2048 messages cover
+            more than a second at the default rates, and take 60 MB including images.
         drop_when_full: Whether a full queue drops messages, and counts them in the metadata
             `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
             must not wait for a disk.
@@ -68,7 +68,7 @@ _BATCH = 48
 class RunLogWriter:
     """Writes the log of a run; use it in a `with` block, or call `close`.
 
-    All times are those of the loop's context [s], which start at 0 on hardware, too. `time` is when
+    All times are context times of the loop [s]; they start at 0, also on hardware. `time` is when
     a message is logged; `stamp` is when its contents were measured, by default `time`. A write
     copies its arrays and returns. A background thread encodes and compresses them and writes them
     to disk. If it fails, e.g. because the disk is full, a later write or `close` raises the error.
