@@ -179,12 +179,10 @@ class _CheckedFile(io.BufferedReader):
         records = StreamReader(
             self, skip_magic, emit_chunks=True, validate_crcs=True, record_size_limit=None
         ).records
-        while True:
-            self.position = max(self.tell(), MAGIC_SIZE)
-            record = next(records, None)
-            if record is None:
-                return
+        self.position = max(self.tell(), MAGIC_SIZE)
+        for record in records:
             yield record
+            self.position = self.tell()
 
 
 @contextmanager
