@@ -1,5 +1,7 @@
 """Typed errors. Each says what is wrong and what to do about it."""
 
+from functools import partial
+
 
 class PoilError(Exception):
     """Base of every error that poil_drake raises on purpose.
@@ -15,12 +17,8 @@ class PoilError(Exception):
         super().__init__(f"{problem} {remedy}")
 
     def __reduce__(self) -> tuple:
-        """Pickles both parts, so that worker processes can pass errors on."""
-        return (_rebuild, (type(self), self.problem, self.remedy))
-
-
-def _rebuild(cls: type[PoilError], problem: str, remedy: str) -> PoilError:
-    return cls(problem, remedy=remedy)
+        """Pickles `problem` and `remedy`, so that an error can be sent to another process."""
+        return partial(type(self), remedy=self.remedy), (self.problem,)
 
 
 class InvalidValueError(PoilError, ValueError):
@@ -60,7 +58,7 @@ class PlanningError(PoilError):
 
 
 class CaptureError(PoilError):
-    """A camera cannot be opened, has disappeared, or delivers unusable images."""
+    """A camera cannot be opened, is disconnected, or delivers unusable images."""
 
 
 class NoImageError(CaptureError):

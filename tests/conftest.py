@@ -85,7 +85,7 @@ def plan_file(demonstration: Path, make_once: MakeOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def plan(plan_file: Path) -> "ExecutionPlan":
-    """The plan of the file."""
+    """The plan in `plan_file`."""
     from poil_drake.grasping.execution_plan import ExecutionPlan
 
     return ExecutionPlan.load(plan_file)

@@ -1,10 +1,9 @@
 """The README's code is the example's, and the example does what `poil run` does."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from python_process import run_python
 
 from poil_drake.recording.run_log.reader import load_recorded_run
 
@@ -38,16 +37,8 @@ def test_the_example_moves_exactly_as_the_run_of_another_process(
     assert EXAMPLE.count("AdvanceTo(16.0)") == 1
     script = EXAMPLE.replace("AdvanceTo(16.0)", f"AdvanceTo({FOLLOWING})")
 
-    done = subprocess.run(
-        [sys.executable, "-c", script + PRINT_MOTION],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    page, *motion = run_python("-c", script + PRINT_MOTION, cwd=tmp_path).splitlines()
 
-    assert done.returncode == 0, done.stderr
-    page, *motion = done.stdout.splitlines()
     assert page.startswith("http://localhost:")
     found = [float(number) for line in motion for number in line.split()]
     assert found == run.joints.at(FOLLOWING)[:14].tolist()

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydrake.multibody.tree import UnitInertia
 
 from poil_drake.models.sdf_text import inertial, numbers
 
@@ -38,7 +39,7 @@ class BagParameters:
 
 
 def handle_vertices(bag: BagParameters) -> np.ndarray:
-    """Returns the (links + 1, 3) ends of the handle's links [m] in the body frame, -x to +x."""
+    """Returns the (links + 1, 3) ends of the handle's links [m] in the body frame."""
     angle = np.linspace(math.pi, 0.0, bag.links + 1)
     x = 0.5 * bag.handle_width * np.cos(angle)
     z = 0.5 * bag.body[2] + bag.handle_height * np.sin(angle)
@@ -55,7 +56,9 @@ def write_bag(bag: BagParameters, directory: Path) -> Path:
 
 def _sdf(bag: BagParameters) -> str:
     vertices = handle_vertices(bag)
-    body = inertial(bag.mass, np.zeros(3), _box_inertia(bag.mass, bag.body))
+    body = inertial(
+        bag.mass, np.zeros(3), bag.mass * UnitInertia.SolidBox(*bag.body).CopyToFullMatrix3()
+    )
     body += _shape("body", f"<box><size>{numbers(*bag.body)}</size></box>", "0.30 0.45 0.35 1")
     links = [_link(bag, k, vertices) for k in range(bag.links)]
     joints = [_joint(bag, k) for k in range(bag.links)]
@@ -80,17 +83,17 @@ def _sdf(bag: BagParameters) -> str:
 
 
 def _link(bag: BagParameters, k: int, vertices: np.ndarray) -> str:
-    """Returns link k, a capsule along its frame's +z from the origin, vertex k, to vertex k + 1."""
+    """Returns link k: a capsule from the origin, which is at vertex k, along +z to vertex k + 1."""
     step = vertices[k + 1] - vertices[k]
     length = float(np.linalg.norm(step))
     pitch = math.atan2(step[0], step[2])
     mass, radius = bag.handle_mass / bag.links, bag.handle_radius
-    inertia = _box_inertia(mass, (2 * radius, 2 * radius, length + 2 * radius))
+    unit_inertia = UnitInertia.SolidBox(2 * radius, 2 * radius, length + 2 * radius)
     middle = np.array([0.0, 0.0, length / 2])
     shape = f"<capsule><radius>{radius:g}</radius><length>{numbers(length)}</length></capsule>"
     return f"""    <link name="handle_{k}">
       <pose relative_to="body">{numbers(*vertices[k], 0.0, pitch, 0.0)}</pose>{
-        inertial(mass, middle, inertia)
+        inertial(mass, middle, mass * unit_inertia.CopyToFullMatrix3())
     }{_shape("strap", shape, "0.55 0.40 0.25 1", f"{numbers(*middle)} 0 0 0")}
     </link>
 """
@@ -124,9 +127,3 @@ def _shape(name: str, geometry: str, color: str, pose: str = "0 0 0 0 0 0") -> s
       <collision name="{name}">
         {placed}
       </collision>"""
-
-
-def _box_inertia(mass: float, size: tuple[float, float, float]) -> np.ndarray:
-    """Returns the (3, 3) rotational inertia of a solid box about its centre [kg m^2]."""
-    squares = np.square(size)
-    return np.diag(mass / 12.0 * (squares.sum() - squares))

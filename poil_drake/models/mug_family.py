@@ -67,7 +67,7 @@ class MugParameters:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InvalidValueError(
-                    f"Mug '{self.name}' has {name} = {value:g}.",
+                    f"Mug '{self.name}' has {name} = {value:g}, which is out of range.",
                     remedy=f"Use a value between {low:g} and {high:g}.",
                 )
         half = self.handle_opening / 2 + 2 * self.handle_radius

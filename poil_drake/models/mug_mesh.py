@@ -17,8 +17,8 @@ HANDLE_SEGMENTS = 10
 """Number of facets around the handle's tube."""
 
 DECORATED_FRACTION = 0.75
-"""Upper fraction of the texture image, for the outside of the body and the handle. The rest has the
-base colour, for the inside and the underside."""
+"""Fraction of the texture image, from its top, that covers the handle and the outside of the body.
+The rest of the image has the base colour and covers the inside and the underside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class TexturedMesh:
 
 
 def body_mesh(mug: MugParameters) -> TexturedMesh:
-    """Returns the body, a surface of revolution: outside (decorated), rim, inside and bottom."""
+    """Returns the mesh of the body: its decorated outside, and its plain rim, inside and bottom."""
     outside, inside = wall_profile(mug)
     plain_v = (1 - DECORATED_FRACTION) / 2
     decorated = 1 - DECORATED_FRACTION * (1 - outside[:, 1] / mug.height)
@@ -57,7 +57,7 @@ def body_mesh(mug: MugParameters) -> TexturedMesh:
 
 
 def handle_mesh(mug: MugParameters) -> TexturedMesh:
-    """Returns the tube swept along the handle's centre line."""
+    """Returns the mesh of the handle, a tube around the centre line."""
     line = handle_center_line(mug, HANDLE_SECTIONS)
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -76,13 +76,17 @@ def handle_mesh(mug: MugParameters) -> TexturedMesh:
 
 
 def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
-    """Revolves a polyline of (radius, height), which has the outside on its right."""
+    """Returns the surface that a polyline sweeps when it turns about the z axis.
+
+    Args:
+        profile: (N, 2) radius and height [m] of the polyline, which has the outside on its right.
+        v: (N,) vertical texture coordinates, in [0, 1].
+    """
     edges = np.diff(profile, axis=0)
     edge_normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     edge_normals /= np.linalg.norm(edge_normals, axis=1, keepdims=True)
-    point_normals = np.vstack([edge_normals[:1], edge_normals]) + np.vstack(
-        [edge_normals, edge_normals[-1:]]
-    )
+    neighbours = np.vstack([edge_normals[:1], edge_normals, edge_normals[-1:]])
+    point_normals = neighbours[:-1] + neighbours[1:]
     point_normals /= np.linalg.norm(point_normals, axis=1, keepdims=True)
     angle = np.linspace(0, 2 * np.pi, BODY_SEGMENTS + 1)
     around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -99,7 +103,7 @@ def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
 
 
 def _grid(vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> TexturedMesh:
-    """Connects a (rows, columns) grid of vertices by triangles; omits those of zero area."""
+    """Joins a (rows, columns) grid of vertices by triangles; omits triangles without area."""
     rows, columns = vertices.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()

@@ -94,12 +94,9 @@ def _body_inertia(mug: MugParameters) -> tuple[float, np.ndarray, np.ndarray]:
     wall = np.concatenate([ring(r, z) for r, z in zip(radii, heights, strict=True)])
     gyration = float(outer_radius(mug, 0.0)) / math.sqrt(2)  # Of a disc.
     bottom = ring(gyration, BOTTOM_FACTOR * mug.wall / 2)
-    share = _BOTTOM_MASS_FRACTION
-    fractions = [
-        np.full(len(wall), (1 - share) / len(wall)),
-        np.full(len(bottom), share / len(bottom)),
-    ]
-    masses = mug.mass * (1 - _HANDLE_MASS_FRACTION) * np.concatenate(fractions)
+    counts, share = [len(wall), len(bottom)], _BOTTOM_MASS_FRACTION
+    fractions = np.repeat(np.divide([1 - share, share], counts), counts)
+    masses = mug.mass * (1 - _HANDLE_MASS_FRACTION) * fractions
     return _point_mass_inertia(np.concatenate([wall, bottom]), masses)
 
 
@@ -126,9 +123,10 @@ def _collision(name: str, pose: tuple[float, ...], geometry: str, *, rigid: bool
 
 
 def _wall_collisions(mug: MugParameters) -> str:
-    """A ring of upright boxes, tilted with the taper; rigid, as the finger pads are compliant.
+    """Returns a ring of upright boxes, tilted with the taper.
 
-    They end just above the underside, so that a standing mug touches the table with its feet only.
+    The boxes are rigid, because the finger pads are compliant. They end just above the underside,
+    so that only the feet of a standing mug touch the table.
     """
     top, foot = float(outer_radius(mug, mug.height)), float(outer_radius(mug, _FOOT_RADIUS))
     height = mug.height - _FOOT_RADIUS
@@ -147,15 +145,14 @@ def _wall_collisions(mug: MugParameters) -> str:
 
 
 def _bottom_collisions(mug: MugParameters) -> str:
-    """Two crossed boxes, and small spheres as feet: few, well-defined contacts with a table."""
+    """Returns two crossed boxes, and spheres as feet, which give few contacts with a table."""
     thickness = BOTTOM_FACTOR * mug.wall - _FOOT_RADIUS
     radius = float(outer_radius(mug, 0.0)) - mug.wall / 2
     z = _FOOT_RADIUS + thickness / 2
     long, wide = 2 * radius * math.cos(math.pi / 6), 2 * radius * math.sin(math.pi / 6)
     box = f"<box><size>{numbers(long, wide, thickness)}</size></box>"
-    text = ""
-    for i in range(2):
-        text += _collision(f"bottom_{i}", (0.0, 0.0, z, 0.0, 0.0, math.pi * i / 2), box)
+    text = _collision("bottom_0", (0.0, 0.0, z, 0.0, 0.0, 0.0), box)
+    text += _collision("bottom_1", (0.0, 0.0, z, 0.0, 0.0, math.pi / 2), box)
     radius = float(outer_radius(mug, 0.0)) - _FOOT_RADIUS
     sphere = f"<sphere><radius>{_FOOT_RADIUS}</radius></sphere>"
     for i in range(_FEET):

@@ -55,7 +55,7 @@ def handle_center_line(mug: MugParameters, count: int) -> np.ndarray:
     """Returns points along the centre of the handle's tube, from its upper to its lower end.
 
     The curve is the half x >= 0 of a superellipse |x/a|^n + |z/b|^n = 1, centred on the wall of the
-    body; an ear is skewed outwards at its top. The ends reach into the wall.
+    body. The top of an ear-shaped handle is skewed outwards. The ends reach into the wall.
 
     Returns:
         (count, 3) positions in the mug's frame [m], at equal distances along the curve.

@@ -12,14 +12,14 @@ _SHADES = 6  # Number of colours in a noise texture; a small one keeps the image
 
 
 def texture_image(mug: MugParameters) -> np.ndarray:
-    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug, above a strip of base colour.
+    """Returns the (H, W, 3) uint8 RGB texture of a decorated mug.
 
-    The same parameters give the same image.
+    The decoration is above a strip of the base colour. The same parameters give the same image.
     """
     height, width = TEXTURE_SIZE
     rows = round(height * DECORATED_FRACTION)
     pattern = np.zeros((height, width))
-    pattern[:rows] = _PATTERNS[mug.texture](mug, rows, width)
+    pattern[:rows] = _PATTERNS[mug.texture](np.random.default_rng(mug.seed), rows, width)
     # The lowest decorated rows stay plain, so that no decoration bleeds into the inside.
     pattern[rows - 4 :] = 0.0
     color, accent = np.array(mug.color), np.array(mug.accent)
@@ -27,24 +27,22 @@ def texture_image(mug: MugParameters) -> np.ndarray:
     return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
 
 
-def _stripes(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Slanted stripes of varying width, so that all sides of the mug look different."""
+def _stripes(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    """Returns slanted stripes of varying width, so that all sides of the mug look different."""
     y, x = np.mgrid[:rows, :columns]
     phase = 2 * np.pi * (6 * x / columns + 2.0 * y / rows)
     return (np.sin(phase) > 0.6 * np.sin(2 * np.pi * x / columns)).astype(float)
 
 
-def _checks(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """A checkerboard whose dark squares have four shades, so that they can be distinguished."""
-    rng = np.random.default_rng(mug.seed)
+def _checks(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    """Returns a checkerboard whose dark squares have four shades, so that they look different."""
     shades = rng.choice([0.4, 0.6, 0.8, 1.0], size=(8, 16))
     y, x = np.mgrid[:rows, :columns]
     i, j = y * 8 // rows, x * 16 // columns
     return ((i + j) % 2) * shades[i, j]
 
 
-def _dots(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    rng = np.random.default_rng(mug.seed)
+def _dots(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
     y, x = np.mgrid[:rows, :columns]
     pattern = np.zeros((rows, columns))
     for _ in range(60):
@@ -54,11 +52,10 @@ def _dots(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
     return pattern
 
 
-def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Speckles at three scales, without a seam around the mug."""
+def _noise(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    """Returns speckles at three scales, without a seam around the mug."""
     import cv2
 
-    rng = np.random.default_rng(mug.seed)
     pattern = np.zeros((rows, columns))
     for cells, weight in ((8, 0.3), (24, 0.4), (64, 0.3)):
         coarse = rng.uniform(size=(max(2, cells * rows // columns), cells))
@@ -69,9 +66,8 @@ def _noise(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
     return np.round(pattern * (_SHADES - 1)) / (_SHADES - 1)
 
 
-def _logo(mug: MugParameters, rows: int, columns: int) -> np.ndarray:
-    """Two framed logos on opposite sides, each a random, mirror-symmetric pattern of blocks."""
-    rng = np.random.default_rng(mug.seed)
+def _logo(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+    """Returns framed, mirror-symmetric, random logos on two opposite sides of the mug."""
     pattern = np.zeros((rows, columns))
     cells, size = 9, rows * 3 // 4 // 9
     for center in (columns // 4, 3 * columns // 4):

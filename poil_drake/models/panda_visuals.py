@@ -18,7 +18,7 @@ _FEWEST_FACES = 60
 """Pieces with at most this many triangles keep all of them."""
 
 _SHARPEST_SMOOTH_ANGLE = 0.6
-"""Edges between faces that differ by more than this angle [rad] are not smoothed."""
+"""An edge is not smoothed if the normals of its faces differ by more than this angle [rad]."""
 
 
 def convert_visuals(*, source: Path, target: Path) -> None:

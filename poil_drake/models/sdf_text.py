@@ -4,7 +4,7 @@ import numpy as np
 
 
 def numbers(*values: float) -> str:
-    """Formats numbers with six digits; values up to 1e-14, mere rounding errors, become 0."""
+    """Returns numbers with six digits, separated by spaces; magnitudes up to 1e-14 become 0."""
     return " ".join(f"{value if abs(value) > 1e-14 else 0.0:.6g}" for value in values)
 
 

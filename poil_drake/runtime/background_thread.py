@@ -1,4 +1,4 @@
-"""A thread on which a system works in parallel with the simulation."""
+"""A thread that does a system's work in parallel with the simulation."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,14 +11,13 @@ _T = TypeVar("_T")
 
 
 class Background:
-    """Runs pieces of work one after the other on one thread, which the constructor starts."""
+    """Runs pieces of work one after the other on one thread, which the constructor starts.
+
+    Args:
+        name: Name of the thread; the error of `submit` after `close` quotes it.
+    """
 
     def __init__(self, name: str):
-        """Starts the thread.
-
-        Args:
-            name: Name of the thread; the error of `submit` after `close` quotes it.
-        """
         self._name = name
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
         # An executor starts its thread with the first piece of work.
@@ -26,7 +25,7 @@ class Background:
         self._futures: list[Future[Any]] = []
 
     def submit(self, work: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
-        """Queues a piece of work and returns the future for its result.
+        """Queues the call `work(*args, **kwargs)` and returns the future of its result.
 
         Raises:
             StationError: if this object has been closed.
@@ -42,7 +41,7 @@ class Background:
         return future
 
     def close(self) -> None:
-        """Waits for the current or next piece of work, cancels the others, and ends the thread."""
+        """Finishes the oldest unfinished piece of work, cancels the rest, and ends the thread."""
         for future in self._unfinished()[1:]:
             future.cancel()
         self._executor.shutdown(wait=True)

@@ -12,7 +12,7 @@ Job = Callable[[], None]
 class BackgroundWorker:
     """Runs jobs in a separate thread, one after the other, in the order of submission.
 
-    Jobs are handed over in batches, because each handover may switch threads.
+    Jobs are handed over in batches, because each handover may cost a switch of threads.
 
     After an exception in a job, no further job runs; the next `submit` or `close` raises the
     exception.
@@ -22,6 +22,9 @@ class BackgroundWorker:
         capacity: How many batches may wait. If the queue is full, `submit` either waits, so that no
             job is lost, or drops the batch and counts its jobs.
         batch: Number of jobs in a batch.
+
+    Attributes:
+        dropped: Number of jobs that were dropped because the queue was full.
     """
 
     def __init__(self, *, name: str, capacity: int, batch: int = 1):
@@ -29,22 +32,18 @@ class BackgroundWorker:
         self._batch, self._batch_size = list[Job](), batch
         self._error: Exception | None = None
         self._closed = False
-        self._dropped = 0
+        self.dropped = 0
         # A daemon, so that a program that does not call `close` can still end.
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
-
-    @property
-    def dropped(self) -> int:
-        """Number of jobs that were dropped because the queue was full."""
-        return self._dropped
 
     def submit(self, job: Job, *, may_drop: bool = False) -> None:
         """Adds a job to the batch, which is queued once it is full.
 
         Args:
             job: The job.
-            may_drop: Whether the batch that this job fills is dropped if the queue is full.
+            may_drop: What happens if this job fills its batch, but the queue is full: True drops
+                the batch, False waits.
 
         Raises:
             ValueError: if the worker has been closed.
@@ -60,7 +59,7 @@ class BackgroundWorker:
         try:
             self._queue.put(batch, block=not may_drop)
         except queue.Full:
-            self._dropped += len(batch)
+            self.dropped += len(batch)
 
     def close(self) -> None:
         """Waits until all jobs are done and ends the thread. A second call does nothing.

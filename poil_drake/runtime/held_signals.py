@@ -12,11 +12,11 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def HeldSignals() -> Iterator[None]:
-    """Delays `ENDING` signals until the end of the `with` block; each is then raised once.
+    """Delays the signals in `ENDING` until the end of the `with` block, then raises each once.
 
-    Python handles signals on its main thread, so on any other thread this does nothing. (A signal
-    mask would not help: another thread would receive the signal, and the main thread would still
-    handle it.)
+    Does nothing on other threads than the main thread, because Python handles signals only there.
+    (A signal mask would not help: another thread would receive the signal, and the main thread
+    would still handle it.)
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -13,7 +13,7 @@ _TIMEOUT = 0.005
 """How long `wait` waits at most [s]."""
 
 _BACK_OFF = 0.1
-"""How long after a timeout `wait` returns at once [s]."""
+"""After a timeout, `wait` returns at once for this long [s]."""
 
 
 class InterpreterTurns:

@@ -48,11 +48,11 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Yields a binary file to write to, which replaces `path` at the end of the `with` block.
+    """Yields a new binary file, which replaces `path` at the end of the `with` block.
 
     If the block raises an exception, the old file stays. Readers therefore never see half a file,
-    and several processes may write to the same path. Folders are created if needed. An existing
-    path that is not a regular file, such as /dev/stdout, is written to directly.
+    and several processes may write to the same path. Folders are created if needed. If `path` is
+    not a regular file, e.g. /dev/stdout, the block writes to it directly.
 
     Args:
         path: The file; symbolic links are followed.

@@ -1,4 +1,4 @@
-"""Helps this process keep real time: memory, scheduling, and an interpreter without pauses."""
+"""Settings of memory, scheduling and the interpreter for a process that runs in real time."""
 
 import ctypes
 import gc
@@ -24,15 +24,15 @@ _SWITCH_INTERVAL = 1e-4
 def KeepMemory() -> bool:
     """Makes this process reuse freed memory instead of returning it to the kernel.
 
-    For blocks as large as an image, the GNU C library requests memory from the kernel, which maps
-    it page by page on first use, and returns it when it is freed. That costs more than copying the
-    image, and blocks the other threads of the process. Real-time programs prevent this at startup
+    By default, the GNU C library returns each freed block that is as large as an image to the
+    kernel. The kernel then maps the next such block page by page, which takes longer than copying
+    the image and blocks the process's other threads. Real-time programs prevent this at startup
     (https://wiki.linuxfoundation.org/realtime/documentation/howto/applications/memory/mlockall_dynamic_allocation_sample).
-    Threads started later share one arena, which keeps the memory. The settings last until the
-    process ends.
+    Threads started later share one malloc arena, so each can reuse memory that another has freed.
+    The settings last until the process ends.
 
-    The kernel also stops merging the pages of this process into huge pages. A merge halts whatever
-    runs on the core for milliseconds. Child processes started later inherit this setting.
+    The kernel also stops merging the pages of this process into huge pages, because a merge can
+    halt a core for milliseconds. Child processes started later inherit this setting.
 
     Returns:
         Whether the C library supports these settings.
@@ -48,14 +48,15 @@ def KeepMemory() -> bool:
 
 @contextmanager
 def QuietInterpreter(*, collecting: bool = False) -> Iterator[None]:
-    """Keeps garbage collection and long turns of other threads out of the loop in a `with` block.
+    """Prevents garbage collection and long turns of other threads during the `with` block.
 
     Objects that exist at the start, e.g. imported libraries and the diagram, are not scanned for
-    garbage. OpenCV computes on the calling thread, as its own threads lack the loop's priority.
+    garbage. OpenCV computes on the calling thread, because OpenCV's own threads lack the priority
+    of the loop.
 
     Args:
-        collecting: Whether to collect new objects, and to leave OpenCV and the switching of threads
-            unchanged; for a loop that does not run in real time.
+        collecting: True for a loop that does not run in real time: new objects are still collected,
+            and OpenCV and the switching of threads stay unchanged.
     """
     interval, enabled = sys.getswitchinterval(), gc.isenabled()
     threads = cv2.getNumThreads()
@@ -85,8 +86,8 @@ def RealTimeScheduling(
     the Franka driver requires as well.
 
     Only one thread at a time holds Python's interpreter lock, whatever its priority. If the kernel
-    preempts that thread, even the thread with the highest priority waits. `followers` avoids this
-    by giving the other threads the next lower priority.
+    preempts that thread, every other thread waits for the lock, even the one with the highest
+    priority. `followers` avoids this by giving the other threads the next lower priority.
 
     Args:
         priority: From 1 to 99, below that of the robot's driver; 0 changes nothing.

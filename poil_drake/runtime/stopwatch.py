@@ -1,4 +1,4 @@
-"""Measures how long systems take, in wall-clock time, for reports; no simulation reads it."""
+"""Measures the wall-clock time that systems take. Only reports use the results."""
 
 import time
 from collections import defaultdict
@@ -16,7 +16,7 @@ class Stopwatch:
 
     @contextmanager
     def measure(self, name: str) -> Iterator[None]:
-        """Appends the duration of the `with` block to those of `name`, even if the block raises."""
+        """Records the duration of the `with` block under `name`, even if the block raises."""
         start = time.perf_counter()
         try:
             yield
@@ -24,7 +24,7 @@ class Stopwatch:
             self._durations[name].append(time.perf_counter() - start)
 
     def durations(self, name: str) -> np.ndarray:
-        """Returns all durations [s] of `name`, in order."""
+        """Returns the (N,) durations [s] recorded under `name`, in order."""
         return np.array(self._durations.get(name, ()))
 
     def totals(self) -> dict[str, float]:

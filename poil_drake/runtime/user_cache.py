@@ -22,7 +22,7 @@ def cached_directory(*, name: str, version: str, make: Callable[[Path], None]) -
     Args:
         name: Name of the contents, e.g. "panda".
         version: Distinguishes contents made from different inputs or by different code.
-        make: Writes the files into an empty directory.
+        make: Writes the files into the empty directory that is its argument.
     """
     target = user_cache_directory() / f"{name}-{version}"
     if target.is_dir():

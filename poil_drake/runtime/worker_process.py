@@ -29,25 +29,24 @@ _LOOK = 1.0  # Time between two checks whether a busy worker still runs [s].
 
 
 class WorkerEndedError(Exception):
-    """The process has ended. The message lacks the subject, e.g. "has ended with status 1"."""
+    """A worker process has ended. The message does not name it: "has ended with status 1"."""
 
 
 class WorkerProcess:
     """Runs a module as a separate program, which answers requests.
 
-    Arrays go through shared memory in both directions. The worker is neither a fork nor a
-    `multiprocessing.Process`, which would run the user's script again. It ends when this object or
-    this process ends, for whatever reason. While the worker computes, other threads of this process
-    can run. Only one thread at a time may call `ask`.
+    Arrays go through shared memory in both directions. The worker is a new interpreter that runs
+    only `module`; a `multiprocessing.Process` would fork or run the user's script again. The worker
+    ends when this object is deleted or this process ends, for whatever reason. While the worker
+    computes, other threads of this process can run. Only one thread at a time may call `ask`.
+    The constructor starts the process, without waiting until it is ready.
+
+    Args:
+        module: Name of the module, which calls `serve` when run as a program.
+        setup: A value that can be pickled; the worker passes it to the `make_handler` of `serve`.
     """
 
     def __init__(self, module: str, setup: object):
-        """Starts the process, without waiting until it is ready.
-
-        Args:
-            module: Name of the module, which calls `serve` when run as a program.
-            setup: Passed to the `make_handler` of `serve`.
-        """
         connection, theirs = Pipe()
         files = os.memfd_create("poil_requests"), os.memfd_create("poil_answers")
         with theirs:
@@ -79,9 +78,12 @@ class WorkerProcess:
     def ask(self, request: object) -> Any:
         """Sends a request and returns the answer, in which contiguous arrays are read-only.
 
+        Args:
+            request: A value that can be pickled.
+
         Raises:
-            PoilError: if the worker raised it.
-            RuntimeError: if the worker raised any other error; the message holds its traceback.
+            PoilError: if the worker raised one.
+            RuntimeError: if the worker raised any other error; the message holds the traceback.
             WorkerEndedError: if the process has ended, or ends before it answers.
         """
         if not self._close.alive:
@@ -107,7 +109,8 @@ class WorkerProcess:
     def _wait_for_answer(self) -> None:
         """Waits for the answer; raises an EOFError if the process ends without one.
 
-        Checks the process, because its child may have inherited the connection and keep it open.
+        Also checks whether the process runs, because a child process of the worker may have
+        inherited the connection and keep it open.
         """
         while not self._channel.readable(_LOOK):
             if not self.alive and not self._channel.readable(0.0):
@@ -135,11 +138,13 @@ class WorkerProcess:
 
 
 def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
-    """Answers the requests of a `WorkerProcess`; the main program of its module calls this.
+    """Answers the requests of a `WorkerProcess`, until that closes the connection.
+
+    The worker's module calls this function when it is run as a program.
 
     Args:
         make_handler: Takes the `setup` of the `WorkerProcess`, and returns the function that
-            answers a request. If it raises an error, that error is the answer to every request.
+            answers a request. If `make_handler` raises an error, every request raises that error.
     """
     # The process that started this one handles interrupts, and then closes the connection.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -158,7 +163,7 @@ def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
 
 
 def _try(function: Callable[[], Any]) -> tuple[Any, PoilError | str | None]:
-    """Returns the result, or the PoilError raised, or the traceback of any other error."""
+    """Returns (result, None), or (None, error): a PoilError, or any other error's traceback."""
     try:
         return function(), None
     except PoilError as error:
@@ -174,7 +179,7 @@ class _Channel:
     """
 
     def __init__(self, connection: Connection, sent: int, received: int):
-        """Takes ownership of the open files that hold the sent and the received arrays."""
+        """Takes ownership of the connection and of the files of the sent and received arrays."""
         self._connection = connection
         self._sent, self._received = _SharedMemory(sent), _SharedMemory(received)
 
@@ -217,7 +222,7 @@ class _SharedMemory:
         self._memory: mmap.mmap | None = None
 
     def places(self, sizes: list[int]) -> list[np.ndarray]:
-        """Returns consecutive byte arrays of these sizes in the memory, growing it if needed."""
+        """Returns consecutive arrays of `sizes` bytes in the memory, which grows if needed."""
         end = np.cumsum([0, *sizes])
         if self._memory is None or len(self._memory) < end[-1]:
             size = max(int(end[-1]), mmap.PAGESIZE)
@@ -229,9 +234,10 @@ class _SharedMemory:
 
 
 def _environment() -> dict[str, str]:
-    """Returns the worker's environment: this process's module path, and one thread for maths.
+    """Returns the worker's environment variables.
 
-    More threads would only compete for the cores.
+    They set this process's module path and one thread for linear algebra. More threads would
+    compete for the cores.
     """
     return {
         **os.environ,

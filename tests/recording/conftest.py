@@ -7,21 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import small_frames
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap_protobuf.writer import Writer
 from small_frames import HEIGHT, WIDTH, K, image
 
-from poil_drake.perception.images import MultiViewFrame
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
-
-
-@pytest.fixture
-def make_frame() -> Callable[..., MultiViewFrame]:
-    """Makes the frame of index i, at i / 8 s."""
-    return small_frames.make_frame
 
 
 @dataclass
@@ -35,8 +27,8 @@ class ForeignRecording:
         depth: Makes a depth message from index, time and frame.
         transforms: What is written to /tf.
         calibrations: The calibration of each camera; None leaves it out.
-        options: Of the MCAP writer.
-        metadata: Of the record "poil"; None leaves it out.
+        options: Options of the MCAP writer.
+        metadata: The metadata record "poil"; None omits it.
         log_offset: Delay from capture to log of all messages [s].
     """
 

@@ -9,7 +9,7 @@ from poil_drake.runtime.worker_process import serve
 
 
 class Echo:
-    """Answers (its setup, its process ID, the request's word, the request's arrays)."""
+    """Answers with its setup, its process ID, and the word and arrays of the request."""
 
     def __init__(self, setup: Any):
         if setup == "refused":

@@ -39,21 +39,6 @@ def test_an_error_reaches_the_caller_and_stops_the_work():
     assert done == []
 
 
-def test_a_full_queue_drops_jobs_that_may_be_dropped():
-    gate, started, done = threading.Event(), threading.Event(), []
-    dut = BackgroundWorker(name="test", capacity=1)
-
-    dut.submit(lambda: (started.set(), gate.wait()))
-    started.wait()
-    dut.submit(lambda: done.append("waits"))
-    dut.submit(lambda: done.append("dropped"), may_drop=True)
-    gate.set()
-    dut.close()
-
-    assert done == ["waits"]
-    assert dut.dropped == 1
-
-
 def test_jobs_start_when_their_batch_is_full_or_the_worker_closes():
     started, done = threading.Event(), []
     dut = BackgroundWorker(name="test", capacity=1, batch=3)
@@ -72,20 +57,21 @@ def test_jobs_start_when_their_batch_is_full_or_the_worker_closes():
     assert done == [1, 2, 3]
 
 
-def test_a_dropped_batch_counts_all_its_jobs():
+@pytest.mark.parametrize(("batch", "kept", "dropped"), [(1, [0], 4), (2, [0, 1, 4], 2)])
+def test_a_full_queue_drops_batches_that_may_be_dropped(batch, kept, dropped):
     gate, started, done = threading.Event(), threading.Event(), []
-    dut = BackgroundWorker(name="test", capacity=1, batch=2)
+    dut = BackgroundWorker(name="test", capacity=1, batch=batch)
 
-    dut.submit(lambda: (started.set(), gate.wait()))
-    dut.submit(lambda: None)
+    for _ in range(batch):
+        dut.submit(lambda: (started.set(), gate.wait()))
     started.wait()
     for i in range(5):
         dut.submit(lambda i=i: done.append(i), may_drop=True)
     gate.set()
     dut.close()
 
-    assert done == [0, 1, 4]
-    assert dut.dropped == 2
+    assert done == kept
+    assert dut.dropped == dropped
 
 
 def test_a_closed_worker_rejects_jobs():

@@ -88,13 +88,6 @@ def test_a_link_stays_a_link(tmp_path):
     assert target.read_bytes() == b"new"
 
 
-def test_a_device_is_written_to_directly():
-    with whole_file(Path("/dev/null")) as file:
-        file.write(b"all")
-
-    assert Path("/dev/null").is_char_device()
-
-
 def test_a_pipe_is_written_to_directly():
     read, write = os.pipe()
 

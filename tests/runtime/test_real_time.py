@@ -1,13 +1,13 @@
 import ctypes
 import gc
 import os
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from python_process import run_python
 
 from poil_drake.runtime import real_time
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
@@ -29,10 +29,7 @@ print(min(faults))
 
 def page_faults(how: str) -> int:
     """Returns the page faults of allocating 40 MB five times."""
-    done = subprocess.run(
-        [sys.executable, "-c", _PROGRAM, how], capture_output=True, text=True, check=True
-    )
-    return int(done.stdout)
+    return int(run_python("-c", _PROGRAM, how))
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="not the GNU C library")
@@ -40,31 +37,22 @@ def test_freed_memory_is_reused_without_page_faults() -> None:
     assert page_faults("kept") < 0.01 * page_faults("default")
 
 
-def test_a_c_library_without_mallopt_is_left_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_c_library_without_mallopt_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(real_time.ctypes, "CDLL", lambda name: object())
 
     assert not KeepMemory()
 
 
-def test_the_interpreter_is_quiet_in_the_block_only() -> None:
+@pytest.mark.parametrize("collecting", [False, True])
+def test_the_interpreter_is_quiet_in_the_block_only(collecting: bool) -> None:
     before = sys.getswitchinterval()
 
-    with QuietInterpreter():
-        assert not gc.isenabled()
-        assert sys.getswitchinterval() < before
+    with QuietInterpreter(collecting=collecting):
+        assert gc.isenabled() is collecting
+        assert (sys.getswitchinterval() < before) is not collecting
     assert gc.isenabled()
     assert sys.getswitchinterval() == before
     assert gc.get_freeze_count() == 0
-
-
-def test_a_loop_that_is_not_in_real_time_collects_garbage_as_usual() -> None:
-    before = sys.getswitchinterval()
-
-    with QuietInterpreter(collecting=True):
-        assert gc.isenabled()
-        assert sys.getswitchinterval() == before
 
 
 def in_thread(work: Callable[[], object]) -> None:

@@ -127,13 +127,9 @@ def test_a_killed_worker_is_reported(dut: WorkerProcess) -> None:
         dut.ask(("word", []))
 
 
-def test_ctrl_c_does_not_reach_the_worker_even_while_it_starts() -> None:
-    dut = WorkerProcess(WORKER, "hello")
-
+def test_ctrl_c_does_not_reach_the_worker_even_while_it_starts(dut: WorkerProcess) -> None:
     # A terminal sends the interrupt to the whole group in the foreground.
     assert os.getpgid(dut.pid) != os.getpgid(0)
-
-    dut.end()
 
 
 def test_ending_leaves_no_process(dut: WorkerProcess) -> None:

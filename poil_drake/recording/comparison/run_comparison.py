@@ -26,7 +26,7 @@ PHASE, TRACKS = "phase", "tracks"
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceStatistics:
-    """Statistics of the sizes of differences; NaN if nothing was compared.
+    """Statistics of the sizes of differences. All but `count` are NaN if nothing was compared.
 
     Attributes:
         count: Number of samples.
@@ -44,21 +44,15 @@ class DifferenceStatistics:
     def of(cls, values: np.ndarray) -> "DifferenceStatistics":
         """Returns the statistics of the values that are not NaN."""
         known = values[~np.isnan(values)]
-        if not known.size:
-            return cls(count=0, median=math.nan, percentile_95=math.nan, maximum=math.nan)
         # Each percentile is one of the samples, because infinite samples cannot be interpolated.
-        median, percentile_95 = np.percentile(known, [50.0, 95.0], method="higher")
-        return cls(
-            count=known.size,
-            median=float(median),
-            percentile_95=float(percentile_95),
-            maximum=float(known.max()),
-        )
+        percentiles = np.percentile(known if known.size else np.nan, [50, 95, 100], method="higher")
+        median, percentile_95, maximum = percentiles.tolist()
+        return cls(count=known.size, median=median, percentile_95=percentile_95, maximum=maximum)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseComparison:
-    """A phase and its start times in the run and in the replay [s]; NaN if it does not occur."""
+    """The start times of a phase in a run and in its replay [s]; NaN where it does not occur."""
 
     name: str
     recorded: float
@@ -75,11 +69,12 @@ class FirstDifference:
     """Where two runs begin to differ.
 
     Attributes:
-        time: When [s].
-        what: A signal, `PHASE` or `TRACKS`.
-        phase: The phase of the recorded run at that time.
-        size: Size of the difference: for a signal in its unit, for `PHASE` [s], for `TRACKS` the
-            share that cannot be compared. Infinite if only one run has the value or the phase.
+        time: Time of the first difference [s].
+        what: What differs: the name of a signal, `PHASE` or `TRACKS`.
+        phase: The phase of the recorded run at `time`.
+        size: Size of the difference. For a signal, it is in the signal's unit; for `PHASE`, it is
+            the time between both starts [s]; for `TRACKS`, the share of tracks that cannot be
+            compared. Infinite if only one run has the value or the phase.
         tolerance: The tolerance that `size` exceeds.
         began: The phase that differs, if `what` is `PHASE`; otherwise None.
     """
@@ -92,22 +87,19 @@ class FirstDifference:
     began: PhaseComparison | None = None
 
 
-_Difference = tuple[float, str, float, float, PhaseComparison | None]
-"""Time [s], what differs, size, tolerance, and the phase that differs."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunComparison:
     """How a replay differs from its run.
 
     Attributes:
-        differences: Signal -> its differences; infinite where only one of the two runs is finite.
-        judged: Signal -> the differences to which the tolerances apply. For velocities, either run
-            may be `ReplayTolerances.shift` earlier or later while points move the arm, and for
-            `ReplayTolerances.phase_start` afterwards.
+        differences: Signal -> its (T, 1) differences; infinite where only one run's value is
+            finite.
+        judged: Signal -> the (T, 1) differences to which the tolerances apply. Those of a velocity
+            allow either run to be `ReplayTolerances.shift` earlier or later while points move the
+            arm, and for `ReplayTolerances.phase_start` afterwards.
         phases: The phases of both runs.
         spans: Name, start and end [s] of each phase of the recorded run.
-        tolerances: The tolerances.
+        tolerances: The differences up to which the runs count as the same.
         tracks: How the tracks differ.
         commands: Number of command samples in the recorded run.
     """
@@ -124,17 +116,7 @@ class RunComparison:
     def first(self) -> FirstDifference | None:
         """The earliest difference that exceeds its tolerance; None if there is none."""
         found = [*self._signals_above(), *self._phases_apart(), *self._tracks_missing()]
-        if not found:
-            return None
-        time, what, size, tolerance, began = min(found, key=lambda one: one[0])
-        return FirstDifference(
-            time=float(time),
-            what=what,
-            phase=self._phase_at(time),
-            size=float(size),
-            tolerance=float(tolerance),
-            began=began,
-        )
+        return min(found, key=lambda difference: difference.time, default=None)
 
     @property
     def same(self) -> bool:
@@ -162,10 +144,11 @@ class RunComparison:
     def limits(self, signal: str) -> np.ndarray:
         """Returns the (T,) tolerances of the judged differences; infinite where none applies.
 
-        Tracked points have a tolerance only in the phases in which they move the arm. The velocity
-        tolerances are those in `ReplayTolerances.elsewhere` while both runs are in the same other
-        phase, if it began at the same time in both; but not for `ReplayTolerances.phase_start`
-        after points moved the arm, while their effect fades.
+        Tracked points have a tolerance only in the phases in which they move the arm. The tolerance
+        of a velocity is usually `ReplayTolerances.of`. In a phase in which points do not move the
+        arm, it is that of `ReplayTolerances.elsewhere` while both runs are in this phase, if it
+        began at the same time in both. For `ReplayTolerances.phase_start` after points moved the
+        arm, the usual tolerance still applies, because their effect fades.
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
@@ -179,7 +162,7 @@ class RunComparison:
         return limits
 
     def judged_maximum(self, signal: str) -> float:
-        """Returns the largest judged difference where the usual tolerance applies; NaN if none."""
+        """Returns the largest judged difference where `tolerances.of` applies, or else NaN."""
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
@@ -199,25 +182,36 @@ class RunComparison:
             return False  # The other run may have ended just before this phase.
         return not abs(starts[0] - starts[1]) <= late
 
-    def _signals_above(self) -> Iterator[_Difference]:
+    def _difference(
+        self, time: float, what: str, size: float, tolerance: float, **began: PhaseComparison
+    ) -> FirstDifference:
+        phase = self._phase_at(time)
+        return FirstDifference(
+            time=time, what=what, phase=phase, size=size, tolerance=tolerance, **began
+        )
+
+    def _signals_above(self) -> Iterator[FirstDifference]:
         for signal, series in self.judged.items():
             limits = self.limits(signal)
             for k in np.flatnonzero(series.values[:, 0] > limits)[:1]:
-                yield series.times[k], signal, series.values[k, 0], limits[k], None
+                yield self._difference(
+                    float(series.times[k]), signal, float(series.values[k, 0]), float(limits[k])
+                )
 
-    def _phases_apart(self) -> Iterator[_Difference]:
+    def _phases_apart(self) -> Iterator[FirstDifference]:
         for phase in filter(self._differs, self.phases):
             size = math.inf if phase.alone else abs(phase.recorded - phase.replayed)
-            time = np.nanmin((phase.recorded, phase.replayed))
-            yield time, PHASE, size, self.tolerances.phase_start, phase
+            time = float(np.nanmin((phase.recorded, phase.replayed)))
+            tolerance = self.tolerances.phase_start
+            yield self._difference(time, PHASE, size, tolerance, began=phase)
 
-    def _tracks_missing(self) -> Iterator[_Difference]:
+    def _tracks_missing(self) -> Iterator[FirstDifference]:
         wanted, tolerance = self.tolerances.point_phases, self.tolerances.unmatched_tracks
         judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
         times = [pair.time for pair in judged if not pair.comparable]
         share = len(times) / max(len(judged), 1)
         if share > tolerance:
-            yield min(times), TRACKS, share, tolerance, None
+            yield self._difference(min(times), TRACKS, share, tolerance)
 
     def _phase_at(self, time: float) -> str:
         names = [name for name, start, _ in self.spans if start <= time]
@@ -263,7 +257,7 @@ def _moved(
     *,
     fading: float = 0.0,
 ) -> np.ndarray:
-    """Returns whether points move the arm at (T,) times [s], or did up to `fading` [s] before."""
+    """Returns (T,) whether points move the arm at `times` [s], or at most `fading` [s] before."""
     moved = np.zeros(len(times), dtype=bool)
     for name, start, end in spans:
         if name in tolerances.point_phases:
@@ -274,7 +268,7 @@ def _moved(
 def _velocity_differences(
     commands: SignalPair, twists: SignalPair, *, shift: float
 ) -> dict[str, Series]:
-    """Returns the (T, 1) differences of each velocity, allowing a time `shift` [s]."""
+    """Returns the (T, 1) differences of each velocity; see `SignalPair.differences` for `shift`."""
     joints, twist = commands.differences(shift), twists.differences(shift)
     largest = np.max(joints, axis=1, initial=0.0)
     angular, linear = (np.linalg.norm(part, axis=1) for part in (twist[:, :3], twist[:, 3:]))
@@ -288,7 +282,7 @@ def _velocity_differences(
 def _compare_phases(
     recorded: Sequence[PhaseStart], replayed: Sequence[PhaseStart]
 ) -> tuple[PhaseComparison, ...]:
-    """Pairs the phases of both runs up to the first that differs; the rest occur in only one."""
+    """Pairs the phases of both runs up to the first that differs. Later phases have no partner."""
     pairs = zip(recorded, replayed, strict=False)
     same = sum(1 for _ in takewhile(lambda pair: pair[0].name == pair[1].name, pairs))
     rows = [

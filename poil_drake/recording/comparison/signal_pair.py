@@ -4,14 +4,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from poil_drake.recording.run_log.series import Series
-
-_ROUNDING = 1e-9
-"""Tolerance for the rounding of times to nanoseconds [s]."""
+from poil_drake.recording.run_log.series import ROUNDING, Series
 
 
 class SignalPair(NamedTuple):
-    """A signal in two runs, at the times that both have.
+    """The samples of a signal in two runs, at the times that both runs have.
 
     Attributes:
         times: (T,) sample times [s], sorted.
@@ -33,12 +30,12 @@ class SignalPair(NamedTuple):
     def differences(self, shift: float = 0.0) -> np.ndarray:
         """Returns the (T, n) absolute differences.
 
-        They are zero where neither value is finite, and infinite where only one is.
+        They are zero where neither value is finite, and infinite where only one value is finite.
 
         Args:
-            shift: How much earlier or later either run may be [s]. The difference is then the
-                distance of each value from the range of the other run's values within that time,
-                element by element; the larger of the two runs' distances counts.
+            shift: Time by which either run may be earlier or later [s]. Each value is compared with
+                the range of the other run's values within `shift` of the same time. The difference
+                is the larger of the two runs' distances from these ranges.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]
@@ -53,7 +50,7 @@ class SignalPair(NamedTuple):
         self, values: np.ndarray, finite: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns the (T, n) minima and maxima of finite values within `shift` [s] of each time."""
-        reach = shift + _ROUNDING
+        reach = shift + ROUNDING
         first = np.searchsorted(self.times, self.times - reach)
         last = np.searchsorted(self.times, self.times + reach, side="right")
         # `reduceat` reduces from each index to the next; every other result is that of a window. A

@@ -20,17 +20,19 @@ class ReplayTolerances:
         joint_velocity: Difference of each joint's commanded velocity [rad/s].
         angular_velocity: Difference of the gripper's commanded angular velocity [rad/s].
         linear_velocity: Difference of the gripper's commanded linear velocity [m/s].
-        tracked_points: Distance of each tracked point [m], in the phases `point_phases`.
+        tracked_points: Distance between the positions of each tracked point in both runs [m], in
+            the phases `point_phases`.
         phase_start: Difference of the times at which a phase begins [s].
-        shift: How much earlier or later the velocities may be [s] in the phases `point_phases`, and
-            for `phase_start` afterwards: a small error of a point changes where the field's
-            reference jumps. Oscillations faster than this are not detected.
-        unmatched_tracks: Share of the tracks in the phases `point_phases` that only one run has, or
-            in which no point was seen by both runs.
+        shift: Time by which the velocities may be earlier or later [s], in the phases
+            `point_phases` and for `phase_start` after them. If a point has a small error, the
+            field's reference jumps earlier or later. Oscillations with a period below `shift` are
+            not detected.
+        unmatched_tracks: Share of the tracks in the phases `point_phases` that cannot be compared,
+            because only one run has the track, or because the runs saw no point in common.
         point_phases: The phases in which the points move the arm. In other phases, nothing depends
             on the points, and the opening hand may hide them.
-        elsewhere: The tolerances of the velocities in all other phases, if they began at the same
-            time in both runs; None applies the same tolerances there.
+        elsewhere: The tolerances of the velocities in each other phase that began at the same time
+            in both runs. None applies the tolerances above in all phases.
     """
 
     joint_velocity: float
@@ -46,12 +48,12 @@ class ReplayTolerances:
     def __post_init__(self) -> None:
         if not 0.0 <= self.shift < math.inf:
             raise InvalidValueError(
-                f"ReplayTolerances.shift is {self.shift} s.",
-                remedy="It must be finite, and not negative.",
+                f"ReplayTolerances.shift is {self.shift} s, but must be finite and not negative.",
+                remedy="Set it to 0 or to a short time.",
             )
 
     def of(self, signal: str) -> float:
-        """Returns the tolerance of a signal while points move the arm."""
+        """Returns the tolerance of a signal, e.g. `JOINT_VELOCITY`, while points move the arm."""
         return {
             JOINT_VELOCITY: self.joint_velocity,
             ANGULAR_VELOCITY: self.angular_velocity,
@@ -60,10 +62,10 @@ class ReplayTolerances:
         }[signal]
 
     def at_speed(self, speed: float) -> Self:
-        """Returns the tolerances for a run at `speed` times the usual speed, in (0, 1].
+        """Returns the tolerances for a run at `speed`, in (0, 1], times the usual speed.
 
-        The velocities scale with `speed`, and the time that the arm takes to reach a place scales
-        with its inverse, as does `shift`, up to `phase_start`.
+        The tolerances of velocities are multiplied by `speed`. `shift` is divided by `speed`,
+        because the arm takes that much longer to reach a place, and limited to `phase_start`.
         """
         return replace(
             self,
@@ -94,6 +96,7 @@ PERCEPTION_TOLERANCES = ReplayTolerances(
     shift=0.01,
     elsewhere=CONTROL_TOLERANCES,
 )
-"""For a replay that tracks the images again. They differ slightly from those of the run, because
-colours are compressed and depth is rounded to millimetres. The values are several times the effect
-of that in a typical run at the usual speed. While points move nothing, all inputs are identical."""
+"""For a replay that tracks the logged images again. The logged images differ slightly from those of
+the run, because colours are compressed and depth is rounded to millimetres. Each tolerance is
+several times the effect of these differences in a typical run at the usual speed. While no points
+move the arm, all inputs are identical."""

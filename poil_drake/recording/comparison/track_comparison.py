@@ -13,46 +13,44 @@ from poil_drake.recording.run_log.series import Series
 
 
 class TrackPair(NamedTuple):
-    """The tracks of both runs that come from the same images; one of them may be missing.
+    """The track of the recorded run and that of the replay that come from the same images.
 
     Attributes:
-        time: When the track was logged [s]; in the recorded run, if that has it.
-        both: Whether both runs have the track.
-        comparable: False if a run lacks it, or if points were seen, but none by both runs.
+        time: When the track was logged [s]: in the recorded run, or, if that lacks the track, in
+            the replay.
+        comparable: False if only one run has the track, or if the runs saw points, but none in
+            common.
     """
 
     time: float
-    both: bool
     comparable: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackComparison:
-    """How the tracks differ.
+    """How the tracks of a run and of its replay differ.
 
     Attributes:
         pairs: The tracks of both runs, in the order of their images.
-        distances: (T, 1) largest distance [m] between corresponding points that both runs saw, per
-            track that both have; NaN if no point, infinite if the numbers of points differ.
-        points: Number of points that both runs have, over all tracks.
-        visibility: Number of these points that only one of the two runs saw.
+        distances: For each of the T tracks that both runs have, (T, 1) the largest distance [m]
+            between corresponding points that both runs saw. NaN if the runs saw no point in common;
+            infinite if the numbers of points differ.
+        unmatched: Number of tracks that only one of the two runs has.
+        points: Number of points in the tracks with the same number of points in both runs.
+        visibility: How many of `points` only one of the two runs saw.
     """
 
     pairs: Sequence[TrackPair]
     distances: Series
+    unmatched: int
     points: int
     visibility: int
-
-    @property
-    def unmatched(self) -> int:
-        """How many tracks only one of the two runs has."""
-        return sum(not pair.both for pair in self.pairs)
 
 
 def compare_tracks(
     recorded: Sequence[LoggedTrack], replayed: Sequence[LoggedTrack]
 ) -> TrackComparison:
-    """Compares the tracks of the same images, which have the same stamp.
+    """Compares the tracks that have the same stamp, and so come from the same images.
 
     Args:
         recorded: The tracks of the run.
@@ -64,27 +62,26 @@ def compare_tracks(
     )
     pairs, distances, points, visibility = [], [], 0, 0
     for stamp in sorted(run.keys() | replay.keys()):
-        if stamp not in run or stamp not in replay:
-            only = run.get(stamp) or replay[stamp]
-            pairs.append(TrackPair(only.time, both=False, comparable=False))
-            continue
-        time, a, b = run[stamp].time, run[stamp].track, replay[stamp].track
-        distance, comparable = _distance(a, b)
-        pairs.append(TrackPair(time, both=True, comparable=comparable))
-        distances.append((time, [distance]))
-        if len(a.positions) == len(b.positions):
-            points += len(a.positions)
-            visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
+        time, comparable = (run.get(stamp) or replay[stamp]).time, False
+        if stamp in run and stamp in replay:
+            a, b = run[stamp].track, replay[stamp].track
+            distance, comparable = _distance(a, b)
+            distances.append((time, [distance]))
+            if len(a.positions) == len(b.positions):
+                points += len(a.positions)
+                visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
+        pairs.append(TrackPair(time, comparable))
     return TrackComparison(
-        pairs=tuple(pairs),
+        pairs=pairs,
         distances=Series.of(distances, 1),
+        unmatched=len(run.keys() ^ replay.keys()),
         points=points,
         visibility=visibility,
     )
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the largest distance of common points [m], and `TrackPair.comparable`."""
+    """Returns the pair's element of `TrackComparison.distances`, and `TrackPair.comparable`."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

@@ -19,20 +19,18 @@ class CameraPlayback:
     """A `CaptureDevice` that plays back one camera of a demonstration or run log.
 
     An image is decoded when it is due; if several are due, all but the latest are skipped. See
-    `McapPlayback` for the meaning of the stamps.
+    `McapPlayback` for the meaning of the stamps. The constructor does not open the file.
+
+    Args:
+        config: The file, and how to play it.
+        camera: The camera's model in the scenario; its intrinsics must match the recording.
+        clock: Returns the current time [s since the epoch].
+
+    Raises:
+        InvalidValueError: if no file is given.
     """
 
     def __init__(self, config: McapPlayback, *, camera: CameraModel, clock: Clock):
-        """Stores what to play; does not open the file.
-
-        Args:
-            config: The file, and how to play it.
-            camera: The camera's model in the scenario; its intrinsics must match the recording.
-            clock: Returns the current time [s since the epoch].
-
-        Raises:
-            InvalidValueError: if no file is given.
-        """
         if not config.file:
             raise InvalidValueError(
                 f"McapPlayback.file of camera '{camera.name}' is empty.",
@@ -99,7 +97,7 @@ class CameraPlayback:
             raise CaptureError(
                 f"{self._source}: the images in {file} have {model.width} x {model.height} pixels, "
                 f"but the camera in the scenario has {wanted.width} x {wanted.height}.",
-                remedy="Set its size and calibration in the scenario to those of the recording.",
+                remedy="Set the camera's size and calibration to those of the recording.",
             )
         check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
         frames = recording.frames

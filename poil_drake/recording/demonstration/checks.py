@@ -45,7 +45,7 @@ def camera_names(path: Path, contents: Contents) -> list[str]:
 
 
 def check_camera(path: Path, contents: Contents, name: str) -> None:
-    """Raises a DemonstrationError unless a camera has colour, depth and calibration."""
+    """Raises a DemonstrationError unless a camera has calibration, colour and registered depth."""
     camera, kinds = contents.cameras.get(name, CameraContents()), ("image", "depth", "calibration")
     present = " and ".join(kind for kind in kinds if getattr(camera, kind)) or "no other topic"
     for kind in kinds:
@@ -73,7 +73,7 @@ def check_camera(path: Path, contents: Contents, name: str) -> None:
 
 
 def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
-    """Raises a DemonstrationError if a topic stops more than `MAX_MISSING_END` too early."""
+    """Raises a DemonstrationError if a topic ends more than `MAX_MISSING_END` too early."""
     ends = {
         camera_topic(name, kind): to_seconds(stream[-1].stamp)
         for name, camera in streams.items()
@@ -90,10 +90,13 @@ def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
 
 
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
-    """Returns the world frame's name; raises a DemonstrationError if a camera has no pose in it.
+    """Returns the name of the world frame.
 
-    The world frame is the one named in the metadata, or else "world" if the file has that frame, or
-    else the root of the tree that holds the first camera.
+    This is the frame named in the metadata, or else "world" if the file has such a frame, or else
+    the root of the tree that holds the first camera.
+
+    Raises:
+        DemonstrationError: if a camera has no pose in the world frame.
     """
     frames = contents.frames
     optical = {name: contents.cameras[name].frame_id for name in names}

@@ -12,10 +12,7 @@ from mcap.records import Attachment, Metadata
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.frame_tree import FrameTree
-from poil_drake.recording.demonstration.layout import (
-    CAMERA_TOPIC,
-    SCENARIO_ATTACHMENT,
-)
+from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, SCENARIO_ATTACHMENT
 from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.message_decoders import (
     Calibration,
@@ -35,7 +32,7 @@ class CameraContents:
         image: Its colour images.
         depth: Its depth images.
         label: Its label images.
-        calibration: Its intrinsics, each with the stamp from which they hold [ns].
+        calibration: Pairs of a stamp [ns] and the intrinsics that hold from then on.
     """
 
     image: list[StoredImage] = field(default_factory=list)

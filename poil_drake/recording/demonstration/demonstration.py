@@ -44,7 +44,7 @@ class Demonstration:
     def __post_init__(self) -> None:
         if len(self.frames) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{self.name} has only {len(self.frames)} of the {MIN_FRAMES} required frames in "
+                f"{self.name} has {len(self.frames)} of at least {MIN_FRAMES} required frames in "
                 "which all cameras have colour and depth.",
                 remedy="Record the whole motion with all cameras running at the same time.",
             )
@@ -64,8 +64,7 @@ class Demonstration:
     @property
     def duration(self) -> float:
         """The time from the first to the last frame [s]."""
-        stamps_ = self.stamps
-        return float(stamps_[-1] - stamps_[0])
+        return float(np.ptp(self.stamps))
 
 
 def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:

@@ -9,9 +9,9 @@ def group_by_stamp(streams: Sequence[np.ndarray]) -> np.ndarray:
     """Returns which messages of several streams belong together.
 
     The slowest stream sets the pace: each of its messages is paired with the nearest message of
-    every other stream. If that is farther away than half the other stream's period, the other
-    stream has a gap and the instant is skipped. So a dropped image costs one frame, and images of
-    different instants are never paired. No message is used twice.
+    every other stream. If the nearest message is farther away than half the other stream's period,
+    the other stream has a gap, and the instant is skipped. So a dropped image costs one frame, and
+    images of different instants are never paired. No message is used twice.
 
     Args:
         streams: S arrays of stamps [ns], each sorted and of length >= 2.

@@ -11,8 +11,8 @@ _STAMP = itemgetter(0)
 class FrameTree:
     """Frames and the recorded transforms between them.
 
-    A transform holds from its stamp until that of the next one between the same frames. The first
-    also holds before its stamp, so that a static transform may carry any stamp.
+    A transform holds from its stamp until the stamp of the next transform between the same frames.
+    The first one also holds before its stamp, so that a static transform may carry any stamp.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class FrameTree:
     def add(self, *, parent: str, child: str, stamp: int, X_PC: np.ndarray) -> None:
         """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns].
 
-        A new parent of `child` replaces the previous one, and all poses in it.
+        If `child` had another parent, its poses in that parent are discarded.
         """
         if self._parent.get(child) != parent:
             self._parent[child], self._poses[child] = parent, []

@@ -47,8 +47,7 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
-        log_time, location = scanned.log_time, scanned.location
-        return cls(stamp, log_time, message.frame_id, type(message), location)
+        return cls(stamp, scanned.log_time, message.frame_id, type(message), scanned.location)
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ class StoredImages:
             path: The file.
             camera: The camera's name.
             size: Width and height that every image must have [px].
-            size_source: Where `size` is from, for errors, e.g. "the camera is calibrated for".
+            size_source: What needs `size`, for errors, e.g. "the camera is calibrated for".
             lens: The calibration whose distortion is removed; None for rectified images.
 
         Raises:

@@ -126,7 +126,7 @@ class DemonstrationWriter:
     def _finish(self) -> None:
         if self._frame_count < 2:
             raise DemonstrationError(
-                f"{self._path}: at least 2 frames are needed; number written: {self._frame_count}.",
+                f"{self._path} has {self._frame_count} of at least 2 required frames.",
                 remedy="Record the whole motion.",
             )
         self._sink.add_metadata(

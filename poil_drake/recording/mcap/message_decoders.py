@@ -46,7 +46,7 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
     if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
         raise InvalidValueError(
             f"the calibration is invalid: K = {list(message.K)}, D = {list(message.D)}.",
-            remedy="K must be row-major with positive focal lengths; K and D must be finite.",
+            remedy="Record a 3 x 3 K with positive focal lengths, and finite numbers in K and D.",
         )
     if not np.any(distortion):
         distortion = np.zeros(0)
@@ -79,7 +79,7 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
 
 
 def cloud_fields(names: Sequence[str], size: int) -> list[PackedElementField]:
-    """Returns one packed field of a point cloud per name, a float of `size` 4 or 8 bytes."""
+    """Returns the fields of a point cloud: for each name, a float of `size` bytes (4 or 8)."""
     kind = PackedElementField.FLOAT64 if size == 8 else PackedElementField.FLOAT32
     return [PackedElementField(name=n, offset=size * i, type=kind) for i, n in enumerate(names)]
 

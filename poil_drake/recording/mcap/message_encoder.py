@@ -20,7 +20,7 @@ from poil_drake.recording.mcap.image_messages import MILLIMETRES_PER_METRE, Colo
 from poil_drake.recording.mcap.message_decoders import cloud_fields
 
 _LENGTH_DELIMITED = 2
-"""Wire type of bytes; see https://protobuf.dev/programming-guides/encoding."""
+"""Protobuf's wire type of bytes; see https://protobuf.dev/programming-guides/encoding."""
 
 
 class EncodedMessage(NamedTuple):

@@ -61,12 +61,9 @@ def json_record(values: Mapping[str, Any], *, stamp: int) -> dict[str, Any]:
 
 def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the JSON schema of a record made by `json_record`, for the menus of viewers."""
-    properties = {key: _schema_of(value) for key, value in record.items() if key != "timestamp"}
-    return {
-        "title": title,
-        "type": "object",
-        "properties": {"timestamp": _TIMESTAMP_SCHEMA} | properties,
-    }
+    schema = _schema_of({"timestamp": {}} | dict(record))
+    schema["properties"]["timestamp"] = _TIMESTAMP_SCHEMA
+    return {"title": title} | schema
 
 
 def _schema_of(value: Any) -> dict[str, Any]:

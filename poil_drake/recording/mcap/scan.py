@@ -59,7 +59,7 @@ class ScannedMessage(NamedTuple):
     location: Location
 
     def message_type(self, *candidates: Any) -> Any:
-        """Returns the Foxglove class in `candidates` that the schema names; None if none does."""
+        """Returns the Foxglove class in `candidates` that the schema names, or None."""
         if self.encoding != MessageEncoding.Protobuf:
             return None
         return next((c for c in candidates if c.DESCRIPTOR.full_name == self.schema), None)
@@ -96,7 +96,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
     Checks the CRC of each chunk, and that of the data section if it has one.
 
     Raises:
-        CutOffError: if the file is cut off; raised after everything before the cut was yielded.
+        CutOffError: if the file is cut off; raised after yielding all items before the cut.
         DemonstrationError: if the file cannot be opened, is empty, is not MCAP, or is damaged.
     """
     schemas: dict[int, Schema] = {}
@@ -179,12 +179,10 @@ class _CheckedFile(io.BufferedReader):
         records = StreamReader(
             self, skip_magic, emit_chunks=True, validate_crcs=True, record_size_limit=None
         ).records
-        while True:
-            self.position = max(self.tell(), MAGIC_SIZE)
-            record = next(records, None)
-            if record is None:
-                return
+        self.position = max(self.tell(), MAGIC_SIZE)
+        for record in records:
             yield record
+            self.position = self.tell()
 
 
 @contextmanager
@@ -209,7 +207,7 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
 
 
 def _unpack(record: McapRecord) -> list[McapRecord]:
-    """Returns the records of a chunk, after checking its size and CRC; otherwise `[record]`.
+    """Returns the records in `record` if it is a chunk, else `[record]`; checks its size and CRC.
 
     The library decompresses without a limit, so a small file could exhaust the memory.
     """

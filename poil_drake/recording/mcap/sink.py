@@ -20,7 +20,8 @@ class McapSink:
     """Writes Foxglove messages and JSON to an MCAP file.
 
     Messages are collected in chunks, and each chunk is written when it is full. Until `close`, the
-    file lacks its index and footer; the written chunks can be read, and `mcap recover` repairs it.
+    file lacks its index and footer, but its written chunks can be read, and `mcap recover` repairs
+    the file.
 
     Args:
         stream: The file, opened for writing.
@@ -49,8 +50,8 @@ class McapSink:
         Args:
             topic: The topic.
             record: The message, without NaN and infinity, which JSON does not have.
-            schema: The name of the JSON schema, which is derived from its first message.
-            time: When it was logged [ns].
+            schema: The name of the JSON schema, which is made from the first message of this name.
+            time: When the message was logged [ns].
         """
         if schema not in self._schemas:
             text = json.dumps(json_schema(schema, record))
@@ -84,7 +85,7 @@ class McapSink:
         channel, known_schema = self._channels[topic]
         if schema != known_schema:
             raise InvalidValueError(
-                f"Topic {topic} holds {known_schema} messages and cannot take a {schema}.",
+                f"Topic {topic} holds {known_schema} messages and cannot take a {schema} message.",
                 remedy="Use a separate topic for each type of message.",
             )
         self._writer.add_message(channel, log_time=time, data=data, publish_time=time)

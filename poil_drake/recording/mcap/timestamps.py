@@ -18,13 +18,14 @@ def to_nanoseconds(time: float) -> int:
     """
     if not math.isfinite(time) or time < 0.0:
         raise InvalidValueError(
-            f"A message has time {time} s.", remedy="Use a time that is finite and not negative."
+            f"MCAP cannot hold a message at {time} s.",
+            remedy="Use a time that is finite and not negative.",
         )
     return round(time * NANOSECONDS_PER_SECOND)
 
 
 def to_seconds(nanoseconds: int) -> float:
-    """Returns the float nearest to a whole number of nanoseconds, in [s]."""
+    """Returns whole nanoseconds in seconds, as the nearest float."""
     return nanoseconds / NANOSECONDS_PER_SECOND
 
 

@@ -9,7 +9,7 @@ REPLAY_OF_KEY, REPLAY_OF_DIGEST_KEY = "replay_of", "replay_of_sha256"
 """Metadata keys in the log of a replay: the name of the replayed log, and its SHA-256."""
 
 REPLAY_TRACKER_KEY, REPLAY_TEXT_KEY = "replay_tracker", "replay_scenario_text"
-"""Likewise: the tracker, and the YAML that was merged into the scenario."""
+"""Metadata keys in the log of a replay: its tracker, and the YAML merged into its scenario."""
 
 JOINT_STATES_TOPIC = "/robot/joint_states"
 JOINT_COMMANDS_TOPIC = "/robot/joint_commands"

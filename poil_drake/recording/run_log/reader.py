@@ -35,12 +35,7 @@ from poil_drake.recording.run_log.layout import (
     TRACKER_TIMES_TOPIC,
     TWIST_TOPIC,
 )
-from poil_drake.recording.run_log.recorded_run import (
-    REMEDY,
-    LoggedTrack,
-    PhaseStart,
-    RecordedRun,
-)
+from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, PhaseStart, RecordedRun
 from poil_drake.recording.run_log.series import Series
 from poil_drake.robots.panda import ARM_JOINTS
 
@@ -69,8 +64,8 @@ def load_recorded_run(path: str | Path, *, joint_names: Sequence[str] = ARM_JOIN
         joint_names: Names of the arm's joints; by default the Panda's.
 
     Raises:
-        RunLogError: if the file is missing or damaged, or a message is not what a run log holds on
-            its topic.
+        RunLogError: if the file is missing or damaged, or a message does not have the type or the
+            fields that a run log has on the message's topic.
     """
     return _Reader(Path(path), tuple(joint_names)).read()
 
@@ -202,7 +197,7 @@ def _record(scanned: ScannedMessage) -> Mapping[str, Any]:
 
 
 def _number(value: Any) -> float:
-    """Returns a record's value as a float; NaN for null, which replaces numbers not finite."""
+    """Returns a record's value as a float. Null stands for NaN and infinity, and becomes NaN."""
     if value is None:
         return np.nan
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -16,11 +16,11 @@ from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.message_decoders import Calibration
 from poil_drake.recording.run_log.series import Series
 
-REMEDY = "Use a log that poil run or poil execute wrote; if this is one, copy it again."
+REMEDY = "Use a log that poil run or poil execute wrote, or copy the log again."
 """What to do if a log cannot be used."""
 
 _CACHED_IMAGES = 2
-"""Tracker and detector process the same image before either needs the next."""
+"""Number of decoded images to keep. The tracker and the detector share each image."""
 
 
 class PhaseStart(NamedTuple):
@@ -52,14 +52,15 @@ class RecordedRun:
         commands: (T, J) commanded joint velocities [rad/s].
         postures: (T, J) commanded joint positions [rad].
         twist: (T, 6) commanded spatial velocity of the gripper, (ω [rad/s], v [m/s]) in the world.
-        numbers: Topic -> (T, F) the fields that `reader.NUMBERS` lists for the topic.
+        numbers: Topic -> (T, F) values of the fields that `reader.NUMBERS` lists for the topic.
         camera_times: Camera -> (T, 1) capture time of its newest image [s].
         calibrations: Camera -> its intrinsics.
         camera_poses: Camera -> (4, 4) pose of the camera in the world [m].
         phases: The phases of the skill.
-        tracks: The tracks that the tracker released.
-        images: Camera -> its colour images that have depth, in the order of logging.
-        cut_off: Where the file is cut off, as a clause; empty if the file is complete.
+        tracks: The tracks that the tracker output, sorted by stamp.
+        images: Camera -> its images with both colour and depth, in the order of logging.
+        cut_off: A sentence, without its full stop, that says where the file is cut off; empty if
+            the file is complete.
     """
 
     path: Path
@@ -98,10 +99,10 @@ class RecordedRun:
             raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error
 
     def image_reader(self, camera: CameraModel) -> Callable[[int], RgbdImage]:
-        """Returns a function that decodes a camera's image, given its index in `images`.
+        """Returns a function that decodes image k of the camera, i.e. `images[camera.name][k]`.
 
         The function caches the last two images. It raises a RunLogError if the image cannot be
-        decoded or does not have the size of the camera's model, or if the file has changed.
+        decoded or does not have the size of `camera`, or if the file has changed.
         """
         images = self.images.get(camera.name, [])
 
@@ -117,7 +118,7 @@ class RecordedRun:
             except DemonstrationError as error:
                 raise RunLogError(
                     error.problem,
-                    remedy="Use the run's image size in the scenario, or copy the log again.",
+                    remedy="Set the camera's image size to that of the run, or copy the log again.",
                 ) from error
 
         return read

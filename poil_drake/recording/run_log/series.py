@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Tolerance for the rounding of times to nanoseconds [s]."""
 
 
@@ -24,7 +24,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[tuple[float, Sequence[float] | np.ndarray]], size: int) -> Self:
-        """Returns the series of (time [s], sample) pairs, in any order, with `size` values each."""
+        """Returns a series of unordered (time [s], sample) pairs with `size` values per sample."""
         ordered = sorted(samples, key=lambda sample: sample[0])
         times = np.array([time for time, _ in ordered], dtype=float)
         return cls(times, np.array([value for _, value in ordered], float).reshape(-1, size))
@@ -39,7 +39,7 @@ class Series:
 
     def index(self, time: float) -> int:
         """Returns the index of the newest sample at or before a time [s]; -1 if there is none."""
-        return int(np.searchsorted(self.times, time + _ROUNDING, side="right")) - 1
+        return int(np.searchsorted(self.times, time + ROUNDING, side="right")) - 1
 
     def at(self, time: float) -> np.ndarray:
         """Returns the (N,) newest sample at or before a time [s]; NaN if there is none."""

@@ -39,13 +39,13 @@ class RunLogConfig:
         exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
             log's size. With "raw" or "png" colour as well, a replay sees exactly what the run saw.
         images: Whether images are written; otherwise they are discarded at once.
-        queue_capacity: How many messages may wait for the writing thread. 2048 messages are more
-            than a second at the default rates, and take 60 MB including images.
+        queue_capacity: How many messages may wait for the writing thread. 2048 messages cover
+            more than a second at the default rates, and take 60 MB including images.
         drop_when_full: Whether a full queue drops messages, and counts them in the metadata
             `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
             must not wait for a disk.
-        chunk_size: How much is written at once [bytes, before compression], and so how much a log
-            loses at most if its process is killed.
+        chunk_size: How much is written at once [bytes, before compression]. If the process is
+            killed, the log lacks the chunk that is not full yet.
     """
 
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
@@ -57,24 +57,24 @@ class RunLogConfig:
 
     @classmethod
     def for_hardware(cls) -> Self:
-        """Returns the configuration for a real robot: no call blocks, and a kill loses little."""
+        """Returns the configuration for a real robot: writes do not block, and chunks are small."""
         return cls(drop_when_full=True, chunk_size=1 << 16)
 
 
 _BATCH = 48
-"""Number of messages that are handed to the thread at once: those of about 1/32 s."""
+"""Number of messages handed to the background thread at once: those of about 1/32 s."""
 
 
 class RunLogWriter:
     """Writes the log of a run; use it in a `with` block, or call `close`.
 
-    All times are those of the loop's context [s], which start at 0 on hardware, too. `time` is when
+    All times are context times of the loop [s]; they start at 0, also on hardware. `time` is when
     a message is logged; `stamp` is when its contents were measured, by default `time`. A write
-    copies its arrays and returns; a background thread encodes, compresses and writes to disk, and
-    `close` joins it. After `close`, the file is readable, even if there was an exception. The log
-    is also closed when the interpreter exits.
+    copies its arrays and returns. A background thread encodes and compresses them and writes them
+    to disk. If it fails, e.g. because the disk is full, a later write or `close` raises the error.
 
-    A write raises the error of an earlier write in the background thread, e.g. on a full disk.
+    After `close`, the file is readable, even if there was an exception. The log is also closed when
+    the interpreter exits.
 
     Args:
         path: The MCAP file; its folder is created if needed. An older file is overwritten.
@@ -136,7 +136,7 @@ class RunLogWriter:
     def write_label(
         self, camera: str, label: np.ndarray, *, time: float, stamp: float | None = None
     ) -> None:
-        """Writes an (H, W) label image."""
+        """Writes an (H, W) int16 label image."""
         self._write_pixels("label", camera, label, time, stamp)
 
     def write_label_ids(self, label_ids: Mapping[str, Sequence[int]]) -> None:
@@ -159,16 +159,9 @@ class RunLogWriter:
         The names in use are tracked, propagated, reference and target. Points are rounded to
         float32 unless `exact`.
         """
-        self._write(
-            f"/points/{name}",
-            self._encoder.points,
-            points,
-            time=time,
-            stamp=stamp,
-            frame_id=WORLD_FRAME,
-            confidence=confidence,
-            exact=exact,
-        )
+        options = {"frame_id": WORLD_FRAME, "confidence": confidence, "exact": exact}
+        encode = self._encoder.points
+        self._write(f"/points/{name}", encode, points, time=time, stamp=stamp, **options)
 
     def write_transform(self, X_WC: np.ndarray, *, child: str, time: float) -> None:
         """Writes the (4, 4) pose of frame `child` in the world [m] to /tf."""
@@ -186,15 +179,8 @@ class RunLogWriter:
         topic: str = JOINT_STATES_TOPIC,
     ) -> None:
         """Writes the (J,) positions [rad], velocities [rad/s] and torques [N m] of named joints."""
-        self._write(
-            topic,
-            self._encoder.joint_states,
-            names,
-            time=time,
-            position=position,
-            velocity=velocity,
-            effort=effort,
-        )
+        states: dict[str, Any] = {"position": position, "velocity": velocity, "effort": effort}
+        self._write(topic, self._encoder.joint_states, names, time=time, **states)
 
     def write_twist(self, topic: str, twist: np.ndarray, *, time: float) -> None:
         """Writes a (6,) spatial velocity, (ω [rad/s], v [m/s]) in the world, to `topic`."""

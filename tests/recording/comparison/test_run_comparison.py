@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replay_comparisons import TOLERANCES as SHARED_TOLERANCES
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.tracked_points import TrackedPoints
@@ -20,20 +21,11 @@ from poil_drake.recording.comparison.tolerances import (
     LINEAR_VELOCITY,
     PERCEPTION_TOLERANCES,
     TRACKED_POINTS,
-    ReplayTolerances,
 )
 from poil_drake.recording.run_log.recorded_run import LoggedTrack, PhaseStart, RecordedRun
 from poil_drake.recording.run_log.series import Series
 
-TOLERANCES = ReplayTolerances(
-    joint_velocity=0.1,
-    angular_velocity=0.1,
-    linear_velocity=0.1,
-    tracked_points=0.001,
-    phase_start=0.01,
-    unmatched_tracks=0.3,
-    point_phases=("wait",),
-)
+TOLERANCES = dataclasses.replace(SHARED_TOLERANCES, unmatched_tracks=0.3)
 TIMES = [0.0, 0.25, 0.5, 0.75]
 
 
@@ -82,7 +74,6 @@ def test_the_largest_difference_of_the_joints_counts():
 
     np.testing.assert_allclose(dut.differences[JOINT_VELOCITY].values[:, 0], [0.0, 0.2, 0.0, 0.0])
     assert not dut.same
-    assert dut.first is not None
     assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, JOINT_VELOCITY, "wait")
     assert dut.first.size == pytest.approx(0.2)
 
@@ -223,7 +214,6 @@ def test_a_phase_that_only_one_run_has_is_the_first_difference():
     dut = compare(make_run(), other)
 
     assert [phase.name for phase in dut.phases] == ["wait", "follow", "fault"]
-    assert dut.first is not None
     assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, PHASE, "wait")
     assert dut.first.began is dut.phases[2]
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_frames import make_frame
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
 
 COUNT = 4
@@ -16,13 +16,9 @@ COUNT = 4
 def recording(tmp_path_factory):
     """A small, whole recording, and a place for its damaged copies."""
     directory = tmp_path_factory.mktemp("damaged")
-    K = np.array([[8.0, 0, 4], [0, 8, 3], [0, 0, 1]])
-    rng = np.random.default_rng(0)
     with DemonstrationWriter(directory / "whole.mcap", ["top"], {"seed": "1"}) as writer:
         for i in range(COUNT):
-            rgb = rng.integers(0, 255, (6, 8, 3), dtype=np.uint8)
-            image = RgbdImage(rgb, rng.random((6, 8), dtype=np.float32), i / 8)
-            writer.write(MultiViewFrame((CameraModel("top", 8, 6, K, np.eye(4)),), (image,)))
+            writer.write(make_frame(i, ("top",)))
     return (directory / "whole.mcap").read_bytes(), directory / "damaged.mcap"
 
 
