@@ -1,4 +1,7 @@
-"""Rigid transforms and fits, sampling, unprojection, point clouds and clearances; no pydrake."""
+"""Geometry on NumPy arrays: rigid transforms, point clouds, depth images and clearances.
+
+Nothing here imports pydrake.
+"""
 
 import lazy_loader
 

@@ -15,22 +15,24 @@ def pca_normals(
     viewpoint: np.ndarray,
     at: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Returns unit normals, each the direction in which a point's neighbours spread least.
+    """Returns unit normals of the surface on which points lie.
+
+    A normal is the direction in which the nearest neighbours of a point spread least.
 
     Args:
         points: (P, 3) [m], at least 3.
-        viewpoint: (3,) position that the points were seen from [m]; normals face it.
+        viewpoint: (3,) position from which the points were seen [m]. Normals point towards it.
         at: (M,) indices of the points to compute normals at; None for all.
 
     Returns:
-        (M, 3), or (P, 3) where `at` is None.
+        (M, 3) unit normals, or (P, 3) if `at` is None.
 
     Raises:
         InvalidValueError: if there are fewer than 3 points.
     """
     if len(points) < 3:
         raise InvalidValueError(
-            f"pca_normals() got {len(points)} points.", remedy="Pass at least 3 points."
+            f"pca_normals() got only {len(points)} points.", remedy="Pass at least 3 points."
         )
     queries = points if at is None else points[at]
     _, nearest = cKDTree(points).query(queries, k=min(_NEIGHBOURS, len(points)))

@@ -46,7 +46,11 @@ class PointCloud(SharedOnCopy):
         )
 
     def transformed(self, X_AB: np.ndarray) -> "PointCloud":
-        """Returns this cloud, which is in frame B, expressed in frame A; X_AB is (4, 4)."""
+        """Returns this cloud, given in frame B, expressed in frame A.
+
+        Args:
+            X_AB: (4, 4) pose of frame B in frame A.
+        """
         R = X_AB[:3, :3]
         return PointCloud(
             self.points @ R.T + X_AB[:3, 3],
@@ -56,7 +60,10 @@ class PointCloud(SharedOnCopy):
 
 
 def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Returns one cloud of all points; normals and colours are kept if all clouds have them."""
+    """Returns one cloud of the points of all clouds.
+
+    Normals are kept only if every cloud has normals, and colours only if every cloud has colours.
+    """
     normals = [c.normals for c in clouds if c.normals is not None]
     colors = [c.colors for c in clouds if c.colors is not None]
     return PointCloud(
@@ -67,14 +74,18 @@ def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
 
 
 def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
-    """Returns the mean of the points in each occupied voxel, in lexicographic order of the voxels.
+    """Returns a cloud with one point for each occupied voxel: the mean of the points in the voxel.
 
-    Normals are averaged and normalised. If they cancel (two faces of a thin wall in one voxel), the
-    first point's normal is used.
+    Colours are averaged; normals are averaged and normalised. If the normals of a voxel cancel, as
+    those of a thin wall's two faces do, the normal of the voxel's first point is used. The voxels
+    are in lexicographic order.
 
     Args:
-        cloud: The cloud.
+        cloud: The cloud to downsample.
         voxel_size: Edge of a voxel [m], positive.
+
+    Raises:
+        InvalidValueError: if the voxel size is not positive.
     """
     if voxel_size <= 0.0:
         raise InvalidValueError(
@@ -109,13 +120,13 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
 def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: float) -> np.ndarray:
     """Returns which points (P,) bool are not statistical outliers.
 
-    A point is an outlier if its mean distance to its neighbours is more than `deviations` standard
-    deviations above the mean over the cloud.
+    A point is an outlier if its mean distance to its nearest neighbours is more than `deviations`
+    standard deviations above the cloud's average of that distance.
 
     Args:
         points: (P, 3) [m].
-        neighbours: Number of neighbours; a cloud of at most this many points has no outliers.
-        deviations: Number of standard deviations.
+        neighbours: Number of neighbours. A cloud of at most this many points has no outliers.
+        deviations: Threshold [standard deviations].
     """
     if len(points) <= neighbours:
         return np.ones(len(points), dtype=bool)

@@ -62,24 +62,24 @@ def depth_normals(
 ) -> np.ndarray:
     """Returns unit surface normals of a depth image, facing the camera.
 
-    The normal is the cross product of central differences of the unprojected points, which is exact
-    for planes. With z- and z+ the depths at s pixels to either side of a pixel and
-    g = (z+ - z-) / (z+ + z-) / s along each axis, that product is parallel to
+    A normal is the cross product of central differences of the unprojected points, which is exact
+    for planes. Let z- and z+ be the depths at s pixels to either side of a pixel, and let
+    g = (z+ - z-) / (z+ + z-) / s along each image axis. The product is then parallel to
     (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), so the points need not be computed.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px], without skew.
         step: Distance s of the compared neighbours from the pixel [px]. Larger steps average noise.
-        smoothing: Half width of a box over which g is averaged [px]; 0 for none. At most twice the
-            step, the width of the strip without normals along a jump, so that the box never reaches
-            the other surface.
-        relative_jump: Neighbours whose depths differ by more than this fraction, per pixel of step,
-            lie on another surface.
+        smoothing: Half width of a box over which g is averaged [px]; 0 for no averaging. At most
+            twice the step: a strip of this width along a depth jump has no normals, so the box
+            never reaches the other surface.
+        relative_jump: A neighbour is on another surface if its depth differs from the pixel's by
+            more than this fraction for each pixel of the step.
 
     Returns:
-        (H, W, 3) float32 unit normals in the optical frame. NaN if the depth is invalid, or a
-        neighbour is invalid, on another surface or outside the image.
+        (H, W, 3) float32 unit normals in the optical frame. A normal is NaN if the pixel's depth is
+        invalid, or if one of its neighbours is invalid, on another surface or outside the image.
 
     Raises:
         InvalidValueError: if `smoothing` is negative or more than twice the step.

@@ -24,10 +24,10 @@ _NORMAL_SMOOTHING = 2  # half width of the box that smooths normals [px]
 
 @dataclass(frozen=True, kw_only=True)
 class FusionConfig:
-    """How views are cleaned and merged.
+    """How to clean and merge the views.
 
     Attributes:
-        mask: Which pixels of each view's mask to use.
+        mask: Which pixels to remove from each view's mask.
         voxel_size: Edge of the voxels in which points are averaged [m]; 0 keeps every point. A
             2 mm voxel holds about four pixels of each view at 0.65 m.
         outlier_neighbours: Number of neighbours used to detect an outlier; 0 keeps outliers.
@@ -41,26 +41,26 @@ class FusionConfig:
 def fuse_views(
     frame: MultiViewFrame, masks: Sequence[np.ndarray], config: FusionConfig | None = None
 ) -> PointCloud:
-    """Returns one world-frame cloud of all masked pixels, with normals and colours.
+    """Returns one cloud [m, world] of the masked pixels of all views, with normals and colours.
 
-    Normals are computed in each view and point towards its camera. The views are then joined, their
-    points averaged in voxels, and outliers removed.
+    Normals are computed in each view and point towards the view's camera. Then the views are
+    joined, points are averaged in voxels, and outliers are removed.
 
     Args:
         frame: The images.
-        masks: One (H, W) bool for each camera, in the frame's order; all False where the object is
-            not seen.
+        masks: One mask (H, W) bool for each of `frame.cameras`, in their order. The mask of a view
+            that does not show the object is all False.
         config: Parameters; None for the defaults.
 
     Raises:
-        InvalidValueError: if the number of masks is not that of the cameras.
-        DetectionError: if no usable pixel remains.
+        InvalidValueError: if there are not as many masks as cameras.
+        DetectionError: if no masked pixel has usable depth.
     """
     config = config or FusionConfig()
     if len(masks) != len(frame.cameras):
         raise InvalidValueError(
             f"fuse_views() got {len(masks)} masks for {len(frame.cameras)} cameras.",
-            remedy="Pass one mask for each camera, all False where nothing was found.",
+            remedy="Pass one mask for each camera, all False if it does not see the object.",
         )
     clouds = [
         _view_cloud(camera, image, mask, config)
@@ -70,9 +70,9 @@ def fuse_views(
     if len(cloud) == 0:
         marked = [int(np.count_nonzero(mask)) for mask in masks]
         raise DetectionError(
-            f"No masked pixel has usable depth; the masks of the views mark {marked} pixels.",
-            remedy="Check that the cameras see the object, and that FusionConfig.mask does not "
-            "erode its masks away.",
+            f"No masked pixel has usable depth; the views' masks mark {marked} pixels.",
+            remedy="Check that the cameras see the object and measure its depth, and that "
+            "FusionConfig.mask leaves some of its pixels.",
         )
     if config.voxel_size > 0.0:
         cloud = voxel_downsample(cloud, config.voxel_size)

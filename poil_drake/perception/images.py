@@ -33,7 +33,7 @@ class CameraModel(SharedOnCopy):
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(
                 f"CameraModel '{self.name}' is {self.width} x {self.height} pixels.",
-                remedy="Width and height must be at least 1.",
+                remedy="Set a width and a height of at least 1 pixel.",
             )
         freeze_fields(self, K=(3, 3), X_WC=(4, 4))
         R = self.X_WC[:3, :3]
@@ -79,8 +79,8 @@ class MultiViewFrame(SharedOnCopy):
         cameras: The models of the V cameras.
         images: Their images, in the same order.
         label_ids: Maps each name to its render labels: "<object>" is a whole object,
-            "<object>/<part>" is a part. An object's labels include those of its parts. Empty if
-            the images have no labels.
+            "<object>/<part>" is a part. An object's labels include those of its parts. The map is
+            empty if the images have no labels.
     """
 
     cameras: tuple[CameraModel, ...]

@@ -15,7 +15,7 @@ class TrackedPoints(SharedOnCopy):
     Attributes:
         positions: (N, 3) positions [m, world]; NaN where not observed.
         confidence: (N,) in [0, 1]; 0 where not observed.
-        stamp: Time of capture of the images [s].
+        stamp: Time of capture of the images that show the points [s].
     """
 
     positions: np.ndarray
@@ -31,13 +31,13 @@ class TrackedPoints(SharedOnCopy):
         )
         if np.any((confidence < 0.0) | (confidence > 1.0)):
             raise InvalidValueError(
-                f"TrackedPoints.confidence spans [{confidence.min()}, {confidence.max()}].",
+                f"TrackedPoints.confidence ranges from {confidence.min()} to {confidence.max()}.",
                 remedy="Pass values in [0, 1].",
             )
         wrong = np.flatnonzero(~np.isfinite(positions).all(axis=1) & (confidence > 0.0))
         if wrong.size:
             raise InvalidValueError(
-                f"TrackedPoints has confidence at non-finite positions, indices {wrong.tolist()}.",
+                f"TrackedPoints has confidence in points without a position: {wrong.tolist()}.",
                 remedy="Set the confidence of points that were not observed to 0.",
             )
         object.__setattr__(self, "positions", positions)
@@ -45,5 +45,5 @@ class TrackedPoints(SharedOnCopy):
 
     @classmethod
     def lost(cls, count: int, stamp: float) -> "TrackedPoints":
-        """Returns `count` unobserved points."""
+        """Returns `count` points that no image shows at time `stamp` [s]."""
         return cls(np.full((count, 3), np.nan), np.zeros(count), stamp)

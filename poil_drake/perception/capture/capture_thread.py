@@ -18,18 +18,19 @@ class CaptureThread:
     """Opens a camera, reads it, and keeps the newest usable image.
 
     An image is unusable if the device rejects it with a `NoImageError`, if it has the wrong size or
-    no valid depth, or if its stamp is not finite or not later than the last one since the device
-    was opened. Then `problem` describes the reason and the last image stays, so its age reveals a
-    frozen camera. The next usable image clears `problem`. A device that raises any other error is
-    closed and reopened `reopen_period` later: some cameras' libraries hold the interpreter while
-    they close or open, so neither may happen in quick succession.
+    no valid depth, or if its stamp is not finite or not later than that of the last usable image
+    since the device was opened. `problem` then gives the reason, and `newest` stays, so that its
+    age reveals a frozen camera. The next usable image clears `problem`.
+
+    If the device raises any other error, it is closed and opened again after `reopen_period`. The
+    pause limits how often this happens, because some libraries hold the interpreter meanwhile.
 
     Any thread may read the attributes, without a lock.
 
     Attributes:
         newest: The newest image; None before the first.
         count: Number of usable images so far.
-        problem: What is wrong; empty if nothing is.
+        problem: Why the camera delivers no usable image; empty if it does.
     """
 
     newest: RgbdImage | None
@@ -44,7 +45,7 @@ class CaptureThread:
         size: tuple[int, int],
         reopen_period: float = 1.0,
     ):
-        """Constructs the thread; `start` starts it.
+        """Constructs the thread without starting it.
 
         Args:
             device: The camera. From now on only this thread uses it.
@@ -59,7 +60,7 @@ class CaptureThread:
         self._thread = threading.Thread(target=self._run, name=f"capture_{name}", daemon=True)
 
     def start(self) -> None:
-        """Starts capturing. Call it at most once; after `close` it does nothing."""
+        """Starts the thread. Call this at most once. After `close` it does nothing."""
         if not self._ended.is_set():
             self._thread.start()
 

@@ -1,4 +1,4 @@
-"""Finds parts by the render labels of a simulator, as a baseline for other detectors."""
+"""Detects parts by the render labels of a simulator, as a baseline for other detectors."""
 
 import difflib
 
@@ -10,28 +10,32 @@ from poil_drake.perception.images import MultiViewFrame
 
 
 class LabelImageDetector:
-    """Reads masks from label images. It requires frames with `label` images and `label_ids`."""
+    """Reads masks from label images; a `Detector`.
+
+    All images of a frame must have a `label`, and the frame must have `label_ids`.
+    """
 
     def __init__(self, *, min_part_pixels: int = 60):
         """Constructs the detector.
 
         Args:
-            min_part_pixels: A part counts as not seen if all views together show fewer pixels.
-                Erosion later removes a rim of a few pixels from the masks.
+            min_part_pixels: Least number of a part's pixels in all views together. With fewer, too
+                little would remain of the part after its masks are eroded.
         """
         self._min_part_pixels = min_part_pixels
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
-        """Returns the masks of the object and of the part in each view.
+        """Returns the masks of the object and of its part in each view; see `Detector.detect`.
 
         Raises:
-            DetectionError: if labels are missing or unknown, or too few pixels show the part.
+            DetectionError: if labels are missing or unknown, or if too few pixels show the part.
         """
         labels = [image.label for image in frame.images if image.label is not None]
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
                 f"The detector 'label_image' needs render labels, but {len(labels)} of "
-                f"{len(frame.images)} images and {len(frame.label_ids)} objects or parts have any.",
+                f"{len(frame.images)} images have labels, and {len(frame.label_ids)} labels have "
+                "a name.",
                 remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
                 "the metadata 'label_ids'.",
             )

@@ -17,10 +17,10 @@ from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
 class RemoteState(SharedOnCopy):
-    """Refers to a state in the worker, which keeps that state as long as this object lives.
+    """Refers to a tracker's state in the worker, which keeps the state while this object lives.
 
     Attributes:
-        worker: Number of the worker process among those that its tracker has started.
+        worker: Number of the worker process, counted over all that the `ProcessTracker` started.
         key: Number of the state in that process.
     """
 
@@ -31,17 +31,18 @@ class RemoteState(SharedOnCopy):
 class ProcessTracker:
     """Runs another tracker in a worker process; a `Tracker` itself.
 
-    The worker starts at construction, so it is ready when needed. It keeps the states; returned
-    states only refer to them. Images pass through shared memory. Calls block, but release the
-    interpreter. If the worker has died, `step` raises a TrackingError, which means that the object
-    is lost, and `start` starts a new worker. Only one thread at a time may call it.
+    The worker starts at construction, so that it is ready when needed. It keeps the tracker's
+    states; the returned states only refer to them. Images pass through shared memory. Calls block,
+    but release the interpreter. If the worker has died, `step` raises a TrackingError, which means
+    that the object is lost; `start` then starts a new worker. All methods except `abort` must be
+    called by one thread at a time.
     """
 
     def __init__(self, tracker: Tracker):
         """Starts the worker.
 
         Args:
-            tracker: The tracker. It is pickled, and its module must be importable.
+            tracker: The tracker to run. It is pickled, and its module must be importable.
         """
         self._tracker = tracker
         self._dropped: list[int] = []
@@ -60,7 +61,7 @@ class ProcessTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """See `Tracker.start`."""
+        """Starts tracking; see `Tracker.start`."""
         if self._worker is None or not self._worker.alive:
             self._launch()
         return self._call("start", None, frame, query_points, object_masks)
@@ -68,19 +69,19 @@ class ProcessTracker:
     def step(
         self, state: RemoteState, frame: MultiViewFrame, motion_prior: np.ndarray | None = None
     ) -> TrackerOutput:
-        """See `Tracker.step`."""
+        """Tracks the points to the next frame; see `Tracker.step`."""
         if state.worker != self._workers:
             raise _lost("has ended")
         return self._call("step", state.key, frame, motion_prior)
 
     def abort(self) -> None:
-        """Kills the worker, from any thread. Its current result is lost."""
+        """Kills the worker; its current result is lost. Any thread may call this."""
         worker = self._worker
         if worker is not None:
             worker.kill()
 
     def close(self) -> None:
-        """Ends the worker. Its states are lost; `start` starts a new worker."""
+        """Ends the worker; its states are lost. A later `start` starts a new worker."""
         if self._worker is not None:
             self._worker.end()
             self._worker = None
@@ -109,5 +110,5 @@ class ProcessTracker:
 def _lost(reason: str) -> TrackingError:
     return TrackingError(
         f"The tracker's process {reason}.",
-        remedy="Restart the tracker; check its output, and whether memory ran out.",
+        remedy="Start tracking again. Check the output of the process, and whether memory ran out.",
     )

@@ -5,9 +5,9 @@ well as textured ones. The model that it learns is a cloud of oriented surface p
 patches of texture (`object_model`). In each frame it aligns the model with all views at once
 (`pose_alignment`), by depth, contour and texture, starting from a prediction: the motion of the
 hand that holds the object, or constant velocity. All three terms compare with the first view of a
-surface, never with the previous frame, so errors do not accumulate from frame to frame. Where the
-prediction fails, many poses are searched (`pose_search`), in each frame until the object is found.
-A pose is accepted only if its surroundings do not contradict it (`free_space`).
+surface, never with the previous frame, so errors do not accumulate from frame to frame. If the
+alignment fails, many poses are searched (`pose_search`), in each frame until the object is found.
+A pose is accepted only if the space around it does not contradict it (`free_space`).
 """
 
 from collections.abc import Sequence
@@ -50,9 +50,9 @@ _VELOCITY_GAIN = 0.7  # share of the newest velocity in the filtered one
 
 
 class RigidFlowTracker:
-    """Tracks points on one rigid object; a `Tracker`. See the module's docstring.
+    """Tracks points on one rigid object; a `Tracker`. The module's docstring describes the method.
 
-    The reported positions move rigidly. A point that no view shows is still reported, with less
+    The reported positions move rigidly. A point that no view shows is still reported, but with less
     confidence.
     """
 
@@ -73,7 +73,8 @@ class RigidFlowTracker:
         """Starts tracking; see `Tracker.start`.
 
         Raises:
-            InvalidValueError: if masks and images do not match, or query points are not finite.
+            InvalidValueError: if masks and images differ in number or size, or if query points are
+                not finite.
             TrackingError: if the views show too little of the object.
         """
         masks = _checked_masks(frame, object_masks)
@@ -130,7 +131,7 @@ class RigidFlowTracker:
         return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
 
     def _learn(self, state: RigidFlowState, windows: Sequence[ViewWindow]) -> RigidFlowState:
-        """Returns the state, its model grown by the views that need a keyframe."""
+        """Returns the state with a model that has grown by the views that need a keyframe."""
         X_WO = state.pose.X_WO
         keyframes = [Keyframe.at(window.at(X_WO).eye, X_WO) for window in windows]
         needed = [needs_keyframe(new, state.keyframes) for new in keyframes]
@@ -181,6 +182,6 @@ def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tupl
     if given != shapes:
         raise InvalidValueError(
             f"object_masks have shapes {given}, but the frame's images have {shapes}.",
-            remedy="Pass one mask (H, W) for each view, all False where the object is not seen.",
+            remedy="Pass one mask (H, W) for each view, all False if it does not show the object.",
         )
     return tuple(np.asarray(mask, dtype=bool) for mask in masks)

@@ -1,4 +1,4 @@
-"""The part of a camera's images around the object."""
+"""The part of a camera's images that surrounds the object."""
 
 from dataclasses import dataclass
 
@@ -71,10 +71,10 @@ class ViewWindow(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A window with the object at a given pose.
+    """A window of one view, with the object at a given pose.
 
     Attributes:
-        window: The window.
+        window: The window of the view.
         R_CO: (3, 3) rotation of the object in the camera.
         origin: (3,) origin of the object's frame in the camera [m].
         eye: (3,) centre of the camera in the object's frame [m].
@@ -114,7 +114,7 @@ class PosedView:
 
 
 def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
-    """Returns the window around points (P, 3) [m, world], or None if too little is in view."""
+    """Returns the window around points (P, 3) [m, world], or None if few pixels are in view."""
     box = _bounding_box(camera, points_W)
     if box is None:
         return None
