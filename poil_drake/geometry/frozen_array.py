@@ -52,13 +52,20 @@ def frozen_array(
     return array
 
 
-def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int | str]) -> None:
+def freeze_fields(
+    value: object,
+    *,
+    dtype: npt.DTypeLike = np.float64,
+    finite: bool = True,
+    **shapes: Sequence[int | str],
+) -> None:
     """Replaces array fields of a frozen dataclass with read-only arrays of the required shapes.
 
     Call this in `__post_init__`. A named dimension must have the same size in all fields.
 
     Args:
         value: The instance of the dataclass.
+        dtype: The element type of the arrays.
         finite: Whether NaN and infinity are rejected.
         shapes: The required shape of each field, by the field's name; see `frozen_array`.
 
@@ -71,6 +78,7 @@ def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int 
             getattr(value, name),
             name=f"{type(value).__name__}.{name}",
             shape=[sizes.get(size, size) for size in shape],
+            dtype=dtype,
             finite=finite,
         )
         sizes.update(zip(shape, array.shape, strict=True))

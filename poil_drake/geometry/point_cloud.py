@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +29,7 @@ class PointCloud(SharedOnCopy):
         if self.normals is not None:
             freeze_fields(self, normals=self.points.shape)
         if self.colors is not None:
-            colors = frozen_array(
-                self.colors, name="PointCloud.colors", shape=self.points.shape, dtype=np.uint8
-            )
-            object.__setattr__(self, "colors", colors)
+            freeze_fields(self, dtype=np.uint8, colors=self.points.shape)
 
     def __len__(self) -> int:
         return len(self.points)

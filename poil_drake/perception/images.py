@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,11 @@ class RgbdImage(SharedOnCopy):
     label: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        rgb = frozen_array(self.rgb, name="RgbdImage.rgb", shape=("H", "W", 3), dtype=np.uint8)
-        size = rgb.shape[:2]
-        object.__setattr__(self, "rgb", rgb)
-        depth = frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32)
-        object.__setattr__(self, "depth", depth)
+        freeze_fields(self, dtype=np.uint8, rgb=("H", "W", 3))
+        size = self.rgb.shape[:2]
+        freeze_fields(self, dtype=np.float32, depth=size)
         if self.label is not None:
-            label = frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16)
-            object.__setattr__(self, "label", label)
+            freeze_fields(self, dtype=np.int16, label=size)
 
 
 @dataclass(frozen=True, eq=False)

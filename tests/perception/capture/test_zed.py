@@ -162,7 +162,9 @@ def test_an_error_names_the_camera_and_the_connected_ones(sl: StandIn) -> None:
         opened(serial=5)
 
 
-@pytest.mark.parametrize(("connected", "said"), [([], "0 cameras.*none"), ([5, 77], "2 cameras.*5, 77")])
+@pytest.mark.parametrize(
+    ("connected", "said"), [([], "0 cameras.*none"), ([5, 77], "2 cameras.*5, 77")]
+)
 def test_without_a_serial_number_there_must_be_exactly_one(
     sl: StandIn, connected: list[int], said: str
 ) -> None:
