@@ -106,5 +106,5 @@ def _view_cloud(
     # Along borders, and on parts a few pixels wide, central differences are not available.
     missing = np.flatnonzero(~np.isfinite(normals).all(axis=1))
     if missing.size:
-        normals[missing] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
+        normals[missing] = pca_normals(points, missing)
     return PointCloud(points, normals, colors).transformed(camera.X_WC)

@@ -57,7 +57,7 @@ def view_surface(window: ViewWindow, mask: np.ndarray) -> ViewSurface:
     missing = np.flatnonzero(~np.isfinite(normals[v, u, 0]))
     if missing.size and len(points) >= 3:
         # Along borders, and on parts a few pixels wide, central differences are not available.
-        normals[v[missing], u[missing]] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
+        normals[v[missing], u[missing]] = pca_normals(points, missing)
     kept = np.isfinite(normals[v, u, 0])
     kept &= statistical_inliers(points, neighbours=_NEIGHBOURS, deviations=_DEVIATIONS)
     usable = np.zeros_like(trusted)
