@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.free_space import (
     FreeSpaceGrid,
@@ -149,12 +150,10 @@ def _bin(rgb: np.ndarray) -> np.ndarray:
 
 def _box(camera: CameraModel, centres_W: np.ndarray, reach: float) -> list[int]:
     """Returns the pixel bounds [u0, v0, u1, v1] of spheres; empty if the camera sees none."""
-    centres_C = (centres_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
-    centres_C = centres_C[centres_C[:, 2] > reach]
-    if len(centres_C) == 0:
+    uv, z = project(centres_W, camera.K, camera.X_WC)
+    uv, z = uv[z > reach], z[z > reach]
+    if len(uv) == 0:
         return [0, 0, 0, 0]
-    z = centres_C[:, 2:]
-    uv = (centres_C @ camera.K.T)[:, :2] / z
-    half = np.array([camera.K[0, 0], camera.K[1, 1]]) * (reach / z)
+    half = np.diag(camera.K)[:2] * (reach / z[:, None])
     corners = np.stack([np.floor((uv - half).min(axis=0)), np.ceil((uv + half).max(axis=0))])
     return np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()

@@ -8,6 +8,7 @@ import numpy as np
 from poil_drake.geometry.depth_masks import depth_edges
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, RgbdImage
 
 EDGE_JUMP = 0.015
@@ -155,12 +156,10 @@ def square_kernel(radius: int) -> np.ndarray:
 
 def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
     """Returns pixel bounds (u0, v0, u1, v1) around projected points, or None if too small."""
-    points_C = (points_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
-    points_C = points_C[points_C[:, 2] > 0.05]
-    if len(points_C) == 0:
+    uv, z = project(points_W, camera.K, camera.X_WC)
+    uv = uv[z > 0.05]
+    if len(uv) == 0:
         return None
-    uv = points_C @ camera.K.T
-    uv = uv[:, :2] / uv[:, 2:]
     low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
     u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
     u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
