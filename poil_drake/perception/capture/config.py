@@ -45,7 +45,7 @@ class RealSense:
 
     def __post_init__(self) -> None:
         _check_positive(self, "fps", "silence")
-        _check_not_negative(self, "depth_width", "depth_height", "latency", "settle")
+        _check_positive(self, "depth_width", "depth_height", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class Zed:
 
     def __post_init__(self) -> None:
         _check_positive(self, "fps", "silence")
-        _check_not_negative(self, "serial", "latency", "settle")
+        _check_positive(self, "serial", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ class OpenCvStreams:
 
     def __post_init__(self) -> None:
         _check_positive(self, "depth_scale", "fps", "largest_gap", "silence")
-        _check_not_negative(self, "latency", "settle")
+        _check_positive(self, "latency", "settle", or_zero=True)
         for name in ("rgb_fourcc", "depth_fourcc"):
             code = getattr(self, name)
             if code and not (len(code) == 4 and code.isascii()):
@@ -167,20 +167,14 @@ class McapPlayback:
 
     def __post_init__(self) -> None:
         _check_positive(self, "rate")
-        _check_not_negative(self, "lead_in")
+        _check_positive(self, "lead_in", or_zero=True)
 
 
-def _check_positive(config: object, *names: str) -> None:
+def _check_positive(config: object, *names: str, or_zero: bool = False) -> None:
     for name in names:
-        _check(config, name, getattr(config, name) > 0, "Set a positive, finite number.")
-
-
-def _check_not_negative(config: object, *names: str) -> None:
-    for name in names:
-        _check(config, name, getattr(config, name) >= 0, "Set a finite number of at least 0.")
-
-
-def _check(config: object, name: str, is_valid: bool, remedy: str) -> None:
-    value = getattr(config, name)
-    if not (is_valid and value < math.inf):
-        raise InvalidValueError(f"{type(config).__name__}.{name} is {value}.", remedy=remedy)
+        value = getattr(config, name)
+        if not (0 < value < math.inf or (or_zero and value == 0)):
+            raise InvalidValueError(
+                f"{type(config).__name__}.{name} is {value}.",
+                remedy=f"Set a positive, finite number{' or 0' if or_zero else ''}.",
+            )
