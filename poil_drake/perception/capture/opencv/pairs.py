@@ -51,33 +51,28 @@ class FilePair:
         Raises:
             NoImageError: if a file has no more images.
         """
-        if self._ended:
-            time.sleep(PATIENCE)
-            raise self._end_error()
-        ahead = self._due - self._clock()
+        ahead = PATIENCE if self._ended else self._due - self._clock()
         if ahead > 0.0:
             time.sleep(min(ahead, PATIENCE))
         now = self._clock()
         if now < self._due:
             return None
-        self._due = max(self._due + 1.0 / self._config.fps, now)
-        (rgb_came, rgb), (depth_came, depth) = (capture.read() for capture in self._captures)
-        if not (rgb_came and depth_came):
-            self._ended = True  # OpenCV logs a warning at each read beyond the end.
-            raise self._end_error()
-        now = self._clock()
-        return Arrival(rgb, now), Arrival(depth, now)
+        if not self._ended:  # OpenCV logs a warning at each read beyond the end.
+            (rgb_came, rgb), (depth_came, depth) = (capture.read() for capture in self._captures)
+            if rgb_came and depth_came:
+                self._due = max(self._due + 1.0 / self._config.fps, now)
+                now = self._clock()
+                return Arrival(rgb, now), Arrival(depth, now)
+            self._ended = True
+        raise NoImageError(
+            f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
+            remedy="Use longer files.",
+        )
 
     def close(self) -> None:
         """Releases both files."""
         for capture in self._captures:
             capture.release()
-
-    def _end_error(self) -> NoImageError:
-        return NoImageError(
-            f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
-            remedy="Use longer files.",
-        )
 
 
 class LiveSource:
@@ -92,9 +87,6 @@ class LiveSource:
         ended: Whether no more images will come.
     """
 
-    newest: Arrival | None
-    ended: bool
-
     def __init__(
         self, capture: cv2.VideoCapture, *, name: str, clock: Clock, changed: threading.Condition
     ):
@@ -107,7 +99,8 @@ class LiveSource:
             clock: Returns the current time [s since the epoch].
             changed: Condition to notify of each new image and of the end.
         """
-        self.newest, self.ended = None, False
+        self.newest: Arrival | None = None
+        self.ended = False
         self._capture, self._clock, self._changed = capture, clock, changed
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"grab_{name}", daemon=True)
