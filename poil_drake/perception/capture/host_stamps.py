@@ -37,10 +37,6 @@ class HostStamps:
         """Forgets the last stamp. Call this after a pause in which a clock may have been reset."""
         self._last, self._old = -math.inf, 0
 
-    def now(self) -> float:
-        """Returns the current time [s, by `host_clock`]."""
-        return self._host_clock()
-
     def convert(self, stamp: float) -> float | None:
         """Returns a stamp converted to `clock` [s], or None if the image is useless.
 

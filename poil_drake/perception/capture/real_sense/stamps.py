@@ -42,6 +42,7 @@ class FramePairStamps:
         """
         self._domains = rs.timestamp_domain
         self._largest_gap, self._latency = _LARGEST_GAP / fps, latency
+        self._host_clock = host_clock
         self._stamps = HostStamps(clock, source=source, host_clock=host_clock)
         self.restart()
 
@@ -95,5 +96,5 @@ class FramePairStamps:
         if time < self._hardware_time:
             self._offset = math.inf
         self._hardware_time = time
-        self._offset = min(self._offset, self._stamps.now() - time)
+        self._offset = min(self._offset, self._host_clock() - time)
         return self._offset
