@@ -33,10 +33,6 @@ class CaptureThread:
         problem: Why the camera delivers no usable image; empty if it does.
     """
 
-    newest: RgbdImage | None
-    count: int
-    problem: str
-
     def __init__(
         self,
         device: CaptureDevice,
@@ -53,7 +49,8 @@ class CaptureThread:
             size: Required (height, width) of the images [px].
             reopen_period: Time from a failure to the next attempt to open the device [s].
         """
-        self.newest, self.count, self.problem = None, 0, ""
+        self.newest: RgbdImage | None = None
+        self.count, self.problem = 0, ""
         self._last_stamp = -math.inf
         self._device, self._size, self._reopen_period = device, size, reopen_period
         self._ended = threading.Event()
@@ -84,7 +81,10 @@ class CaptureThread:
             except Exception as error:  # A camera's library may raise any type.
                 self.problem = _in_one_line(error)
             self._ended.wait(self._reopen_period)
-            self._close_device()
+            try:
+                self._device.close()
+            except Exception as error:
+                self.problem = self.problem or _in_one_line(error)
 
     def _capture(self) -> None:
         while not self._ended.is_set():
@@ -118,12 +118,6 @@ class CaptureThread:
         if not image.depth.any():
             return "its depth images are empty: the lens is covered, or everything is too close"
         return ""
-
-    def _close_device(self) -> None:
-        try:
-            self._device.close()
-        except Exception as error:
-            self.problem = self.problem or _in_one_line(error)
 
 
 def _in_one_line(error: Exception) -> str:

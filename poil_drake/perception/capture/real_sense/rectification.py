@@ -1,5 +1,6 @@
 """Converts the images of a RealSense to those of a pinhole camera."""
 
+from itertools import product
 from typing import Any
 
 import cv2
@@ -78,12 +79,11 @@ class Rectification:
 
     def _agrees(self, rs: Any, intrinsics: Any, u: np.ndarray, v: np.ndarray) -> bool:
         """Returns whether the library's projection agrees with maps u and v (H, W) [px]."""
-        height, width = u.shape
-        for row in np.linspace(0, height - 1, _GRID).astype(int):
-            for column in np.linspace(0, width - 1, _GRID).astype(int):
-                ray = np.linalg.solve(self.K, [column, row, 1.0])
-                found = rs.rs2_project_point_to_pixel(intrinsics, ray.tolist())
-                expected = (u[row, column], v[row, column])
-                if not np.allclose(found, expected, rtol=0.0, atol=_TOLERANCE):
-                    return False
+        rows, columns = (np.linspace(0, size - 1, _GRID).astype(int) for size in u.shape)
+        for row, column in product(rows, columns):
+            ray = np.linalg.solve(self.K, [column, row, 1.0])
+            found = rs.rs2_project_point_to_pixel(intrinsics, ray.tolist())
+            expected = (u[row, column], v[row, column])
+            if not np.allclose(found, expected, rtol=0.0, atol=_TOLERANCE):
+                return False
         return True

@@ -105,7 +105,8 @@ class RigidFlowTracker:
         location = locate(state, frame, predicted, self.config)
         pose, evidence, windows = location
         expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
-        innovation = _distance(expected, pose.X_WO)
+        motion = motion_between(expected, pose.X_WO)
+        innovation = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
         if state.lost_since is None:
             tracked = evidence.supports_pose(LOST_AGREEMENT)
         else:
@@ -167,12 +168,6 @@ def _velocity(state: RigidFlowState, pose: PoseEstimate, elapsed: float) -> np.n
         return np.zeros(6)
     newest = motion_between(state.pose.X_WO, pose.X_WO) / elapsed
     return _VELOCITY_GAIN * newest + (1.0 - _VELOCITY_GAIN) * state.velocity
-
-
-def _distance(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:
-    """Returns the angle [rad] and the distance [m] between poses (4, 4)."""
-    motion = motion_between(X, Y)
-    return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
 
 
 def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
