@@ -5,6 +5,7 @@ takes its time from the first thread; in another process it uses a second core.
 """
 
 import weakref
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
 from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
+@dataclass(frozen=True, eq=False)
 class RemoteState(SharedOnCopy):
     """Refers to a tracker's state in the worker, which keeps the state while this object lives.
 
@@ -24,8 +26,8 @@ class RemoteState(SharedOnCopy):
         key: Number of the state in that process.
     """
 
-    def __init__(self, worker: int, key: int):
-        self.worker, self.key = worker, key
+    worker: int
+    key: int
 
 
 class ProcessTracker:
@@ -45,7 +47,6 @@ class ProcessTracker:
             tracker: The tracker to run. It is pickled, and its module must be importable.
         """
         self._tracker = tracker
-        self._dropped: list[int] = []
         self._workers = 0
         self._worker: WorkerProcess | None = None
         self._launch()
@@ -89,7 +90,7 @@ class ProcessTracker:
     def _launch(self) -> None:
         self.close()
         self._workers += 1
-        self._dropped = []
+        self._dropped: list[int] = []
         self._worker = WorkerProcess(f"{__package__}.tracker_worker", self._tracker)
 
     def _call(self, method: str, key: int | None, *arguments: Any) -> TrackerOutput:
