@@ -1,7 +1,4 @@
-"""Geometry on NumPy arrays: rigid transforms, point clouds, depth images and clearances.
-
-Nothing here imports pydrake.
-"""
+"""Geometry on NumPy arrays: rigid transforms, point clouds and depth images. No pydrake."""
 
 import lazy_loader
 

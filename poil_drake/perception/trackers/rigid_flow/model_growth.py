@@ -6,7 +6,7 @@ tables, fixtures and hands, because their points, moved back with the object, li
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import ren
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.appearance_model import color_features
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, assemble_model
+from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, choose_points
 from poil_drake.perception.trackers.rigid_flow.texture_patches import (
     HALF_WIDTH,
     MAX_PATCHES,
@@ -119,14 +119,8 @@ def grow_model(
         patches = patches.joined(taken, MAX_PATCHES)
     if len(surface) == len(model.surface) and len(patches) == len(model.patches):
         return model
-    return assemble_model(
-        surface,
-        patches,
-        appearance=model.appearance,
-        part_points=model.part_points,
-        contour_bias=model.contour_bias,
-        config=config,
-    )
+    aligned, support = choose_points(surface, config)
+    return replace(model, surface=surface, aligned=aligned, support=support, patches=patches)
 
 
 def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The model of the object that the tracker aligns, in the object's own frame."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,7 +53,6 @@ class ObjectModel(SharedOnCopy):
         appearance: The object's colours and what surrounded it in the first frame.
         part_points: (N, 3) the points to report [m].
         contour_bias: Distance from the model's rendered outline outward to the object's edge [px].
-        radius: Largest distance of a surface point from the origin [m].
     """
 
     surface: OrientedPoints
@@ -62,7 +62,11 @@ class ObjectModel(SharedOnCopy):
     appearance: AppearanceModel
     part_points: np.ndarray
     contour_bias: float
-    radius: float
+
+    @cached_property
+    def radius(self) -> float:
+        """The largest distance of a surface point from the origin [m]."""
+        return float(np.linalg.norm(self.surface.points, axis=1).max())
 
 
 def build_model(
@@ -117,41 +121,26 @@ def build_model(
         )
         patches = patches.joined(taken, MAX_PATCHES)
     reference_views = make_reference_views(frame, masks, X_WO)
-    model = assemble_model(
-        surface,
-        patches,
+    aligned, support = choose_points(surface, config)
+    model = ObjectModel(
+        surface=surface,
+        aligned=aligned,
+        support=support,
+        patches=patches,
         appearance=learn_appearance(frame, masks, reference_views, radius),
         part_points=query_points - origin,
         contour_bias=_contour_bias(surface, views),
-        config=config,
     )
     return model, X_WO
 
 
-def assemble_model(
-    surface: OrientedPoints,
-    patches: TexturePatches,
-    *,
-    appearance: AppearanceModel,
-    part_points: np.ndarray,
-    contour_bias: float,
-    config: RigidFlowConfig,
-) -> ObjectModel:
-    """Returns an object's model, after choosing its aligned points and support points.
-
-    The arguments are attributes of `ObjectModel`, except for `config`, the tracker's parameters.
-    """
+def choose_points(
+    surface: OrientedPoints, config: RigidFlowConfig
+) -> tuple[OrientedPoints, OrientedPoints]:
+    """Returns the surface points to align and the support points of a model."""
+    aligned = _stable_choice(surface.jacobian, config.aligned_points)
     support = farthest_point_sampling(surface.points, min(config.support_points, len(surface)))
-    return ObjectModel(
-        surface=surface,
-        aligned=surface.select(_stable_choice(surface.jacobian, config.aligned_points)),
-        support=surface.select(support),
-        patches=patches,
-        appearance=appearance,
-        part_points=part_points,
-        contour_bias=contour_bias,
-        radius=float(np.linalg.norm(surface.points, axis=1).max()),
-    )
+    return surface.select(aligned), surface.select(support)
 
 
 def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:

@@ -165,14 +165,6 @@ def _search_edges(
     The edge is where most pixels before it have the model's depth and most pixels after it are
     farther. Holes and flying pixels have little influence on its position.
 
-    Args:
-        depth: (h, w) measured depth [m].
-        u: (K,) columns of the outline pixels.
-        v: (K,) rows of the outline pixels.
-        du: (K,) directions along u.
-        dv: (K,) directions along v.
-        z: (K,) depths of the model [m].
-
     Returns:
         found: (K,) bool, whether an edge was found.
         occluded: (K,) bool, whether something is in front of the model.
