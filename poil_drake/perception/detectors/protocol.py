@@ -36,4 +36,3 @@ class Detector(Protocol):
         Raises:
             DetectionError: if a name is unknown, or if the views show too little of the part.
         """
-        ...

@@ -48,7 +48,6 @@ class Tracker(Protocol):
         Raises:
             TrackingError: if the views show too little of the object.
         """
-        ...
 
     def step(
         self,
@@ -65,4 +64,3 @@ class Tracker(Protocol):
                 frame, X_WO(t) X_WO(t_prev)^-1, e.g. from the forward kinematics of the hand that
                 holds the object. If None, the tracker extrapolates the object's velocity.
         """
-        ...
