@@ -3,8 +3,6 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
-
 _NEIGHBOURS = 16
 """Number of points in a neighbourhood, including the point itself."""
 
@@ -17,14 +15,7 @@ def pca_normals(points: np.ndarray, at: np.ndarray) -> np.ndarray:
     Args:
         points: (P, 3) points on the surface [m, camera], at least 3.
         at: (M,) indices of the points to compute normals at.
-
-    Raises:
-        InvalidValueError: if there are fewer than 3 points.
     """
-    if len(points) < 3:
-        raise InvalidValueError(
-            f"pca_normals() got only {len(points)} points.", remedy="Pass at least 3 points."
-        )
     queries = points[at]
     _, nearest = cKDTree(points).query(queries, k=min(_NEIGHBOURS, len(points)))
     arms = points[nearest] - points[nearest].mean(axis=1, keepdims=True)

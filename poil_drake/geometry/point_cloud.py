@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
@@ -80,14 +79,7 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
     Args:
         cloud: The cloud to downsample.
         voxel_size: Edge of a voxel [m], positive.
-
-    Raises:
-        InvalidValueError: if the voxel size is not positive.
     """
-    if voxel_size <= 0.0:
-        raise InvalidValueError(
-            f"The voxel size is {voxel_size} m.", remedy="Pass a positive length."
-        )
     if len(cloud) == 0:
         return cloud
     cells = np.floor(cloud.points / voxel_size).astype(np.int64)

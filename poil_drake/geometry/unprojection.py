@@ -3,8 +3,6 @@
 import cv2
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
 
@@ -80,15 +78,7 @@ def depth_normals(
     Returns:
         (H, W, 3) float32 unit normals in the optical frame. A normal is NaN if the pixel's depth is
         invalid, or if one of its neighbours is invalid, on another surface or outside the image.
-
-    Raises:
-        InvalidValueError: if `smoothing` is negative or more than twice the step.
     """
-    if not 0 <= smoothing <= 2 * step:
-        raise InvalidValueError(
-            f"depth_normals() got smoothing={smoothing} px for step={step} px.",
-            remedy="Pass a smoothing from 0 to twice the step.",
-        )
     z = np.where(np.isfinite(depth) & (depth > 0.0), depth, 0.0).astype(np.float32)
     height, width = z.shape
     if height <= 2 * step or width <= 2 * step:

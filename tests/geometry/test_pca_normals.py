@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.pca_normals import pca_normals as dut
 
 
@@ -21,8 +20,3 @@ def test_normals_of_chosen_points_equal_those_among_all():
     points = np.random.default_rng(1).normal(size=(40, 3)) + 9.0
 
     np.testing.assert_array_equal(dut(points, [3, 17]), dut(points, np.arange(40))[[3, 17]])
-
-
-def test_two_points_are_rejected():
-    with pytest.raises(InvalidValueError, match="2 points"):
-        dut(np.eye(3)[:2], np.arange(2))

@@ -64,12 +64,8 @@ def test_opposite_normals_in_a_voxel_do_not_cancel():
     assert dut.voxel_downsample(cloud, 1.0).normals.tolist() == [[0.0, 0.0, 1.0]]
 
 
-def test_empty_cloud_stays_empty_and_invalid_voxel_size_is_rejected():
-    empty = dut.PointCloud(np.empty((0, 3)))
-
-    assert len(dut.voxel_downsample(empty, 0.1)) == 0
-    with pytest.raises(InvalidValueError, match="voxel"):
-        dut.voxel_downsample(empty, 0.0)
+def test_empty_cloud_stays_empty():
+    assert len(dut.voxel_downsample(dut.PointCloud(np.empty((0, 3))), 0.1)) == 0
 
 
 def test_lone_point_is_an_outlier():

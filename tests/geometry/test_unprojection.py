@@ -1,9 +1,7 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry import unprojection as dut
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
@@ -93,11 +91,6 @@ def test_smoothing_does_not_reach_across_a_jump():
     np.testing.assert_allclose(left, np.broadcast_to([0, 0, -1.0], left.shape), atol=1e-5)
     # Beside the jump the box is one-sided, and the slope in the image changes a little over it.
     np.testing.assert_allclose(right, np.broadcast_to([-0.6, 0, -0.8], right.shape), atol=5e-3)
-
-
-def test_smoothing_that_could_reach_across_a_jump_is_rejected():
-    with pytest.raises(InvalidValueError, match="smoothing=3"):
-        dut.depth_normals(np.ones((9, 9)), K, step=1, smoothing=3)
 
 
 def test_image_smaller_than_the_step_has_no_normals():
