@@ -21,9 +21,6 @@ class RigidFlowConfig:
         free_linear_speed: Departure in translation from an extrapolated velocity [m/s].
         prior_angular_speed: Departure in rotation from a motion prior [rad/s].
         prior_linear_speed: Departure in translation from a motion prior [m/s].
-        grow: Whether the model grows in steps without a motion prior.
-        grow_with_motion_prior: Whether the model grows in steps with a motion prior. In these, a
-            hand usually holds the object. It moves with the object, so growth may add the hand.
     """
 
     aligned_points: int = 1200
@@ -32,5 +29,3 @@ class RigidFlowConfig:
     free_linear_speed: float = 0.04
     prior_angular_speed: float = float(np.radians(8.0))
     prior_linear_speed: float = 0.015
-    grow: bool = True
-    grow_with_motion_prior: bool = False

@@ -126,8 +126,8 @@ class RigidFlowTracker:
             candidate=None,
             unconfirmed=False,
         )
-        grows = self.config.grow if motion_prior is None else self.config.grow_with_motion_prior
-        if grows and evidence.may_learn:
+        # With a motion prior, a hand usually holds the object, and growth would add the hand.
+        if motion_prior is None and evidence.may_learn:
             new_state = self._learn(new_state, windows)
         return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
 
