@@ -8,21 +8,16 @@ from poil_drake.errors import DetectionError
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 
+_MIN_PART_PIXELS = 60
+"""Least number of a part's pixels in all views together. With fewer, too little would remain of the
+part after its masks are eroded."""
+
 
 class LabelImageDetector:
     """Reads masks from label images; a `Detector`.
 
     All images of a frame must have a `label`, and the frame must have `label_ids`.
     """
-
-    def __init__(self, *, min_part_pixels: int = 60):
-        """Constructs the detector.
-
-        Args:
-            min_part_pixels: Least number of a part's pixels in all views together. With fewer, too
-                little would remain of the part after its masks are eroded.
-        """
-        self._min_part_pixels = min_part_pixels
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
         """Returns the masks of the object and of its part in each view; see `Detector.detect`.
@@ -43,10 +38,10 @@ class LabelImageDetector:
         part_ids = _ids(frame, f"{object_label}/{part_label}")
         part_masks = tuple(np.isin(label, part_ids) for label in labels)
         seen = sum(int(mask.sum()) for mask in part_masks)
-        if seen < self._min_part_pixels:
+        if seen < _MIN_PART_PIXELS:
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
-                f"'{object_label}', but {self._min_part_pixels} are needed.",
+                f"'{object_label}', but {_MIN_PART_PIXELS} are needed.",
                 remedy="Turn the object, or add a camera that sees the part.",
             )
         return PartMasks(
