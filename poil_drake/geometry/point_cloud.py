@@ -1,6 +1,5 @@
 """Point clouds, their downsampling and the detection of outliers."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,33 +39,6 @@ class PointCloud(SharedOnCopy):
             None if self.normals is None else self.normals[which],
             None if self.colors is None else self.colors[which],
         )
-
-    def transformed(self, X_AB: np.ndarray) -> "PointCloud":
-        """Returns this cloud, given in frame B, expressed in frame A.
-
-        Args:
-            X_AB: (4, 4) pose of frame B in frame A.
-        """
-        R = X_AB[:3, :3]
-        return PointCloud(
-            self.points @ R.T + X_AB[:3, 3],
-            None if self.normals is None else self.normals @ R.T,
-            self.colors,
-        )
-
-
-def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Returns one cloud of the points of all clouds.
-
-    Normals are kept only if every cloud has normals, and colours only if every cloud has colours.
-    """
-    normals = [c.normals for c in clouds if c.normals is not None]
-    colors = [c.colors for c in clouds if c.colors is not None]
-    return PointCloud(
-        np.concatenate([c.points for c in clouds]),
-        np.concatenate(normals) if len(normals) == len(clouds) else None,
-        np.concatenate(colors) if len(colors) == len(clouds) else None,
-    )
 
 
 def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:

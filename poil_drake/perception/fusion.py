@@ -8,12 +8,8 @@ import numpy as np
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
 from poil_drake.geometry.pca_normals import pca_normals
-from poil_drake.geometry.point_cloud import (
-    PointCloud,
-    concatenate_clouds,
-    statistical_inliers,
-    voxel_downsample,
-)
+from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
+from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.unprojection import depth_normals, unproject
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
@@ -62,11 +58,11 @@ def fuse_views(
             f"fuse_views() got {len(masks)} masks for {len(frame.cameras)} cameras.",
             remedy="Pass one mask for each camera, all False if it does not see the object.",
         )
-    clouds = [
-        _view_cloud(camera, image, mask, config)
+    views = [
+        _view_points(camera, image, mask, config)
         for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True)
     ]
-    cloud = concatenate_clouds(clouds)
+    cloud = PointCloud(*(np.concatenate(parts) for parts in zip(*views, strict=True)))
     if len(cloud) == 0:
         marked = [int(np.count_nonzero(mask)) for mask in masks]
         raise DetectionError(
@@ -86,14 +82,15 @@ def fuse_views(
     return cloud
 
 
-def _view_cloud(
+def _view_points(
     camera: CameraModel, image: RgbdImage, mask: np.ndarray, config: FusionConfig
-) -> PointCloud:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns points [m, world], normals and colours of one view, each (P, 3)."""
     usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, config.mask)
     points, pixels = unproject(image.depth, camera.K, usable)
     colors = image.rgb[pixels[:, 1], pixels[:, 0]]
     if len(points) < 3:
-        return PointCloud(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3), dtype=np.uint8))
+        return points[:0], points[:0], colors[:0]
     # Unusable pixels are set to 0, so that no difference reaches across to the background.
     normals_image = depth_normals(
         np.where(usable, image.depth, np.float32(0.0)),
@@ -107,4 +104,4 @@ def _view_cloud(
     missing = np.flatnonzero(~np.isfinite(normals).all(axis=1))
     if missing.size:
         normals[missing] = pca_normals(points, missing)
-    return PointCloud(points, normals, colors).transformed(camera.X_WC)
+    return transform_points(camera.X_WC, points), normals @ camera.X_WC[:3, :3].T, colors

@@ -92,7 +92,7 @@ class OpenCvStreams:
     Both sources are live, or both are files. A live source is the number of a device ("0"), its
     path ("/dev/video0"), a URL, or a GStreamer pipeline if OpenCV was built with GStreamer. A file
     is a video or a pattern of numbered images ("depth_%04d.png"). OpenCV reports no capture times,
-    so the stamp of an RGB-D image is the earlier arrival of its two images, less `latency`.
+    so the stamp is the earlier arrival time of a colour and a depth image, less `latency`.
 
     The scenario's image size and `fps` are requested from devices; any other size is rejected.
 
