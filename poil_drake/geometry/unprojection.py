@@ -7,24 +7,19 @@ import numpy as np
 _TINY = np.float32(1e-6)
 
 
-def unproject(
-    depth: np.ndarray, K: np.ndarray, mask: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unprojects the pixels of a depth image to points in the camera's frame.
+def unproject(depth: np.ndarray, K: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unprojects masked pixels of a depth image to points in the camera's frame.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px]; pixel centres are at integer coordinates.
-        mask: (H, W) bool, the pixels to unproject; None for all.
+        mask: (H, W) bool, the pixels to unproject.
 
     Returns:
         points_C: (M, 3) [m, optical frame], in row-major order of the valid pixels.
         pixels: (M, 2) int, (u, v) of each point.
     """
-    valid = np.isfinite(depth) & (depth > 0.0)
-    if mask is not None:
-        valid &= mask.astype(bool)
-    v, u = np.nonzero(valid)
+    v, u = np.nonzero(mask & np.isfinite(depth) & (depth > 0.0))
     z = depth[v, u].astype(float)
     x = (u - K[0, 2] - K[0, 1] * (v - K[1, 2]) / K[1, 1]) / K[0, 0]
     y = (v - K[1, 2]) / K[1, 1]

@@ -20,7 +20,7 @@ def test_pixel_at_the_principal_point_lies_on_the_axis():
     depth = np.zeros((3, 5), dtype=np.float32)
     depth[1, 2], depth[0, 4] = 2.0, 1.0
 
-    points, pixels = dut.unproject(depth, K_even)
+    points, pixels = dut.unproject(depth, K_even, np.ones((3, 5), dtype=bool))
 
     assert pixels.tolist() == [[4, 0], [2, 1]]
     np.testing.assert_allclose(points, [[0.02, -0.01, 1.0], [0.0, 0.0, 2.0]])
@@ -39,7 +39,7 @@ def test_projection_undoes_unprojection():
     rng = np.random.default_rng(0)
     depth = rng.uniform(0.5, 2.0, size=(48, 64))
     X_WC = make_transform(rotation_exp(rng.normal(size=3)), rng.normal(size=3))
-    points_C, pixels = dut.unproject(depth, K)
+    points_C, pixels = dut.unproject(depth, K, np.ones((48, 64), dtype=bool))
 
     uv, z = dut.project(transform_points(X_WC, points_C), K, X_WC)
 
