@@ -7,7 +7,7 @@ import cv2
 
 from poil_drake.errors import CaptureError
 
-_OPEN_TIMEOUT, _READ_TIMEOUT = 5000, 1000
+_TIMEOUTS = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1000]
 """Timeouts for opening a URL and for reading an image from it [ms]. OpenCV's defaults are 30 s."""
 
 _NUMBERED = re.compile(r"%0?\d*d")
@@ -86,11 +86,7 @@ def _open(source: str) -> cv2.VideoCapture:
     if " ! " in source:
         return cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
     if "://" in source:
-        timeouts = [
-            *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT),
-            *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_TIMEOUT),
-        ]
-        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
+        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, _TIMEOUTS)
     if _NUMBERED.search(source):
         # FFmpeg, OpenCV's first choice, would convert 16-bit images to 8 bit.
         return cv2.VideoCapture(source, cv2.CAP_IMAGES)
