@@ -157,8 +157,8 @@ class RealSenseDevice:
         reason = "was not found" if wanted else f"cannot be chosen from {len(serials)} cameras"
         raise CaptureError(
             f"{self._source} {reason}; connected cameras: {', '.join(serials) or 'none'}.",
-            remedy=f"Plug {'it in' if wanted else 'in exactly one'}, or set `serial` in the scenario "
-            "to the number on the camera.",
+            remedy=f"Plug {'it in' if wanted else 'in exactly one'}, or set `serial` in the "
+            "scenario to the number on the camera.",
         )
 
     def _streams(self, serial: str) -> Any:
