@@ -1,4 +1,4 @@
-"""Rigid transforms and fits, sampling, unprojection, point clouds and clearances; no pydrake."""
+"""Geometry on NumPy arrays: rigid transforms, point clouds and depth images. No pydrake."""
 
 import lazy_loader
 

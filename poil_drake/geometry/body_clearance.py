@@ -1,4 +1,4 @@
-"""Clearance of a rigid body, given as a surface cloud, to a scene, at many poses at once."""
+"""Computes how far a rigid body is from a scene, at many poses at once."""
 
 import numpy as np
 
@@ -7,18 +7,19 @@ from poil_drake.geometry.scene_cloud import SceneCloud
 
 
 class BodyClearance:
-    """Distance of a body's cloud to a scene's points, and the body's height above the ground.
+    """Computes a body's distance from a scene's points and its height above the scene's ground.
 
     Attributes:
-        cloud: (Q, 3) the body's surface [m, body frame].
-        radius: Largest distance of the cloud's points from the frame's origin [m].
+        cloud: (Q, 3) points on the body's surface [m, body frame].
+        radius: Largest distance of these points from the body frame's origin [m].
     """
 
     def __init__(self, *, cloud: np.ndarray, scene: SceneCloud):
         """Stores the body and the scene.
 
         Args:
-            cloud: (Q, 3) the body's surface [m], not empty, with the frame's origin in its middle.
+            cloud: (Q, 3) points on the body's surface [m, body frame], at least one. Queries are
+                fastest if the frame's origin is in the middle of the body.
             scene: The obstacles and the ground.
         """
         self.cloud = cloud
@@ -26,11 +27,11 @@ class BodyClearance:
         self._scene = scene
 
     def clearance(self, X_WB: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the distance (B,) to the scene's points at poses (B, 4, 4) [m], at most `reach`.
+        """Returns the body's distance from the scene's points at each pose: (B,) [m].
 
         Args:
-            X_WB: (B, 4, 4) poses of the body.
-            reach: Largest distance of interest [m]; smaller values are faster.
+            X_WB: (B, 4, 4) poses of the body in the world.
+            reach: Larger distances are returned as this one [m]. A smaller reach is faster.
         """
         clearance = np.full(len(X_WB), reach)
         # Only poses whose bounding ball comes within reach need the body's points.
@@ -42,12 +43,12 @@ class BodyClearance:
         return clearance
 
     def height(self, X_WB: np.ndarray) -> np.ndarray:
-        """Returns the height (B,) of the body's lowest point above the ground [m].
+        """Returns the height of the body's lowest point above the ground at each pose: (B,) [m].
 
-        It is negative below the ground, and infinite without one.
+        The height is negative below the ground. It is infinite if the scene has no ground.
 
         Args:
-            X_WB: (B, 4, 4) poses of the body.
+            X_WB: (B, 4, 4) poses of the body in the world.
         """
         if self._scene.ground_height is None:
             return np.full(len(X_WB), np.inf)

@@ -1,4 +1,4 @@
-"""Read-only, validated NumPy arrays, for the types that are passed between stages."""
+"""Read-only, validated NumPy arrays for immutable value types."""
 
 from collections.abc import Sequence
 from typing import Self
@@ -20,7 +20,8 @@ def frozen_array(
     """Returns `value` as a read-only array of the required shape.
 
     Args:
-        value: Anything that `np.asarray` accepts. A writeable array is copied.
+        value: Anything that `np.asarray` accepts. It is copied unless it is already a read-only
+            array of this type that owns its data.
         name: Name of the value in errors, such as "CameraModel.K".
         shape: The required shape. An int is an exact size; a str names a free dimension, whose
             size must be the same wherever the name occurs.
@@ -51,15 +52,22 @@ def frozen_array(
     return array
 
 
-def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int | str]) -> None:
+def freeze_fields(
+    value: object,
+    *,
+    dtype: npt.DTypeLike = np.float64,
+    finite: bool = True,
+    **shapes: Sequence[int | str],
+) -> None:
     """Replaces array fields of a frozen dataclass with read-only arrays of the required shapes.
 
     Call this in `__post_init__`. A named dimension must have the same size in all fields.
 
     Args:
-        value: The instance.
+        value: The instance of the dataclass.
+        dtype: The element type of the arrays.
         finite: Whether NaN and infinity are rejected.
-        shapes: The shape of each field; see `frozen_array`.
+        shapes: The required shape of each field, by the field's name; see `frozen_array`.
 
     Raises:
         InvalidValueError: if a shape differs or a number is not finite.
@@ -70,6 +78,7 @@ def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int 
             getattr(value, name),
             name=f"{type(value).__name__}.{name}",
             shape=[sizes.get(size, size) for size in shape],
+            dtype=dtype,
             finite=finite,
         )
         sizes.update(zip(shape, array.shape, strict=True))
@@ -77,9 +86,9 @@ def freeze_fields(value: object, *, finite: bool = True, **shapes: Sequence[int 
 
 
 class SharedOnCopy:
-    """Mixin for immutable values, whose copies are the values themselves.
+    """Mixin for immutable types: `copy.copy` and `copy.deepcopy` return the object itself.
 
-    Drake clones abstract values with `copy.deepcopy`, but immutable values need no clones.
+    Drake clones abstract values with `copy.deepcopy`. Immutable values need no clones.
     """
 
     def __copy__(self) -> Self:

@@ -3,39 +3,23 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
-
 _NEIGHBOURS = 16
 """Number of points in a neighbourhood, including the point itself."""
 
 
-def pca_normals(
-    points: np.ndarray,
-    *,
-    viewpoint: np.ndarray,
-    at: np.ndarray | None = None,
-) -> np.ndarray:
-    """Returns unit normals, each the direction in which a point's neighbours spread least.
+def pca_normals(points: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Returns unit normals (M, 3) of a surface, which face the camera at the frame's origin.
+
+    A normal is the direction in which the nearest neighbours of a point spread least.
 
     Args:
-        points: (P, 3) [m], at least 3.
-        viewpoint: (3,) position that the points were seen from [m]; normals face it.
-        at: (M,) indices of the points to compute normals at; None for all.
-
-    Returns:
-        (M, 3), or (P, 3) where `at` is None.
-
-    Raises:
-        InvalidValueError: if there are fewer than 3 points.
+        points: (P, 3) points on the surface [m, camera], at least 3.
+        at: (M,) indices of the points to compute normals at.
     """
-    if len(points) < 3:
-        raise InvalidValueError(
-            f"pca_normals() got {len(points)} points.", remedy="Pass at least 3 points."
-        )
-    queries = points if at is None else points[at]
+    queries = points[at]
     _, nearest = cKDTree(points).query(queries, k=min(_NEIGHBOURS, len(points)))
     arms = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(np.swapaxes(arms, -1, -2) @ arms)
     normals = axes[..., 0]
-    away = np.einsum("mi,mi->m", normals, viewpoint - queries) < 0.0
+    away = np.einsum("mi,mi->m", normals, queries) > 0.0
     return np.where(away[:, None], -normals, normals)

@@ -1,13 +1,11 @@
 """Point clouds, their downsampling and the detection of outliers."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +27,7 @@ class PointCloud(SharedOnCopy):
         if self.normals is not None:
             freeze_fields(self, normals=self.points.shape)
         if self.colors is not None:
-            colors = frozen_array(
-                self.colors, name="PointCloud.colors", shape=self.points.shape, dtype=np.uint8
-            )
-            object.__setattr__(self, "colors", colors)
+            freeze_fields(self, dtype=np.uint8, colors=self.points.shape)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -45,41 +40,18 @@ class PointCloud(SharedOnCopy):
             None if self.colors is None else self.colors[which],
         )
 
-    def transformed(self, X_AB: np.ndarray) -> "PointCloud":
-        """Returns this cloud, which is in frame B, expressed in frame A; X_AB is (4, 4)."""
-        R = X_AB[:3, :3]
-        return PointCloud(
-            self.points @ R.T + X_AB[:3, 3],
-            None if self.normals is None else self.normals @ R.T,
-            self.colors,
-        )
-
-
-def concatenate_clouds(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Returns one cloud of all points; normals and colours are kept if all clouds have them."""
-    normals = [c.normals for c in clouds if c.normals is not None]
-    colors = [c.colors for c in clouds if c.colors is not None]
-    return PointCloud(
-        np.concatenate([c.points for c in clouds]),
-        np.concatenate(normals) if len(normals) == len(clouds) else None,
-        np.concatenate(colors) if len(colors) == len(clouds) else None,
-    )
-
 
 def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
-    """Returns the mean of the points in each occupied voxel, in lexicographic order of the voxels.
+    """Returns a cloud with one point for each occupied voxel: the mean of the points in the voxel.
 
-    Normals are averaged and normalised. If they cancel (two faces of a thin wall in one voxel), the
-    first point's normal is used.
+    Colours are averaged; normals are averaged and normalised. If the normals of a voxel cancel, as
+    those of a thin wall's two faces do, the normal of the voxel's first point is used. The voxels
+    are in lexicographic order.
 
     Args:
-        cloud: The cloud.
+        cloud: The cloud to downsample.
         voxel_size: Edge of a voxel [m], positive.
     """
-    if voxel_size <= 0.0:
-        raise InvalidValueError(
-            f"The voxel size is {voxel_size} m.", remedy="Pass a positive length."
-        )
     if len(cloud) == 0:
         return cloud
     cells = np.floor(cloud.points / voxel_size).astype(np.int64)
@@ -109,13 +81,13 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
 def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: float) -> np.ndarray:
     """Returns which points (P,) bool are not statistical outliers.
 
-    A point is an outlier if its mean distance to its neighbours is more than `deviations` standard
-    deviations above the mean over the cloud.
+    A point is an outlier if its mean distance to its nearest neighbours is more than `deviations`
+    standard deviations above the cloud's average of that distance.
 
     Args:
         points: (P, 3) [m].
-        neighbours: Number of neighbours; a cloud of at most this many points has no outliers.
-        deviations: Number of standard deviations.
+        neighbours: Number of neighbours. A cloud of at most this many points has no outliers.
+        deviations: Threshold [standard deviations].
     """
     if len(points) <= neighbours:
         return np.ones(len(points), dtype=bool)

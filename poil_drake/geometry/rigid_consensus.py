@@ -1,4 +1,4 @@
-"""Which points moved as one rigid body, and which did not."""
+"""Finds the points that moved together as one rigid body, in the presence of outliers."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -10,16 +10,15 @@ from poil_drake.geometry.rigid_fit import squared_motion_errors
 from poil_drake.geometry.rigid_transform import cross
 
 _EXHAUSTIVE_COUNT = 10
-"""Up to this many points all sets of three are tried, 120 at most, so that nothing is left to
-chance."""
+"""With at most this many points, every set of three points is tried: at most 120 sets."""
 
 _TRIALS = 200
-"""Random sets with more points. With 40 % outliers the probability that all of them contain an
-outlier is below 1e-20."""
+"""Number of sets that are drawn at random if there are more points than `_EXHAUSTIVE_COUNT`. If
+40 % of the points are outliers, every set contains an outlier with a probability below 1e-20."""
 
 _MIN_ASPECT = 0.1
-"""Sets whose triangle is thinner than this, height over longest side, propose nothing, because
-noise dominates their rotation."""
+"""Least height of a set's triangle, as a fraction of the longest side. Noise would dominate the
+rotation that a thinner triangle proposes."""
 
 
 def rigid_inliers(
@@ -27,14 +26,14 @@ def rigid_inliers(
 ) -> np.ndarray:
     """Returns which points (N,) bool move from source to target by one rigid motion.
 
-    If the best rigid motion of all points leaves every residual within the inlier distance, all
-    points are inliers. Otherwise see `consensus`.
+    If the best rigid motion of all points leaves every residual within the inlier distance, or if
+    there are fewer than 4 points, all points are inliers. Otherwise `consensus` decides.
 
     Args:
         source: (N, 3) points [m].
         target: (N, 3) their positions after the motion [m].
-        weights: (N,) positive.
-        inlier_distance: Largest distance of an inlier from where the motion puts it [m].
+        weights: (N,) positive weights of the points.
+        inlier_distance: Largest distance between an inlier's target and its moved source [m].
     """
     limit = inlier_distance**2
     squares = squared_motion_errors(source, target, weights / weights.sum())
@@ -46,7 +45,10 @@ def rigid_inliers(
 def rigid_consensus(
     source: np.ndarray, target: np.ndarray, weights: np.ndarray, inlier_distance: float
 ) -> np.ndarray:
-    """Returns `consensus` on a rigid motion; the arguments are those of `rigid_inliers`."""
+    """Returns which points (N,) bool the `consensus` on a rigid motion includes.
+
+    The arguments are those of `rigid_inliers`.
+    """
     triples = choose_triples(source)
     return consensus(
         triples,
@@ -64,19 +66,20 @@ def consensus(
     limit: float,
     refit: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """Returns the points (N,) bool that one motion explains, by RANSAC.
+    """Returns which points (N,) bool are explained by one motion, found by RANSAC.
 
     Each set of three points proposes a motion. The motion with the least truncated cost (MSAC,
-    Torr and Zisserman 2000) determines the inliers, and their best motion may add others. Where
-    nothing is proposed, all are inliers.
+    Torr and Zisserman 2000) determines the inliers. A motion is then fitted to these inliers; if it
+    explains more points than before, these points are returned. If there are no sets, all points
+    are inliers.
 
     Args:
-        triples: (K, 3) the sets.
-        squares: (N, K) squared residuals of the motions that they propose.
-        weights: (N,) positive.
+        triples: (K, 3) indices of the points in each set.
+        squares: (N, K) squared residuals of the points under the motion that each set proposes.
+        weights: (N,) positive weights of the points.
         limit: Largest squared residual of an inlier.
-        refit: Returns the squared residuals (N,) of the best motion, given shares (N,) of the
-            points that add up to 1.
+        refit: Fits a motion to points that are weighted by shares (N,), which add up to 1. It
+            returns the squared residuals (N,) of that motion.
     """
     if len(triples) == 0:
         return np.ones(len(weights), dtype=bool)
@@ -89,7 +92,11 @@ def consensus(
 
 
 def choose_triples(points: np.ndarray) -> np.ndarray:
-    """Returns the indices (K, 3) of the sets of points (N, 3) that span a wide enough triangle."""
+    """Returns the indices (K, 3) of sets of three points that span a wide enough triangle.
+
+    Args:
+        points: (N, 3) [m].
+    """
     triples = _triples(len(points))
     corners = points.T.take(triples.T, axis=1)
     sides = corners.take([1, 2, 0], axis=1) - corners
@@ -110,8 +117,8 @@ def _triples(count: int) -> np.ndarray:
 def _triangle_motion_errors(points: np.ndarray, triples: np.ndarray) -> np.ndarray:
     """Returns the squared residuals (N, K) [m^2] of the motions that K triangles propose.
 
-    A motion takes a triangle's centroid and frame from source to target, so a residual is the
-    difference of a point's coordinates in the two frames.
+    A motion maps a triangle's centroid and axes from the source to the target. The residual of a
+    point is therefore the difference between its coordinates in the triangle's two frames.
 
     Args:
         points: (2, N, 3) source and target [m].
@@ -130,6 +137,6 @@ def _triangle_motion_errors(points: np.ndarray, triples: np.ndarray) -> np.ndarr
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Returns vectors (2, 3, K) of unit length; null vectors stay null."""
+    """Returns vectors (2, 3, K), scaled to unit length along axis 1; null vectors stay null."""
     squares = (vectors * vectors).sum(axis=1, keepdims=True)
     return vectors / np.sqrt(np.maximum(squares, 1e-24))

@@ -7,9 +7,9 @@ from poil_drake.geometry.rigid_transform import make_transform, skew
 
 
 def _rotation_terms() -> np.ndarray:
-    """Returns the factors (16, 9) of q_a q_b in the rotation matrix of a quaternion q.
+    """Returns the matrix (16, 9) that maps the products q_a q_b of a quaternion q to its rotation.
 
-    With q = (w, u), R = (w^2 - |u|^2) I + 2 u u^T + 2 w [u].
+    With q = (w, u), the rotation is R = (w^2 - |u|^2) I + 2 u u^T + 2 w [u].
     """
     identity = np.eye(3)
     terms = np.zeros((4, 4, 3, 3))
@@ -24,32 +24,33 @@ _ROTATION_TERMS = _rotation_terms()
 
 
 def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """Returns X (..., 4, 4) that minimises sum_i w_i |target_i - X source_i|^2.
+    """Returns the rigid X (..., 4, 4) with the least sum_i w_i |target_i - X source_i|^2.
 
-    The problem of Kabsch (1976). If the points do not determine the rotation (fewer than 3, or
-    collinear), any one of the best rotations is returned.
+    This is the problem of Kabsch (1976). If the points do not determine the rotation, because there
+    are fewer than 3 or because they are collinear, one of the best rotations is returned.
 
     Args:
-        source: (..., N, 3) points.
-        target: (..., N, 3) their targets.
-        weights: (..., N) non-negative; None for all equal. A point of weight zero may be NaN.
+        source: (..., N, 3) points [m].
+        target: (..., N, 3) their targets [m].
+        weights: (..., N) non-negative; None for equal weights. A point of weight zero may be NaN.
 
     Raises:
-        InvalidValueError: if the shapes disagree, a weight is negative or NaN, or all are zero.
+        InvalidValueError: if the shapes disagree, if a weight is negative or NaN, or if all weights
+            are zero.
     """
     source = np.asarray(source, dtype=float)
     target = np.asarray(target, dtype=float)
     w = np.ones(source.shape[-2]) if weights is None else np.asarray(weights, dtype=float)
     total = np.sum(w, axis=-1, keepdims=True)
-    shapes = (*w.shape[-1:], 3)
-    if not source.shape[-2:] == target.shape[-2:] == shapes or not (
-        np.all(w >= 0.0) and np.all(total > 0.0)
-    ):
+    if not source.shape[-2:] == target.shape[-2:] == (*w.shape[-1:], 3):
         raise InvalidValueError(
-            f"kabsch() got a source of shape {source.shape}, a target of shape {target.shape} and "
-            f"weights {w}.",
-            remedy="Pass two sets (N, 3) of corresponding points and one non-negative weight for "
-            "each, at least one positive.",
+            f"kabsch() got points of the shapes {source.shape} and {target.shape} and weights of "
+            f"the shape {w.shape}.",
+            remedy="Pass two sets (N, 3) of corresponding points and N weights.",
+        )
+    if not (np.all(w >= 0.0) and np.all(total > 0.0)):
+        raise InvalidValueError(
+            f"kabsch() got the weights {w}.", remedy="Pass non-negative weights, not all zero."
         )
     if weights is not None:
         # Points that were not observed are NaN, and NaN times zero is NaN.
@@ -62,12 +63,12 @@ def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = 
 
 
 def squared_motion_errors(source: np.ndarray, target: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Returns the squared residuals (..., N) [m^2] of the best rigid motion, that of `kabsch`.
+    """Returns the squared residuals (..., N) [m^2] that the rigid motion of `kabsch` leaves.
 
     Args:
         source: (..., N, 3) finite points [m].
         target: (..., N, 3) their finite targets [m].
-        shares: (..., N) weights, which add up to 1.
+        shares: (..., N) weights that add up to 1.
     """
     row = shares[..., None, :]
     x, y = source - row @ source, target - row @ target

@@ -29,14 +29,15 @@ def inverse(X: np.ndarray) -> np.ndarray:
 
 
 def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns transformed points (..., 3).
+    """Transforms points from frame B to frame A.
 
     Args:
-        X: (4, 4) X_AB, or (T, ..., 4, 4) to apply each of many transforms to sets (N, 3).
-        points: (..., 3) p_B [m]; if X has leading dimensions, (..., N, 3).
+        X: X_AB: (4, 4), or (..., 4, 4) for many transforms.
+        points: p_B [m]: (..., 3) for one transform. For many, sets (..., N, 3) of points, whose
+            leading dimensions broadcast with those of X.
 
     Returns:
-        p_A [m]: (..., 3) for one transform, (T, ..., N, 3) for many.
+        p_A [m]: (..., 3) for one transform, (..., N, 3) for many.
     """
     R = X[..., :3, :3]
     if X.ndim == 2:
@@ -45,9 +46,9 @@ def transform_points(X: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Returns a x b of broadcastable arrays (...), whose `axis` holds the three coordinates.
+    """Returns the cross product a x b of broadcastable arrays with the coordinates on `axis`.
 
-    `np.cross` takes three times as long.
+    It takes a third of the time of `np.cross`.
     """
     y, z = [1, 2, 0], [2, 0, 1]
     return a.take(y, axis) * b.take(z, axis) - a.take(z, axis) * b.take(y, axis)
@@ -67,7 +68,7 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 
 def vee(S: np.ndarray) -> np.ndarray:
-    """Returns the vectors (..., 3) of the skew parts of S (..., 3, 3): the inverse of `skew`."""
+    """Returns the vectors (..., 3) whose `skew` is the skew-symmetric part of S (..., 3, 3)."""
     return 0.5 * np.stack(
         [
             S[..., 2, 1] - S[..., 1, 2],
@@ -81,8 +82,8 @@ def vee(S: np.ndarray) -> np.ndarray:
 def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
     """Returns the rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad].
 
-    Rodrigues' formula, R = I + (sin t / t) [w] + ((1 - cos t) / t^2) [w]^2 with t = |w|. Both
-    factors are written with sinc, which has full precision at t = 0.
+    By Rodrigues' formula, R = I + (sin t / t) [w] + ((1 - cos t) / t^2) [w]^2 with t = |w|. Both
+    factors are computed with sinc, which has full precision at t = 0.
     """
     w = np.asarray(rotation_vector, dtype=float)
     angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
@@ -94,10 +95,10 @@ def rotation_exp(rotation_vector: np.ndarray) -> np.ndarray:
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Returns quaternions (..., 4) (w, x, y, z), of any length and sign, of matrices (..., 3, 3).
+    """Returns quaternions (w, x, y, z), (..., 4), of rotation matrices (..., 3, 3).
 
-    Of the four formulas, each matrix uses the one with the largest divisor (Shepperd's method),
-    which is accurate for all angles, including pi.
+    The quaternions have arbitrary length and sign. Shepperd's method chooses, for each matrix, the
+    formula with the largest divisor, so it is accurate at all angles, including pi.
     """
     R = np.asarray(rotation, dtype=float)
     # Four times the outer product q q^T.
@@ -118,9 +119,10 @@ def quaternion(rotation: np.ndarray) -> np.ndarray:
 
 
 def rotation_log(rotation: np.ndarray) -> np.ndarray:
-    """Returns the rotation vectors (..., 3) [rad], no longer than pi, of matrices (..., 3, 3).
+    """Returns the rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3).
 
-    At exactly pi one of the two opposite vectors is returned.
+    Their length is at most pi. A rotation by exactly pi has two opposite vectors; one of them is
+    returned.
     """
     q = quaternion(rotation)
     q = np.where(q[..., :1] < 0.0, -q, q)
@@ -140,12 +142,15 @@ def rotation_angle(rotation: np.ndarray) -> np.ndarray:
 
 
 def moved_by_twist(X: np.ndarray, V: np.ndarray, origin: np.ndarray, duration: float) -> np.ndarray:
-    """Returns poses X after a step in which the body turns about a point that moves straight.
+    """Returns the poses of bodies after a step with constant twists.
+
+    In the step, a body turns about a point that moves along a straight line.
 
     Args:
         X: (..., 4, 4) poses before the step.
-        V: (..., 6) (omega [rad/s], v [m/s]) at that point, in the base frame of X.
-        origin: (..., 3) the point before the step, in the same frame [m].
+        V: (..., 6) twists (omega [rad/s], v [m/s]) in the base frame of X, where v is the velocity
+            of the point.
+        origin: (..., 3) positions of the point before the step [m], in the base frame of X.
         duration: Duration of the step [s].
     """
     turns = rotation_exp(V[..., :3] * duration)

@@ -15,8 +15,8 @@ class SceneCloud:
     `measured`.
 
     Attributes:
-        points: (P, 3) obstacle points [m, world], without the ground's.
-        ground_height: Height of the ground [m]; None without a ground.
+        points: (P, 3) obstacle points [m, world]; points of the ground are not among them.
+        ground_height: Height of the ground in the world [m]; None if there is no ground.
     """
 
     def __init__(
@@ -30,10 +30,10 @@ class SceneCloud:
 
         Args:
             points: (P, 3) surface points of all obstacles [m, world].
-            ground_height: Height of the table in the world [m]. It is modelled as a plane because
-                cameras see only part of it. None for no table.
-            ground_thickness: Points less than this above the ground belong to it [m]; about a depth
-                camera's noise.
+            ground_height: Height of the ground, e.g. a table, in the world [m]; None for no ground.
+                The ground is modelled as a plane because cameras see only part of it.
+            ground_thickness: Points up to this height above the ground count as ground [m]. The
+                default is about a depth camera's noise.
         """
         points = frozen_array(points, name="SceneCloud.points", shape=("P", 3))
         if ground_height is not None:
@@ -45,32 +45,39 @@ class SceneCloud:
 
     @cached_property
     def spacing(self) -> float:
-        """Typical distance between neighbouring points [m]; 0 with fewer than two."""
+        """The median distance from a point to its nearest neighbour [m]; 0 without neighbours."""
         if len(self.points) < 2:
             return 0.0
         subset = self.points[:: max(len(self.points) // 2000, 1)]
         return float(np.median(self._tree.query(subset, k=2)[0][:, 1]))
 
     def measured(self, clearance: float) -> float:
-        """Returns the distance to the points that guarantees a clearance to the surface [m].
+        """Returns the distance from the points that guarantees a clearance from the surface [m].
 
-        A point of a flat surface is at most spacing / sqrt(2) from a sample of a square pattern,
-        so a distance d to the samples leaves at least sqrt(d^2 - spacing^2 / 2) to the surface.
+        If the points form a square grid on a flat surface, every place on the surface is within
+        spacing / sqrt(2) of a point. A distance d from the points therefore leaves a clearance of
+        at least sqrt(d^2 - spacing^2 / 2).
+
+        Args:
+            clearance: Required distance from the surface [m].
         """
         return float(np.sqrt(clearance**2 + 0.5 * self.spacing**2))
 
     def distance_to_points(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the distance from each given point to the scene's points [m], at most `reach`.
+        """Returns the distance (...) from each query point to the nearest obstacle point [m].
 
         Args:
             points: (..., 3) query points [m, world].
-            reach: Largest distance of interest [m]; smaller values are faster.
+            reach: Larger distances are returned as this one [m]. A smaller reach is faster.
         """
         distance, _ = self._tree.query(points, distance_upper_bound=reach)
         return np.minimum(distance, reach)
 
     def distance(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the distances to the scene's points and the ground [m], negative below it."""
+        """Returns the distance (...) to the nearest obstacle point or the ground [m].
+
+        It is negative below the ground. The arguments are those of `distance_to_points`.
+        """
         distance = self.distance_to_points(points, reach)
         if self.ground_height is None:
             return distance
@@ -81,12 +88,22 @@ class SceneCloud:
         return self._with(np.concatenate([self.points, points]))
 
     def without_points(self, points: np.ndarray, padding: float) -> "SceneCloud":
-        """Returns the scene without its points within `padding` [m] of the given points (Q, 3)."""
+        """Returns the scene without obstacle points near the given points.
+
+        Args:
+            points: (Q, 3) [m, world].
+            padding: Obstacle points closer than this to one of `points` are removed [m].
+        """
         distance, _ = cKDTree(points).query(self.points, distance_upper_bound=padding)
         return self._with(self.points[np.isinf(distance)])
 
     def without_balls(self, centers: np.ndarray, radii: np.ndarray) -> "SceneCloud":
-        """Returns the scene without its points in balls of centres (S, 3) and radii (S,) [m]."""
+        """Returns the scene without the obstacle points inside balls.
+
+        Args:
+            centers: (S, 3) centres of the balls [m, world].
+            radii: (S,) their radii [m].
+        """
         inside = self._tree.query_ball_point(centers, radii)
         keep = np.ones(len(self.points), dtype=bool)
         keep[np.concatenate([np.asarray(found, dtype=int) for found in inside])] = False

@@ -3,30 +3,23 @@
 import cv2
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
 
 
-def unproject(
-    depth: np.ndarray, K: np.ndarray, mask: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unprojects the pixels of a depth image to points in the camera's frame.
+def unproject(depth: np.ndarray, K: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unprojects masked pixels of a depth image to points in the camera's frame.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px]; pixel centres are at integer coordinates.
-        mask: (H, W) bool, the pixels to unproject; None for all.
+        mask: (H, W) bool, the pixels to unproject.
 
     Returns:
         points_C: (M, 3) [m, optical frame], in row-major order of the valid pixels.
         pixels: (M, 2) int, (u, v) of each point.
     """
-    valid = np.isfinite(depth) & (depth > 0.0)
-    if mask is not None:
-        valid &= mask.astype(bool)
-    v, u = np.nonzero(valid)
+    v, u = np.nonzero(mask & np.isfinite(depth) & (depth > 0.0))
     z = depth[v, u].astype(float)
     x = (u - K[0, 2] - K[0, 1] * (v - K[1, 2]) / K[1, 1]) / K[0, 0]
     y = (v - K[1, 2]) / K[1, 1]
@@ -62,33 +55,25 @@ def depth_normals(
 ) -> np.ndarray:
     """Returns unit surface normals of a depth image, facing the camera.
 
-    The normal is the cross product of central differences of the unprojected points, which is exact
-    for planes. With z- and z+ the depths at s pixels to either side of a pixel and
-    g = (z+ - z-) / (z+ + z-) / s along each axis, that product is parallel to
+    A normal is the cross product of central differences of the unprojected points, which is exact
+    for planes. Let z- and z+ be the depths at s pixels to either side of a pixel, and let
+    g = (z+ - z-) / (z+ + z-) / s along each image axis. The product is then parallel to
     (fx gu, fy gv, -1 - (u - cx) gu - (v - cy) gv), so the points need not be computed.
 
     Args:
         depth: (H, W) depth along the optical axis [m]; 0, NaN and infinity are invalid.
         K: (3, 3) intrinsic matrix [px], without skew.
         step: Distance s of the compared neighbours from the pixel [px]. Larger steps average noise.
-        smoothing: Half width of a box over which g is averaged [px]; 0 for none. At most twice the
-            step, the width of the strip without normals along a jump, so that the box never reaches
-            the other surface.
-        relative_jump: Neighbours whose depths differ by more than this fraction, per pixel of step,
-            lie on another surface.
+        smoothing: Half width of a box over which g is averaged [px]; 0 for no averaging. At most
+            twice the step: a strip of this width along a depth jump has no normals, so the box
+            never reaches the other surface.
+        relative_jump: A neighbour is on another surface if its depth differs from the pixel's by
+            more than this fraction for each pixel of the step.
 
     Returns:
-        (H, W, 3) float32 unit normals in the optical frame. NaN if the depth is invalid, or a
-        neighbour is invalid, on another surface or outside the image.
-
-    Raises:
-        InvalidValueError: if `smoothing` is negative or more than twice the step.
+        (H, W, 3) float32 unit normals in the optical frame. A normal is NaN if the pixel's depth is
+        invalid, or if one of its neighbours is invalid, on another surface or outside the image.
     """
-    if not 0 <= smoothing <= 2 * step:
-        raise InvalidValueError(
-            f"depth_normals() got smoothing={smoothing} px for step={step} px.",
-            remedy="Pass a smoothing from 0 to twice the step.",
-        )
     z = np.where(np.isfinite(depth) & (depth > 0.0), depth, 0.0).astype(np.float32)
     height, width = z.shape
     if height <= 2 * step or width <= 2 * step:

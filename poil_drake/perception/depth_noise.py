@@ -1,4 +1,4 @@
-"""The depth errors of a stereo camera: noise, flying pixels and holes, for rendered images."""
+"""Adds the depth errors of a stereo camera to rendered images: noise, flying pixels and holes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,27 +27,30 @@ _LIMITS = {
 class StereoDepthNoiseConfig:
     """The errors of a stereo camera.
 
-    Stereo measures disparity, which is proportional to inverse depth, so noise of constant size in
-    disparity grows with the square of the depth.
+    Stereo measures disparity, which is proportional to inverse depth. If the noise of the disparity
+    is constant, the noise of the depth grows with the square of the depth.
 
     Attributes:
-        enabled: If False, no noise is added; invalid pixels are still set to 0.
+        enabled: If False, no errors are added; invalid pixels are still set to 0.
         quadratic: Factor k [1/m] in the standard deviation k z^2 of the depth z. 0.0015 is 1.5 mm
             at 1 m and 0.6 mm at 0.65 m, as for a ZED.
-        correlation_length: Pitch of the grid of independent errors [px], between which the noise
-            is interpolated: stereo matches windows, so errors of neighbours are correlated.
+        correlation_length: Pitch of a grid of independent errors [px]. The noise is interpolated
+            between the nodes of the grid, because stereo matches windows and neighbouring pixels
+            therefore have correlated errors.
         inverse_depth_step: Quantization step of the inverse depth [1/m]; 0 for none. A focal length
             of 460 px, a baseline of 0.12 m and disparity steps of 1/32 px give 0.0006.
         edge_jump: Neighbouring pixels are at an edge if their depths differ by more than this
             fraction of the smaller depth.
-        flying_width: Distance from an edge within which pixels may fly, that is, get a depth
-            between the two surfaces [px].
-        flying_probability: Share of those pixels that fly.
-        hole_width: Distance from an edge, on the farther surface, within which pixels may be lost,
-            because the second camera does not see them [px].
-        hole_probability: Share of those pixels that are lost.
-        blob_count: Mean number of elliptical holes per image, from reflections and plain surfaces.
-        blob_radius: Smallest and largest semi-axis of these holes [px].
+        flying_width: Distance from an edge [px] within which pixels may fly, that is, get a depth
+            between the two surfaces.
+        flying_probability: Probability that a pixel within `flying_width` of an edge flies.
+        hole_width: Distance from an edge [px] within which pixels of the farther surface may be
+            lost, because the second camera does not see them.
+        hole_probability: Probability that a pixel of the farther surface within `hole_width` of an
+            edge is lost.
+        blob_count: Mean number of elliptical holes per image. In real images, reflections and
+            surfaces without texture cause such holes.
+        blob_radius: Smallest and largest semi-axis of the elliptical holes [px].
         min_depth: Depth below which pixels are lost [m].
         max_depth: Depth above which pixels are lost [m].
     """
@@ -72,8 +75,8 @@ class StereoDepthNoiseConfig:
             if not (low <= value <= high and np.isfinite(value)):
                 raise InvalidValueError(
                     f"StereoDepthNoiseConfig.{name} is {value}.",
-                    remedy=f"It must be finite and at least {low}"
-                    f"{f', and at most {high}' if high < np.inf else ''}.",
+                    remedy=f"Set a finite number of at least {low}"
+                    f"{f' and at most {high}' if high < np.inf else ''}.",
                 )
         if not 0.0 < self.min_depth < self.max_depth:
             raise InvalidValueError(
@@ -84,14 +87,14 @@ class StereoDepthNoiseConfig:
         if not 0 <= self.blob_radius[0] <= self.blob_radius[1]:
             raise InvalidValueError(
                 f"StereoDepthNoiseConfig.blob_radius is {self.blob_radius} px.",
-                remedy="Set the smallest radius, at least 0, then the largest.",
+                remedy="Set (smallest, largest) with 0 <= smallest <= largest.",
             )
 
 
 def apply_stereo_depth_noise(
     depth: np.ndarray, config: StereoDepthNoiseConfig, seed: Sequence[int] | int
 ) -> np.ndarray:
-    """Returns the depth that a stereo camera would measure.
+    """Returns the depth image that a stereo camera would measure.
 
     Args:
         depth: (H, W) true depth along the optical axis [m]; 0, NaN and infinity are invalid.
@@ -127,7 +130,7 @@ def apply_stereo_depth_noise(
 def _disturb_edges(
     w: np.ndarray, valid: np.ndarray, config: StereoDepthNoiseConfig, rng: np.random.Generator
 ) -> None:
-    """Adds flying pixels to the inverse depth `w` (H, W) and holes to `valid` (H, W)."""
+    """Adds flying pixels to the inverse depth `w` (H, W) [1/m] and holes to `valid` (H, W) bool."""
     chance = np.frombuffer(rng.bytes(w.size), dtype=np.uint8).reshape(w.shape)
     ratio = np.float32(1.0 + config.edge_jump)
     if config.hole_width > 0:
@@ -161,7 +164,7 @@ def _punch_holes(
 def _correlated_noise(
     shape: tuple[int, ...], config: StereoDepthNoiseConfig, rng: np.random.Generator
 ) -> np.ndarray:
-    """Returns noise (H, W) of the inverse depth, interpolated between the nodes of a grid."""
+    """Returns noise (H, W) of the inverse depth [1/m], interpolated between nodes of a grid."""
     height, width = shape
     pitch = config.correlation_length
     # The grid has two more nodes than the image, so that every pixel lies between nodes.

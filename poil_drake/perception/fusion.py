@@ -8,12 +8,8 @@ import numpy as np
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
 from poil_drake.geometry.pca_normals import pca_normals
-from poil_drake.geometry.point_cloud import (
-    PointCloud,
-    concatenate_clouds,
-    statistical_inliers,
-    voxel_downsample,
-)
+from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
+from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.unprojection import depth_normals, unproject
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
@@ -24,10 +20,10 @@ _NORMAL_SMOOTHING = 2  # half width of the box that smooths normals [px]
 
 @dataclass(frozen=True, kw_only=True)
 class FusionConfig:
-    """How views are cleaned and merged.
+    """How to clean and merge the views.
 
     Attributes:
-        mask: Which pixels of each view's mask to use.
+        mask: Which pixels to remove from each view's mask.
         voxel_size: Edge of the voxels in which points are averaged [m]; 0 keeps every point. A
             2 mm voxel holds about four pixels of each view at 0.65 m.
         outlier_neighbours: Number of neighbours used to detect an outlier; 0 keeps outliers.
@@ -41,38 +37,38 @@ class FusionConfig:
 def fuse_views(
     frame: MultiViewFrame, masks: Sequence[np.ndarray], config: FusionConfig | None = None
 ) -> PointCloud:
-    """Returns one world-frame cloud of all masked pixels, with normals and colours.
+    """Returns one cloud [m, world] of the masked pixels of all views, with normals and colours.
 
-    Normals are computed in each view and point towards its camera. The views are then joined, their
-    points averaged in voxels, and outliers removed.
+    Normals are computed in each view and point towards the view's camera. Then the views are
+    joined, points are averaged in voxels, and outliers are removed.
 
     Args:
         frame: The images.
-        masks: One (H, W) bool for each camera, in the frame's order; all False where the object is
-            not seen.
+        masks: One mask (H, W) bool for each of `frame.cameras`, in their order. The mask of a view
+            that does not show the object is all False.
         config: Parameters; None for the defaults.
 
     Raises:
-        InvalidValueError: if the number of masks is not that of the cameras.
-        DetectionError: if no usable pixel remains.
+        InvalidValueError: if there are not as many masks as cameras.
+        DetectionError: if no masked pixel has usable depth.
     """
     config = config or FusionConfig()
     if len(masks) != len(frame.cameras):
         raise InvalidValueError(
             f"fuse_views() got {len(masks)} masks for {len(frame.cameras)} cameras.",
-            remedy="Pass one mask for each camera, all False where nothing was found.",
+            remedy="Pass one mask for each camera, all False if it does not see the object.",
         )
-    clouds = [
-        _view_cloud(camera, image, mask, config)
+    views = [
+        _view_points(camera, image, mask, config)
         for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True)
     ]
-    cloud = concatenate_clouds(clouds)
+    cloud = PointCloud(*(np.concatenate(parts) for parts in zip(*views, strict=True)))
     if len(cloud) == 0:
         marked = [int(np.count_nonzero(mask)) for mask in masks]
         raise DetectionError(
-            f"No masked pixel has usable depth; the masks of the views mark {marked} pixels.",
-            remedy="Check that the cameras see the object, and that FusionConfig.mask does not "
-            "erode its masks away.",
+            f"No masked pixel has usable depth; the views' masks mark {marked} pixels.",
+            remedy="Check that the cameras see the object and measure its depth, and that "
+            "FusionConfig.mask leaves some of its pixels.",
         )
     if config.voxel_size > 0.0:
         cloud = voxel_downsample(cloud, config.voxel_size)
@@ -86,14 +82,15 @@ def fuse_views(
     return cloud
 
 
-def _view_cloud(
+def _view_points(
     camera: CameraModel, image: RgbdImage, mask: np.ndarray, config: FusionConfig
-) -> PointCloud:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns points [m, world], normals and colours of one view, each (P, 3)."""
     usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, config.mask)
     points, pixels = unproject(image.depth, camera.K, usable)
     colors = image.rgb[pixels[:, 1], pixels[:, 0]]
     if len(points) < 3:
-        return PointCloud(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3), dtype=np.uint8))
+        return points[:0], points[:0], colors[:0]
     # Unusable pixels are set to 0, so that no difference reaches across to the background.
     normals_image = depth_normals(
         np.where(usable, image.depth, np.float32(0.0)),
@@ -106,5 +103,5 @@ def _view_cloud(
     # Along borders, and on parts a few pixels wide, central differences are not available.
     missing = np.flatnonzero(~np.isfinite(normals).all(axis=1))
     if missing.size:
-        normals[missing] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
-    return PointCloud(points, normals, colors).transformed(camera.X_WC)
+        normals[missing] = pca_normals(points, missing)
+    return transform_points(camera.X_WC, points), normals @ camera.X_WC[:3, :3].T, colors

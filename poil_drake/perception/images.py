@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class CameraModel(SharedOnCopy):
         if self.width < 1 or self.height < 1:
             raise InvalidValueError(
                 f"CameraModel '{self.name}' is {self.width} x {self.height} pixels.",
-                remedy="Width and height must be at least 1.",
+                remedy="Set a width and a height of at least 1 pixel.",
             )
         freeze_fields(self, K=(3, 3), X_WC=(4, 4))
         R = self.X_WC[:3, :3]
@@ -61,14 +61,11 @@ class RgbdImage(SharedOnCopy):
     label: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        rgb = frozen_array(self.rgb, name="RgbdImage.rgb", shape=("H", "W", 3), dtype=np.uint8)
-        size = rgb.shape[:2]
-        object.__setattr__(self, "rgb", rgb)
-        depth = frozen_array(self.depth, name="RgbdImage.depth", shape=size, dtype=np.float32)
-        object.__setattr__(self, "depth", depth)
+        freeze_fields(self, dtype=np.uint8, rgb=("H", "W", 3))
+        size = self.rgb.shape[:2]
+        freeze_fields(self, dtype=np.float32, depth=size)
         if self.label is not None:
-            label = frozen_array(self.label, name="RgbdImage.label", shape=size, dtype=np.int16)
-            object.__setattr__(self, "label", label)
+            freeze_fields(self, dtype=np.int16, label=size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +76,8 @@ class MultiViewFrame(SharedOnCopy):
         cameras: The models of the V cameras.
         images: Their images, in the same order.
         label_ids: Maps each name to its render labels: "<object>" is a whole object,
-            "<object>/<part>" is a part. An object's labels include those of its parts. Empty if
-            the images have no labels.
+            "<object>/<part>" is a part. An object's labels include those of its parts. The map is
+            empty if the images have no labels.
     """
 
     cameras: tuple[CameraModel, ...]

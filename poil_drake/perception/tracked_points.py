@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.frozen_array import SharedOnCopy, frozen_array
+from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +15,7 @@ class TrackedPoints(SharedOnCopy):
     Attributes:
         positions: (N, 3) positions [m, world]; NaN where not observed.
         confidence: (N,) in [0, 1]; 0 where not observed.
-        stamp: Time of capture of the images [s].
+        stamp: Time of capture of the images that show the points [s].
     """
 
     positions: np.ndarray
@@ -23,27 +23,22 @@ class TrackedPoints(SharedOnCopy):
     stamp: float
 
     def __post_init__(self) -> None:
-        positions = frozen_array(
-            self.positions, name="TrackedPoints.positions", shape=("N", 3), finite=False
-        )
-        confidence = frozen_array(
-            self.confidence, name="TrackedPoints.confidence", shape=(len(positions),)
-        )
+        freeze_fields(self, finite=False, positions=("N", 3))
+        freeze_fields(self, confidence=self.positions.shape[:1])
+        confidence = self.confidence
         if np.any((confidence < 0.0) | (confidence > 1.0)):
             raise InvalidValueError(
-                f"TrackedPoints.confidence spans [{confidence.min()}, {confidence.max()}].",
+                f"TrackedPoints.confidence ranges from {confidence.min()} to {confidence.max()}.",
                 remedy="Pass values in [0, 1].",
             )
-        wrong = np.flatnonzero(~np.isfinite(positions).all(axis=1) & (confidence > 0.0))
+        wrong = np.flatnonzero(~np.isfinite(self.positions).all(axis=1) & (confidence > 0.0))
         if wrong.size:
             raise InvalidValueError(
-                f"TrackedPoints has confidence at non-finite positions, indices {wrong.tolist()}.",
+                f"TrackedPoints has confidence in points without a position: {wrong.tolist()}.",
                 remedy="Set the confidence of points that were not observed to 0.",
             )
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "confidence", confidence)
 
     @classmethod
     def lost(cls, count: int, stamp: float) -> "TrackedPoints":
-        """Returns `count` unobserved points."""
+        """Returns `count` points that no image shows at time `stamp` [s]."""
         return cls(np.full((count, 3), np.nan), np.zeros(count), stamp)

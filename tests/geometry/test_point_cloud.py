@@ -3,7 +3,6 @@ import pytest
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry import point_cloud as dut
-from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
 
 
 def test_cloud_is_read_only_and_checks_shapes():
@@ -13,27 +12,6 @@ def test_cloud_is_read_only_and_checks_shapes():
     assert not cloud.points.flags.writeable
     with pytest.raises(InvalidValueError, match="normals"):
         dut.PointCloud(np.zeros((2, 3)), np.zeros((3, 3)))
-
-
-def test_transform_rotates_normals_without_shifting_them():
-    cloud = dut.PointCloud(np.array([[1.0, 0, 0]]), np.array([[1.0, 0, 0]]))
-    X = make_transform(rotation_exp([0.0, 0.0, np.pi / 2.0]), [0.0, 0.0, 5.0])
-
-    moved = cloud.transformed(X)
-
-    np.testing.assert_allclose(moved.points, [[0, 1, 5]], atol=1e-15)
-    np.testing.assert_allclose(moved.normals, [[0, 1, 0]], atol=1e-15)
-
-
-def test_joined_clouds_keep_attributes_that_all_have():
-    plain = dut.PointCloud(np.zeros((1, 3)), colors=np.full((1, 3), 7))
-    full = dut.PointCloud(np.ones((2, 3)), np.eye(3)[:2], np.full((2, 3), 9))
-
-    joined = dut.concatenate_clouds([plain, full])
-
-    assert joined.points[:, 0].tolist() == [0, 1, 1]
-    assert joined.normals is None
-    assert joined.colors[:, 0].tolist() == [7, 9, 9]
 
 
 def test_selected_points_keep_normals_and_colors():
@@ -64,12 +42,8 @@ def test_opposite_normals_in_a_voxel_do_not_cancel():
     assert dut.voxel_downsample(cloud, 1.0).normals.tolist() == [[0.0, 0.0, 1.0]]
 
 
-def test_empty_cloud_stays_empty_and_invalid_voxel_size_is_rejected():
-    empty = dut.PointCloud(np.empty((0, 3)))
-
-    assert len(dut.voxel_downsample(empty, 0.1)) == 0
-    with pytest.raises(InvalidValueError, match="voxel"):
-        dut.voxel_downsample(empty, 0.0)
+def test_empty_cloud_stays_empty():
+    assert len(dut.voxel_downsample(dut.PointCloud(np.empty((0, 3))), 0.1)) == 0
 
 
 def test_lone_point_is_an_outlier():

@@ -64,14 +64,6 @@ def test_logarithm_of_identity_and_half_turns():
     np.testing.assert_allclose(np.abs(dut.rotation_log(half_turns)), np.pi * np.eye(3))
 
 
-def test_quarter_turn_about_z():
-    R = dut.rotation_exp([0.0, 0.0, np.pi / 2.0])
-    X = dut.make_transform(R, [1.0, 2.0, 3.0])
-
-    np.testing.assert_allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
-    np.testing.assert_allclose(dut.transform_points(X, np.array([1.0, 0.0, 0.0])), [1, 3, 3])
-
-
 def test_many_at_once_equal_one_by_one():
     w = np.random.default_rng(0).normal(size=(4, 5, 3))
 

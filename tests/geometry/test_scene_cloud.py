@@ -32,21 +32,18 @@ def test_scene_without_points_is_out_of_reach():
     assert_array_equal(distance, np.full((2, 3), 0.1))
 
 
-def test_distance_to_the_ground_is_negative_below_it():
-    dut = SceneCloud(np.array([[0.0, 0.0, GROUND + 0.3]]), ground_height=GROUND)
+@pytest.mark.parametrize(
+    ("ground", "expected"), [(GROUND, [0.05, 0.02, -0.01]), (None, [0.05, 0.25, 0.25])]
+)
+def test_distance_is_to_the_points_or_the_ground_and_negative_below_it(ground, expected):
+    dut = SceneCloud(np.array([[0.0, 0.0, GROUND + 0.3]]), ground_height=ground)
     heights = np.array([0.34, 0.02, -0.01])
 
-    distance = dut.distance(np.array([0.0, 0.03, GROUND]) + heights[:, None] * [0.0, 0.0, 1.0], 1.0)
+    distance = dut.distance(
+        np.array([0.0, 0.03, GROUND]) + heights[:, None] * [0.0, 0.0, 1.0], 0.25
+    )
 
-    assert_allclose(distance, [0.05, 0.02, -0.01], atol=1e-12)
-
-
-def test_distance_without_a_ground_is_that_to_the_points():
-    dut = SceneCloud(np.array([[0.0, 0.0, 0.3]]))
-
-    distance = dut.distance(np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.25]]), 0.1)
-
-    assert_allclose(distance, [0.1, 0.05], atol=1e-12)
+    assert_allclose(distance, expected, atol=1e-12)
 
 
 def test_points_of_the_ground_are_removed():

@@ -6,7 +6,8 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.depth_noise import apply_stereo_depth_noise as dut
 
-QUIET = {"flying_probability": 0.0, "hole_probability": 0.0, "blob_count": 0.0, "quadratic": 0.0}
+EXACT = {"inverse_depth_step": 0.0, "blob_count": 0.0}
+QUIET = EXACT | {"flying_probability": 0.0, "hole_probability": 0.0, "quadratic": 0.0}
 SHAPE = (240, 320)
 
 
@@ -28,7 +29,7 @@ def distance_from_step():
 
 
 def test_deviation_grows_with_the_square_of_the_depth():
-    config = StereoDepthNoiseConfig(quadratic=0.0015, inverse_depth_step=0.0, blob_count=0.0)
+    config = StereoDepthNoiseConfig(**EXACT, quadratic=0.0015)
     depths = np.array([0.3, 0.6, 1.2, 2.4])
 
     deviations = [np.std(dut(wall(z), config, (0, 0, k)) - z) for k, z in enumerate(depths)]
@@ -39,7 +40,7 @@ def test_deviation_grows_with_the_square_of_the_depth():
 
 
 def test_noise_has_no_bias_and_one_deviation_everywhere():
-    config = StereoDepthNoiseConfig(inverse_depth_step=0.0, blob_count=0.0)
+    config = StereoDepthNoiseConfig(**EXACT)
 
     errors = np.stack([dut(wall(1.0), config, (5, k)) - 1.0 for k in range(200)])
 
@@ -54,9 +55,7 @@ def test_noise_has_no_bias_and_one_deviation_everywhere():
 
 @pytest.mark.parametrize("pitch", [1, 3, 8])
 def test_errors_of_neighbours_are_correlated_up_to_twice_the_pitch(pitch):
-    config = StereoDepthNoiseConfig(
-        correlation_length=pitch, inverse_depth_step=0.0, blob_count=0.0
-    )
+    config = StereoDepthNoiseConfig(**EXACT, correlation_length=pitch)
     errors = np.concatenate([dut(wall(1.0), config, (1, k)) - 1.0 for k in range(10)])
 
     def correlation(lag):
@@ -90,7 +89,7 @@ def test_depth_is_a_whole_number_of_steps_of_inverse_depth():
 def test_invalid_and_far_and_near_pixels_are_zero():
     depth = wall(1.0)
     depth[0, :5] = [0.0, np.inf, np.nan, 0.1, 9.0]
-    config = StereoDepthNoiseConfig(**QUIET, min_depth=0.2, max_depth=5.0, inverse_depth_step=0.0)
+    config = StereoDepthNoiseConfig(**QUIET, min_depth=0.2, max_depth=5.0)
 
     noisy = dut(depth, config, 0)
 
@@ -110,9 +109,7 @@ def test_holes_are_on_the_farther_side_of_edges_and_nowhere_else():
 
 
 def test_pixels_fly_between_the_surfaces_of_an_edge_and_nowhere_else():
-    config = StereoDepthNoiseConfig(
-        **(QUIET | {"flying_probability": 0.25}), flying_width=1, inverse_depth_step=0.0
-    )
+    config = StereoDepthNoiseConfig(**(QUIET | {"flying_probability": 0.25}), flying_width=1)
 
     noisy = dut(step_edge(0.6, 1.0), config, 0)
 
@@ -125,11 +122,8 @@ def test_pixels_fly_between_the_surfaces_of_an_edge_and_nowhere_else():
 
 
 def test_small_steps_are_not_edges():
-    config = StereoDepthNoiseConfig(
-        **(QUIET | {"hole_probability": 1.0, "flying_probability": 1.0}),
-        edge_jump=0.03,
-        inverse_depth_step=0.0,
-    )
+    certain = {"hole_probability": 1.0, "flying_probability": 1.0}
+    config = StereoDepthNoiseConfig(**(QUIET | certain), edge_jump=0.03)
 
     np.testing.assert_allclose(
         dut(step_edge(1.0, 1.02), config, 0), step_edge(1.0, 1.02), rtol=1e-6
@@ -137,9 +131,7 @@ def test_small_steps_are_not_edges():
 
 
 def test_blobs_have_the_configured_number_and_size():
-    config = StereoDepthNoiseConfig(
-        **(QUIET | {"blob_count": 2.0}), blob_radius=(3, 3), inverse_depth_step=0.0
-    )
+    config = StereoDepthNoiseConfig(**(QUIET | {"blob_count": 2.0}), blob_radius=(3, 3))
     counts, sizes = [], []
 
     for frame in range(150):

@@ -18,23 +18,20 @@ class CaptureThread:
     """Opens a camera, reads it, and keeps the newest usable image.
 
     An image is unusable if the device rejects it with a `NoImageError`, if it has the wrong size or
-    no valid depth, or if its stamp is not finite or not later than the last one since the device
-    was opened. Then `problem` describes the reason and the last image stays, so its age reveals a
-    frozen camera. The next usable image clears `problem`. A device that raises any other error is
-    closed and reopened `reopen_period` later: some cameras' libraries hold the interpreter while
-    they close or open, so neither may happen in quick succession.
+    no valid depth, or if its stamp is not finite or not later than that of the last usable image
+    since the device was opened. `problem` then gives the reason, and `newest` stays, so that its
+    age reveals a frozen camera. The next usable image clears `problem`.
+
+    If the device raises any other error, it is closed and opened again after `reopen_period`. The
+    pause limits how often this happens, because some libraries hold the interpreter meanwhile.
 
     Any thread may read the attributes, without a lock.
 
     Attributes:
         newest: The newest image; None before the first.
         count: Number of usable images so far.
-        problem: What is wrong; empty if nothing is.
+        problem: Why the camera delivers no usable image; empty if it does.
     """
-
-    newest: RgbdImage | None
-    count: int
-    problem: str
 
     def __init__(
         self,
@@ -44,7 +41,7 @@ class CaptureThread:
         size: tuple[int, int],
         reopen_period: float = 1.0,
     ):
-        """Constructs the thread; `start` starts it.
+        """Constructs the thread without starting it.
 
         Args:
             device: The camera. From now on only this thread uses it.
@@ -52,14 +49,15 @@ class CaptureThread:
             size: Required (height, width) of the images [px].
             reopen_period: Time from a failure to the next attempt to open the device [s].
         """
-        self.newest, self.count, self.problem = None, 0, ""
+        self.newest: RgbdImage | None = None
+        self.count, self.problem = 0, ""
         self._last_stamp = -math.inf
         self._device, self._size, self._reopen_period = device, size, reopen_period
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"capture_{name}", daemon=True)
 
     def start(self) -> None:
-        """Starts capturing. Call it at most once; after `close` it does nothing."""
+        """Starts the thread. Call this at most once. After `close` it does nothing."""
         if not self._ended.is_set():
             self._thread.start()
 
@@ -83,7 +81,10 @@ class CaptureThread:
             except Exception as error:  # A camera's library may raise any type.
                 self.problem = _in_one_line(error)
             self._ended.wait(self._reopen_period)
-            self._close_device()
+            try:
+                self._device.close()
+            except Exception as error:
+                self.problem = self.problem or _in_one_line(error)
 
     def _capture(self) -> None:
         while not self._ended.is_set():
@@ -117,12 +118,6 @@ class CaptureThread:
         if not image.depth.any():
             return "its depth images are empty: the lens is covered, or everything is too close"
         return ""
-
-    def _close_device(self) -> None:
-        try:
-            self._device.close()
-        except Exception as error:
-            self.problem = self.problem or _in_one_line(error)
 
 
 def _in_one_line(error: Exception) -> str:

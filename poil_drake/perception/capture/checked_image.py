@@ -6,7 +6,7 @@ from poil_drake.errors import NoImageError
 from poil_drake.perception.images import RgbdImage
 
 _TOO_FAR = 65535
-"""The 16-bit depth that means "too far", in Drake's images and those of saturated cameras."""
+"""The 16-bit depth with which Drake's images and saturated cameras mean "too far"."""
 
 
 def checked_image(
@@ -26,12 +26,12 @@ def checked_image(
         depth: (H, W) float32 [m], e.g. with NaN where nothing was measured, or uint16 [steps].
         stamp: Time of capture [s].
         size: The expected (H, W) [px].
-        source: What to call the camera in an error.
+        source: The camera's name in errors.
         depth_step: One step of uint16 depth [m]; None if depth is float32.
 
     Raises:
-        NoImageError: if an array has the wrong type or size. No array is cast: cast colour, or
-            depth in other units, would look right but be wrong.
+        NoImageError: if an array has the wrong type or size. Arrays are not cast, because depth in
+            other units, for example, would look right but be wrong.
     """
     for name, pixels, shape, dtype in (
         ("colour", rgb, (*size, 3), np.uint8),
@@ -41,8 +41,8 @@ def checked_image(
             raise NoImageError(
                 f"{source} delivers {name} of shape {pixels.shape} and type {pixels.dtype}, but "
                 f"shape {shape} and type {np.dtype(dtype)} are needed.",
-                remedy="Use a source of that type, and set the camera's size in the scenario to "
-                "the delivered one, with the calibration for it.",
+                remedy="Use a source of the needed type, and set the camera's size in the scenario "
+                "to the delivered size, with the calibration for it.",
             )
     metres = depth_in_metres(depth, step=depth_step or 0.0)
     for pixels in (rgb, metres):
@@ -54,7 +54,8 @@ def checked_image(
 def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
     """Returns depth [m] as float32, 0 where invalid.
 
-    A float is invalid if not finite or not positive, an integer if 0 or 65535 ("too far").
+    A float is invalid if it is not finite or not positive. An integer is invalid if it is 0 or
+    65535 ("too far").
 
     Args:
         raw: Depth of any shape, float32 [m] or uint16 [steps].

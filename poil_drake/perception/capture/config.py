@@ -1,7 +1,7 @@
 """Configures where a camera's images come from. Importing this loads no camera library.
 
 The names of the classes are tags in YAML, e.g. `!RealSense {serial: "913522070157"}`. A required
-value, such as a file, is empty by default and is checked when the device is constructed.
+value, such as a file, is empty by default; the constructor of the device rejects an empty one.
 """
 
 import math
@@ -14,24 +14,25 @@ from poil_drake.errors import InvalidValueError
 class RealSense:
     """An Intel RealSense; it needs `pyrealsense2`.
 
-    A stamp is the time when the read-out of the older of the two images began, half an exposure
-    time after the middle of the exposure. The library converts it from the camera's clock to this
-    computer's ("global time"). Where the camera has no global time, as with some kernels, the stamp
-    is the image's arrival less the latency (see `FramePairStamps`).
+    The stamp of a colour and a depth image is the time when the read-out of the older one began,
+    half an exposure time after the middle of its exposure. The library converts this time from the
+    camera's clock to this computer's ("global time"). With some kernels the camera has no global
+    time; the stamp is then the image's arrival less `latency` (see `FramePairStamps`).
 
     Attributes:
         serial: The serial number printed on the camera; may be empty if only one is connected.
         fps: Images per second. All models offer 30 at 640 x 480.
-        depth_width: Width of the depth sensor's own image, before it is aligned to colour [px]; 0
-            for that of the colour image. Alignment holds Python's interpreter for 1 ms at
-            640 x 480 and for 4 ms at 1280 x 720, so prefer the former beside a control loop.
-        depth_height: Height of the same image [px]; 0 for that of the colour image.
-        latency: Time from a capture to the arrival of its image [s], used only where the camera has
-            no global time. 30 ms is about one period at 30 images per second.
+        depth_width: Width of the depth image before it is aligned to colour [px]; 0 for the colour
+            image's width. Alignment holds Python's interpreter for 1 ms at 640 x 480 and for 4 ms
+            at 1280 x 720, so prefer 640 x 480 beside a control loop.
+        depth_height: Height of the depth image before it is aligned to colour [px]; 0 for the
+            colour image's height.
+        latency: Time from a capture to the arrival of its image [s], used only if the camera has no
+            global time. 30 ms is about one period at 30 images per second.
         silence: Time without a new image after which the camera is reopened [s]. Opening holds
-            the interpreter for about a second. Choose a time after which a control loop has already
-            stopped the robot because of the age of the last image.
-        settle: Images within this time after opening are dropped, while the exposure adapts [s].
+            the interpreter for about a second. Choose a time so long that a control loop has
+            already stopped the robot because the last image is too old.
+        settle: Time after opening in which images are dropped while the exposure adapts [s].
     """
 
     serial: str = ""
@@ -44,31 +45,31 @@ class RealSense:
 
     def __post_init__(self) -> None:
         _check_positive(self, "fps", "silence")
-        _check_not_negative(self, "depth_width", "depth_height", "latency", "settle")
+        _check_positive(self, "depth_width", "depth_height", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Zed:
     """A Stereolabs ZED; it needs the ZED SDK with its Python API, `pyzed`.
 
-    Colour is the rectified left image, and depth is measured from it. Images are scaled down to the
-    size in the scenario, which must have the same proportions.
+    Colour is the rectified left image, and depth is in the view of the left camera. Images are
+    scaled down to the size in the scenario, which must have the same aspect ratio.
 
     Attributes:
         serial: The serial number printed on the camera; may be 0 if only one is connected.
-        resolution: A member of `sl.RESOLUTION`, by name. HD720 has the smallest delay of those that
-            are sharp enough. ZED X models have HD1200 and SVGA instead.
-        depth_mode: A member of `sl.DEPTH_MODE`, by name. NEURAL preserves the edges of thin
+        resolution: Name of a member of `sl.RESOLUTION`. HD720 has the smallest delay of the
+            resolutions that are sharp enough. ZED X models have HD1200 and SVGA instead.
+        depth_mode: Name of a member of `sl.DEPTH_MODE`. NEURAL preserves the edges of thin
             objects, such as a handle, but ZED_Diagnostic must first have optimized it for the GPU,
             which takes minutes. PERFORMANCE needs less of the GPU.
         fps: Images per second.
         latency: Time from a capture to the SDK's stamp of its image [s]. The SDK stamps an image
-            when it arrives in memory, which its documentation puts 2 to 3 periods after the
-            capture; 67 ms is 2 periods at 30 images per second.
-        silence: Time without a new image after which the camera is reopened [s]. The SDK recovers
-            a camera itself, and closing and opening hold the interpreter for seconds, so reopening
-            is the last resort.
-        settle: Images within this time after opening are dropped, while the exposure adapts [s].
+            when it arrives in memory, 2 to 3 periods after the capture according to the SDK's
+            documentation. 67 ms is 2 periods at 30 images per second.
+        silence: Time without a new image after which the camera is reopened [s]. Reopening is a
+            last resort: the SDK recovers a camera by itself, and closing and opening hold the
+            interpreter for seconds.
+        settle: Time after opening in which images are dropped while the exposure adapts [s].
     """
 
     serial: int = 0
@@ -81,17 +82,17 @@ class Zed:
 
     def __post_init__(self) -> None:
         _check_positive(self, "fps", "silence")
-        _check_not_negative(self, "serial", "latency", "settle")
+        _check_positive(self, "serial", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenCvStreams:
-    """Any two sources that OpenCV's `VideoCapture` opens, registered to each other.
+    """A source of colour and a source of depth that OpenCV's `VideoCapture` opens.
 
-    Either both are live: the number of a device ("0"), its path ("/dev/video0"), a URL, or a
-    GStreamer pipeline (if OpenCV was built with it). Or both are files: a video or a pattern of
-    numbered images ("depth_%04d.png"). OpenCV reports no capture times, so the stamp of an image is
-    the arrival of the older of colour and depth, less the latency.
+    Both sources are live, or both are files. A live source is the number of a device ("0"), its
+    path ("/dev/video0"), a URL, or a GStreamer pipeline if OpenCV was built with GStreamer. A file
+    is a video or a pattern of numbered images ("depth_%04d.png"). OpenCV reports no capture times,
+    so the stamp is the earlier arrival time of a colour and a depth image, less `latency`.
 
     The scenario's image size and `fps` are requested from devices; any other size is rejected.
 
@@ -101,7 +102,7 @@ class OpenCvStreams:
             0 is invalid.
         depth_scale: One step of the depth [m]; most cameras count millimetres.
         latency: Time from capture to arrival [s]. Measure it, e.g. by filming a clock.
-        fps: Images per second to read from files, and to request from devices, which may have
+        fps: Images per second to read from files or to request from devices. A device may deliver
             another rate.
         rgb_fourcc: Format to request from a colour device, e.g. MJPG; empty for its default.
         depth_fourcc: Format to request from a depth device, e.g. "Y16 ".
@@ -124,7 +125,7 @@ class OpenCvStreams:
 
     def __post_init__(self) -> None:
         _check_positive(self, "depth_scale", "fps", "largest_gap", "silence")
-        _check_not_negative(self, "latency", "settle")
+        _check_positive(self, "latency", "settle", or_zero=True)
         for name in ("rgb_fourcc", "depth_fourcc"):
             code = getattr(self, name)
             if code and not (len(code) == 4 and code.isascii()):
@@ -138,9 +139,9 @@ class OpenCvStreams:
 class McapPlayback:
     """A demonstration or the log of a run, played back in real time.
 
-    It begins `lead_in` after the device is first opened. Cameras that play the same file and are
-    opened together therefore stay in step, however long the file takes to read. Each stamp is the
-    time when playback began, by the device's clock, plus the image's time in the recording.
+    Playback begins `lead_in` after the device is first opened. Cameras that play the same file and
+    are opened together therefore stay in step, however long the file takes to read. The stamp of an
+    image is the time when it is due, by the device's clock.
 
     Attributes:
         file: The MCAP file.
@@ -148,11 +149,12 @@ class McapPlayback:
         loop: Whether to start again at the end of the recording; otherwise no more images come.
         rate: Seconds of the recording that are played per second.
         lead_in: Time from opening to the first image [s], in which the file is read. Reading takes
-            about a second per minute of recording; images due before it ends are skipped.
-        labels: Whether the recording must hold label images of the camera, though not with every
-            image. Their labels must be those of the scenario's models, as in a recording with the
-            same scenario. A run waits for a labelled image that comes after the cameras are ready:
-            play a recording with few of them, e.g. a demonstration with one, in a loop that is
+            about a second per minute of recording. Images that are due before the file is read are
+            skipped.
+        labels: Whether the recording must hold label images of the camera; not every image needs
+            one. The labels must be those of the scenario's models, as in a recording with the same
+            scenario. A run waits for a labelled image that comes after the cameras are ready. If
+            few images are labelled, as in a demonstration, set `loop` and use a recording that is
             shorter than `poil.hardware.ready_timeout`.
     """
 
@@ -165,20 +167,14 @@ class McapPlayback:
 
     def __post_init__(self) -> None:
         _check_positive(self, "rate")
-        _check_not_negative(self, "lead_in")
+        _check_positive(self, "lead_in", or_zero=True)
 
 
-def _check_positive(config: object, *names: str) -> None:
+def _check_positive(config: object, *names: str, or_zero: bool = False) -> None:
     for name in names:
-        _check(config, name, getattr(config, name) > 0, "Set a positive, finite number.")
-
-
-def _check_not_negative(config: object, *names: str) -> None:
-    for name in names:
-        _check(config, name, getattr(config, name) >= 0, "Set a finite number of at least 0.")
-
-
-def _check(config: object, name: str, is_valid: bool, remedy: str) -> None:
-    value = getattr(config, name)
-    if not (is_valid and value < math.inf):
-        raise InvalidValueError(f"{type(config).__name__}.{name} is {value}.", remedy=remedy)
+        value = getattr(config, name)
+        if not (0 < value < math.inf or (or_zero and value == 0)):
+            raise InvalidValueError(
+                f"{type(config).__name__}.{name} is {value}.",
+                remedy=f"Set a positive, finite number{' or 0' if or_zero else ''}.",
+            )

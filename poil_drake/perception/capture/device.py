@@ -22,19 +22,20 @@ class CaptureDevice(Protocol):
         """Opens the camera; this may take seconds. After `close` it may be opened again.
 
         Raises:
-            CaptureError: if the camera cannot be opened; names it and what was found instead.
+            CaptureError: if the camera cannot be opened. It names the camera and what was found
+                instead.
         """
 
     def read(self) -> RgbdImage | None:
         """Waits at most PATIENCE for a new image.
 
         Returns:
-            The image, whose arrays never change again; None where none arrived.
+            The image, whose arrays never change again, or None if none arrived.
 
         Raises:
-            NoImageError: if an image is unusable, or no more images will come. The camera stays
-                open, and the next `read` may return a good image.
-            CaptureError: if the camera is gone and has to be closed and opened again.
+            NoImageError: if an image is unusable, or if no more images will come. The camera stays
+                open. After an unusable image, the next `read` may return a good one.
+            CaptureError: if the camera has failed and has to be closed and opened again.
         """
 
     def close(self) -> None:

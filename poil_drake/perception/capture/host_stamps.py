@@ -11,15 +11,15 @@ _LARGEST_OFFSET = 1.0
 from another clock."""
 
 _MAX_OLD = 30
-"""After a stall, a library delivers at most the 16 images of its queue, so this many old stamps in
-a row mean a wrong clock."""
+"""This many old stamps in a row mean a wrong clock. After a stall, a library delivers at most the
+16 images of its queue."""
 
 
 class HostStamps:
     """Converts the stamps of one camera, made by this computer's clock, to those of `clock`.
 
-    If `clock` is the computer's clock, stamps are unchanged. If it is another, e.g. a scaled one,
-    an image is as old by `clock` as by the computer's clock.
+    If `clock` is the computer's clock, stamps are unchanged. If `clock` is another clock, e.g. a
+    scaled one, an image has the same age by `clock` as by the computer's clock.
     """
 
     def __init__(self, clock: Clock, *, source: str, host_clock: Clock = time.time):
@@ -27,27 +27,25 @@ class HostStamps:
 
         Args:
             clock: The clock of the converted stamps.
-            source: What to call the camera in an error.
+            source: The camera's name in errors.
             host_clock: The computer's clock, which made the stamps.
         """
         self._clock, self._source, self._host_clock = clock, source, host_clock
         self.restart()
 
     def restart(self) -> None:
-        """Forgets the last stamp, for use after a pause in which the clock may have been reset."""
+        """Forgets the last stamp. Call this after a pause in which a clock may have been reset."""
         self._last, self._old = -math.inf, 0
-
-    def now(self) -> float:
-        """Returns the current time [s, by `host_clock`]."""
-        return self._host_clock()
 
     def convert(self, stamp: float) -> float | None:
         """Returns a stamp converted to `clock` [s], or None if the image is useless.
 
-        An image is useless if its stamp is not later than the last one: a frozen camera may deliver
-        the same image repeatedly. (Stamps are compared before conversion, since conversions of the
-        same stamp differ by microseconds.) It is also useless if it is more than a second old, as
-        after this program was suspended.
+        An image is useless if its stamp is not later than the last one, because a frozen camera may
+        deliver an image repeatedly, or if it is more than a second old, because this program may
+        have been suspended.
+
+        Args:
+            stamp: The stamp of an image [s, by `host_clock`].
 
         Raises:
             CaptureError: if the stamp is not finite or more than a second in the future, or if it
@@ -56,6 +54,7 @@ class HostStamps:
         age = self._host_clock() - stamp
         if not (math.isfinite(stamp) and age >= -_LARGEST_OFFSET):
             raise self._off(stamp, age)
+        # Conversions of the same stamp differ by microseconds, so compare before conversion.
         if stamp <= self._last:
             return None
         if age > _LARGEST_OFFSET:
@@ -68,7 +67,7 @@ class HostStamps:
 
     def _off(self, stamp: float, age: float) -> CaptureError:
         return CaptureError(
-            f"{self._source} stamped an image {stamp:.3f} s, which is {abs(age):.3f} s "
+            f"{self._source} stamped an image with {stamp:.3f} s, which is {abs(age):.3f} s "
             f"{'before' if age > 0.0 else 'after'} this computer's time.",
             remedy="Make sure that no program sets the computer's clock while cameras run, then "
             "unplug the camera and plug it in again.",

@@ -16,10 +16,11 @@ def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None
         K: (3, 3) the camera's own intrinsic matrix, for images of the model's size [px]; pixel
             centres are at integer coordinates.
         camera: The camera's model in the scenario.
-        source: What to call the camera in an error.
+        source: The camera's name in errors.
 
     Raises:
-        CaptureError: if a value differs by more than a pixel. The remedy gives the YAML.
+        CaptureError: if fx, fy, cx or cy differs by more than a pixel. The remedy is the YAML with
+            the camera's own values.
     """
     found, expected = (M[[0, 1, 0, 1], [0, 1, 2, 2]] for M in (K, camera.K))
     if np.abs(found - expected).max() <= _TOLERANCE:

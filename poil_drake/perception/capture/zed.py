@@ -19,10 +19,10 @@ from poil_drake.runtime.interpreter_turns import TURNS
 _SECONDS_PER_NANOSECOND = 1e-9
 
 _SUCCESS = 0
-"""Value of `sl.ERROR_CODE.SUCCESS`; greater values are errors, smaller ones warnings."""
+"""Value of `sl.ERROR_CODE.SUCCESS`. Errors have greater values, warnings smaller ones."""
 
 _PASSING = ("CAMERA_REBOOTING", "CORRUPTED_FRAME")
-"""Transient states without an image: the SDK is recovering the camera, or one image was bad."""
+"""Transient states without an image: the SDK recovers the camera, or one image was bad."""
 
 _OTHER_MODE = "CONFIGURATION_FALLBACK"
 """The state of a camera that is open, but not in the requested mode."""
@@ -33,16 +33,17 @@ class ZedDevice:
 
     Each warning of the SDK is logged once. See `Zed` for what the stamps mean.
 
-    Tested without the SDK and without a camera: all names are from the SDK's documentation, and the
-    values of its error codes from its C interface (5.x).
+    Tested without the SDK and without a camera. All names are from the SDK's documentation; the
+    values of its error codes are from its C interface (5.x).
     """
 
     def __init__(self, config: Zed, *, camera: CameraModel, clock: Clock):
-        """Loads the SDK; the camera is not opened.
+        """Loads the SDK without opening the camera.
 
         Args:
             config: Which camera to open, and how.
-            camera: Its model in the scenario, whose image size must not exceed the camera's.
+            camera: The camera's model in the scenario. Its image size must not exceed that of the
+                configured resolution.
             clock: Returns the current time [s since the epoch].
 
         Raises:
@@ -63,15 +64,16 @@ class ZedDevice:
         self._last_time = self._settled = 0.0
 
     def open(self) -> None:
-        """See `CaptureDevice.open`."""
+        """Opens the camera; see `CaptureDevice.open`."""
         self._stamps.restart()
         sl, config = self._sl, self._config
         self._require_optimized()
         if not config.serial and (count := len(sl.Camera.get_device_list())) != 1:
             raise CaptureError(
-                f"{self._source} {'is ambiguous' if count else 'was not found'}; connected "
-                f"cameras: {self._connected()}.",
-                remedy="Plug the camera in, and set `serial` in the scenario to the number on it.",
+                f"{self._source} cannot be chosen from {count} cameras; connected cameras: "
+                f"{self._connected()}.",
+                remedy="Plug in exactly one, or set `serial` in the scenario to the number on the "
+                "camera.",
             )
         parameters = sl.InitParameters()
         parameters.camera_resolution = self._resolution
@@ -92,8 +94,8 @@ class ZedDevice:
             raise CaptureError(
                 f"{self._source} does not open with {config.resolution} at {config.fps} images per "
                 f"second: {status.name} ({status}); connected cameras: {self._connected()}.",
-                remedy="Plug it in, choose a resolution and a rate that it supports, end other "
-                "programs that use it, and run ZED_Diagnostic.",
+                remedy="Check that it is plugged in, that it supports this resolution and rate, "
+                "and that no other program uses it. ZED_Diagnostic tests it.",
             )
         self._warn(status)
         self._output = self._output_size(camera)
@@ -101,7 +103,7 @@ class ZedDevice:
         self._settled = self._last_time + config.settle
 
     def read(self) -> RgbdImage | None:
-        """See `CaptureDevice.read`."""
+        """Returns a new image; see `CaptureDevice.read`."""
         sl, camera = self._sl, self._camera
         if camera is None or self._output is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
@@ -132,7 +134,7 @@ class ZedDevice:
         )
 
     def close(self) -> None:
-        """See `CaptureDevice.close`."""
+        """Closes the camera; see `CaptureDevice.close`."""
         camera, self._camera, self._output = self._camera, None, None
         if camera is not None:
             camera.close()
@@ -140,7 +142,7 @@ class ZedDevice:
     def _check(self, status: Any) -> None:
         if status.value > _SUCCESS:
             raise CaptureError(
-                f"{self._source} failed: {status.name} ({status}).",
+                f"{self._source} failed with the status {status.name} ({status}).",
                 remedy="Check that it is plugged in, and run ZED_Diagnostic.",
             )
         self._warn(status)
@@ -163,9 +165,10 @@ class ZedDevice:
         return ", ".join(str(device.serial_number) for device in devices) or "none"
 
     def _require_optimized(self) -> None:
-        """Rejects a depth mode whose network the SDK would first optimize, for minutes.
+        """Raises a CaptureError if the SDK would first optimize the depth mode's network.
 
-        The SDK's documentation lacks the names used here. An SDK without them is not checked.
+        The SDK's documentation does not mention the function used here. An SDK without the function
+        is not checked.
         """
         sl, mode = self._sl, self._config.depth_mode
         network = getattr(getattr(sl, "AI_MODELS", None), f"{mode}_DEPTH", None)
@@ -182,7 +185,7 @@ class ZedDevice:
             )
 
     def _output_size(self, camera: Any) -> Any:
-        """Returns the scenario's size, after checking that the images can be scaled to it."""
+        """Returns the scenario's size as an `sl.Resolution`, to which images must be scalable."""
         height, width = self._model.height, self._model.width
         configuration = camera.get_camera_information().camera_configuration
         native = configuration.resolution
@@ -190,8 +193,8 @@ class ZedDevice:
             raise CaptureError(
                 f"{self._source} has {native.width} x {native.height} pixels, which cannot be "
                 f"scaled down to the scenario's {width} x {height}.",
-                remedy="Set the camera's size in the scenario to one of the same aspect ratio and "
-                "at most that size, with the calibration for it, or choose another resolution.",
+                remedy="In the scenario, set a size that has the same aspect ratio and is not "
+                "larger, with the calibration for it, or choose another resolution.",
             )
         lens = configuration.calibration_parameters.left_cam
         K = _scaled(lens, width / native.width)
@@ -200,7 +203,7 @@ class ZedDevice:
 
 
 def _scaled(lens: Any, scale: float) -> np.ndarray:
-    """Returns the (3, 3) intrinsics of a scaled image, with pixel centres at integers."""
+    """Returns the intrinsic matrix (3, 3) of a scaled image, with pixel centres at integers."""
     return np.array(
         [
             [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],

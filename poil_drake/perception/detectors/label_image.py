@@ -1,4 +1,4 @@
-"""Finds parts by the render labels of a simulator, as a baseline for other detectors."""
+"""Detects parts by the render labels of a simulator, as a baseline for other detectors."""
 
 import difflib
 
@@ -8,30 +8,29 @@ from poil_drake.errors import DetectionError
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 
+_MIN_PART_PIXELS = 60
+"""Least number of a part's pixels in all views together. With fewer, too little would remain of the
+part after its masks are eroded."""
+
 
 class LabelImageDetector:
-    """Reads masks from label images. It requires frames with `label` images and `label_ids`."""
+    """Reads masks from label images; a `Detector`.
 
-    def __init__(self, *, min_part_pixels: int = 60):
-        """Constructs the detector.
-
-        Args:
-            min_part_pixels: A part counts as not seen if all views together show fewer pixels.
-                Erosion later removes a rim of a few pixels from the masks.
-        """
-        self._min_part_pixels = min_part_pixels
+    All images of a frame must have a `label`, and the frame must have `label_ids`.
+    """
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
-        """Returns the masks of the object and of the part in each view.
+        """Returns the masks of the object and of its part in each view; see `Detector.detect`.
 
         Raises:
-            DetectionError: if labels are missing or unknown, or too few pixels show the part.
+            DetectionError: if labels are missing or unknown, or if too few pixels show the part.
         """
         labels = [image.label for image in frame.images if image.label is not None]
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
                 f"The detector 'label_image' needs render labels, but {len(labels)} of "
-                f"{len(frame.images)} images and {len(frame.label_ids)} objects or parts have any.",
+                f"{len(frame.images)} images have labels, and {len(frame.label_ids)} labels have "
+                "a name.",
                 remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
                 "the metadata 'label_ids'.",
             )
@@ -39,10 +38,10 @@ class LabelImageDetector:
         part_ids = _ids(frame, f"{object_label}/{part_label}")
         part_masks = tuple(np.isin(label, part_ids) for label in labels)
         seen = sum(int(mask.sum()) for mask in part_masks)
-        if seen < self._min_part_pixels:
+        if seen < _MIN_PART_PIXELS:
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
-                f"'{object_label}', but {self._min_part_pixels} are needed.",
+                f"'{object_label}', but {_MIN_PART_PIXELS} are needed.",
                 remedy="Turn the object, or add a camera that sees the part.",
             )
         return PartMasks(

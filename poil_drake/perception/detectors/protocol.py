@@ -14,8 +14,8 @@ class PartMasks(SharedOnCopy):
     """Masks of an object and of its functional part.
 
     Attributes:
-        object_masks: V arrays (H, W) bool, one per view; all False if it does not show the object.
-        part_masks: V arrays (H, W) bool, subsets of `object_masks`.
+        object_masks: V masks (H, W) bool, one per view; all False if the view shows no object.
+        part_masks: V masks (H, W) bool of the part, each a subset of the view's object mask.
     """
 
     object_masks: tuple[np.ndarray, ...]
@@ -26,9 +26,13 @@ class Detector(Protocol):
     """Finds an object and its functional part in the views of one instant."""
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
-        """Returns the masks of the object and of the part in each view.
+        """Returns the masks of the object and of its part in each view.
+
+        Args:
+            frame: The views.
+            object_label: Name of the object, e.g. "mug".
+            part_label: Name of the part of the object, e.g. "handle".
 
         Raises:
-            DetectionError: if a label is unknown, or the views show too little of the part.
+            DetectionError: if a name is unknown, or if the views show too little of the part.
         """
-        ...

@@ -7,7 +7,7 @@ from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import Detector
 
 LABEL_IMAGE = "label_image"
-"""The name of the detector that reads label images."""
+"""Name of the detector that reads label images."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {LABEL_IMAGE: LabelImageDetector}
 """Constructors of the detectors, by name."""
@@ -17,7 +17,7 @@ def make_detector(name: str) -> Detector:
     """Returns a new detector of this name.
 
     Raises:
-        InvalidValueError: if no detector has this name; it lists the names.
+        InvalidValueError: if no detector has this name. The error lists the valid names.
     """
     if name not in DETECTORS:
         raise InvalidValueError(

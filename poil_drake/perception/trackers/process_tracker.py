@@ -5,6 +5,7 @@ takes its time from the first thread; in another process it uses a second core.
 """
 
 import weakref
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,35 +17,36 @@ from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
 from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
 
 
+@dataclass(frozen=True, eq=False)
 class RemoteState(SharedOnCopy):
-    """Refers to a state in the worker, which keeps that state as long as this object lives.
+    """Refers to a tracker's state in the worker, which keeps the state while this object lives.
 
     Attributes:
-        worker: Number of the worker process among those that its tracker has started.
+        worker: Number of the worker process, counted over all that the `ProcessTracker` started.
         key: Number of the state in that process.
     """
 
-    def __init__(self, worker: int, key: int):
-        self.worker, self.key = worker, key
+    worker: int
+    key: int
 
 
 class ProcessTracker:
     """Runs another tracker in a worker process; a `Tracker` itself.
 
-    The worker starts at construction, so it is ready when needed. It keeps the states; returned
-    states only refer to them. Images pass through shared memory. Calls block, but release the
-    interpreter. If the worker has died, `step` raises a TrackingError, which means that the object
-    is lost, and `start` starts a new worker. Only one thread at a time may call it.
+    The worker starts at construction, so that it is ready when needed. It keeps the tracker's
+    states; the returned states only refer to them. Images pass through shared memory. Calls block,
+    but release the interpreter. If the worker has died, `step` raises a TrackingError, which means
+    that the object is lost; `start` then starts a new worker. All methods except `abort` must be
+    called by one thread at a time.
     """
 
     def __init__(self, tracker: Tracker):
         """Starts the worker.
 
         Args:
-            tracker: The tracker. It is pickled, and its module must be importable.
+            tracker: The tracker to run. It is pickled, and its module must be importable.
         """
         self._tracker = tracker
-        self._dropped: list[int] = []
         self._workers = 0
         self._worker: WorkerProcess | None = None
         self._launch()
@@ -60,7 +62,7 @@ class ProcessTracker:
         query_points: np.ndarray,
         object_masks: tuple[np.ndarray, ...],
     ) -> TrackerOutput:
-        """See `Tracker.start`."""
+        """Starts tracking; see `Tracker.start`."""
         if self._worker is None or not self._worker.alive:
             self._launch()
         return self._call("start", None, frame, query_points, object_masks)
@@ -68,19 +70,19 @@ class ProcessTracker:
     def step(
         self, state: RemoteState, frame: MultiViewFrame, motion_prior: np.ndarray | None = None
     ) -> TrackerOutput:
-        """See `Tracker.step`."""
+        """Tracks the points to the next frame; see `Tracker.step`."""
         if state.worker != self._workers:
             raise _lost("has ended")
         return self._call("step", state.key, frame, motion_prior)
 
     def abort(self) -> None:
-        """Kills the worker, from any thread. Its current result is lost."""
+        """Kills the worker; its current result is lost. Any thread may call this."""
         worker = self._worker
         if worker is not None:
             worker.kill()
 
     def close(self) -> None:
-        """Ends the worker. Its states are lost; `start` starts a new worker."""
+        """Ends the worker; its states are lost. A later `start` starts a new worker."""
         if self._worker is not None:
             self._worker.end()
             self._worker = None
@@ -88,7 +90,7 @@ class ProcessTracker:
     def _launch(self) -> None:
         self.close()
         self._workers += 1
-        self._dropped = []
+        self._dropped: list[int] = []
         self._worker = WorkerProcess(f"{__package__}.tracker_worker", self._tracker)
 
     def _call(self, method: str, key: int | None, *arguments: Any) -> TrackerOutput:
@@ -109,5 +111,5 @@ class ProcessTracker:
 def _lost(reason: str) -> TrackingError:
     return TrackingError(
         f"The tracker's process {reason}.",
-        remedy="Restart the tracker; check its output, and whether memory ran out.",
+        remedy="Start tracking again. Check the output of the process, and whether memory ran out.",
     )

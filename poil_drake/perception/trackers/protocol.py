@@ -12,11 +12,11 @@ from poil_drake.perception.tracked_points import TrackedPoints
 
 @dataclass(frozen=True, eq=False)
 class TrackerOutput(SharedOnCopy):
-    """What one step of a tracker returns.
+    """What a tracker returns for one frame.
 
     Attributes:
         state: The state to pass to the next step; immutable, of a type that the tracker chooses.
-        points: The tracked part points.
+        points: The tracked points.
         lost: Whether the tracker has lost the object. All points then have confidence 0.
     """
 
@@ -28,8 +28,8 @@ class TrackerOutput(SharedOnCopy):
 class Tracker(Protocol):
     """Tracks points on one rigid object through a stream of multi-view RGB-D frames.
 
-    The methods are pure: the returned state holds all knowledge of the stream, so one tracker can
-    serve many streams, and its state can be part of a Drake Context.
+    The methods are pure: the returned state holds all knowledge of the stream. One tracker can
+    therefore serve many streams, and the state of a stream can be part of a Drake Context.
     """
 
     def start(
@@ -43,12 +43,11 @@ class Tracker(Protocol):
         Args:
             frame: The first frame.
             query_points: (N, 3) points on the object at the time of that frame [m, world].
-            object_masks: V arrays (H, W) bool, masks of the object in that frame.
+            object_masks: V masks (H, W) bool, which show the object in each view of that frame.
 
         Raises:
             TrackingError: if the views show too little of the object.
         """
-        ...
 
     def step(
         self,
@@ -63,6 +62,5 @@ class Tracker(Protocol):
             frame: The new frame.
             motion_prior: (4, 4) expected motion of the object in the world since the previous
                 frame, X_WO(t) X_WO(t_prev)^-1, e.g. from the forward kinematics of the hand that
-                holds it. With None, the tracker extrapolates.
+                holds the object. If None, the tracker extrapolates the object's velocity.
         """
-        ...

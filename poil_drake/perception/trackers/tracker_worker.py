@@ -9,7 +9,7 @@ from poil_drake.runtime.worker_process import serve
 
 
 class TrackerService:
-    """Calls a tracker, and keeps its states under numbers."""
+    """Calls a tracker, and keeps the tracker's states by their keys."""
 
     def __init__(self, tracker: Tracker):
         self._tracker = tracker

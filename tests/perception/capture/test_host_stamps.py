@@ -16,10 +16,6 @@ def dut(clock: SettableClock) -> HostStamps:
     return HostStamps(clock, source="It", host_clock=clock)
 
 
-def test_by_the_same_clock_a_stamp_is_unchanged(dut: HostStamps) -> None:
-    assert dut.convert(999.97) == 999.97
-
-
 @pytest.mark.parametrize(("stamp", "expected"), [(999.875, 499.875), (1000.002, 500.0)])
 def test_by_another_clock_an_image_has_the_same_age_but_is_never_in_the_future(
     clock: SettableClock, stamp: float, expected: float

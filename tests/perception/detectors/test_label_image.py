@@ -5,30 +5,32 @@ from poil_drake.errors import DetectionError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
+SIZE = (12, 16)
 LABELS = {"mug": (3, 4), "mug/handle": (4,), "mug/rim": (9,), "rack": (7,)}
 
 
 def frame(labels: list[np.ndarray | None], label_ids: dict | None = None) -> MultiViewFrame:
-    K = np.array([[10.0, 0.0, 3.5], [0.0, 10.0, 2.5], [0.0, 0.0, 1.0]])
-    cameras = tuple(CameraModel(f"camera{i}", 8, 6, K, np.eye(4)) for i in range(len(labels)))
+    height, width = SIZE
+    cameras = tuple(CameraModel(f"{i}", width, height, np.eye(3), np.eye(4)) for i in range(2))
     images = tuple(
-        RgbdImage(np.zeros((6, 8, 3)), np.ones((6, 8)), stamp=0.0, label=label) for label in labels
+        RgbdImage(np.zeros((*SIZE, 3)), np.ones(SIZE), stamp=0.0, label=label) for label in labels
     )
-    return MultiViewFrame(cameras, images, LABELS if label_ids is None else label_ids)
+    return MultiViewFrame(
+        cameras[: len(images)], images, LABELS if label_ids is None else label_ids
+    )
 
 
 def label_image(handle_pixels: int) -> np.ndarray:
-    label = np.full((6, 8), 7)
-    label[:4] = 3
+    label = np.full(SIZE, 7)
+    label[:8] = 3
     label.ravel()[:handle_pixels] = 4
     return label
 
 
 def test_masks_are_those_of_the_labels() -> None:
-    labels = [label_image(5), label_image(0)]
-    dut = LabelImageDetector(min_part_pixels=5)
+    labels = [label_image(60), label_image(0)]
 
-    masks = dut.detect(frame(labels), object_label="mug", part_label="handle")
+    masks = LabelImageDetector().detect(frame(labels), object_label="mug", part_label="handle")
 
     for k, label in enumerate(labels):
         np.testing.assert_array_equal(masks.part_masks[k], label == 4)
@@ -59,7 +61,7 @@ def test_an_unknown_name_suggests_the_closest_and_lists_the_known_ones(
 
 
 def test_a_part_of_too_few_pixels_is_not_seen() -> None:
-    dut = LabelImageDetector(min_part_pixels=8)
+    seen = frame([label_image(40), label_image(19)])
 
-    with pytest.raises(DetectionError, match=r"7 pixels.* 8 are needed"):
-        dut.detect(frame([label_image(4), label_image(3)]), object_label="mug", part_label="handle")
+    with pytest.raises(DetectionError, match=r"59 pixels.* 60 are needed"):
+        LabelImageDetector().detect(seen, object_label="mug", part_label="handle")

@@ -71,7 +71,7 @@ class TrackedMug:
 
 
 class BuiltMug(NamedTuple):
-    """The model of the plain mug without noise, its pose, and the frame that it was built from."""
+    """The model of a mug without noise, its pose, and the frame that it was built from."""
 
     model: ObjectModel
     X_WO: np.ndarray
@@ -205,8 +205,17 @@ def tracked(mug_scene: MugScene) -> Callable[..., TrackedMug]:
     return partial(TrackedMug, mug_scene)
 
 
+def build(scene: MugScene, **options: object) -> BuiltMug:
+    shot = scene.shoot(scene.start, **options)
+    model, X_WO = build_model(shot.frame, scene.handle_points, shot.masks, RigidFlowConfig())
+    return BuiltMug(model, X_WO, shot.frame)
+
+
 @pytest.fixture(scope="session")
 def built_mug(mug_scene: MugScene) -> BuiltMug:
-    shot = mug_scene.shoot(mug_scene.start)
-    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, RigidFlowConfig())
-    return BuiltMug(model, X_WO, shot.frame)
+    return build(mug_scene)
+
+
+@pytest.fixture(scope="session")
+def textured_mug(mug_scene: MugScene) -> BuiltMug:
+    return build(mug_scene, textured=True)

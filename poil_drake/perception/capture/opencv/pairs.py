@@ -1,4 +1,4 @@
-"""Reads colour and depth images in pairs from two open sources, files or live."""
+"""Reads pairs of a colour and a depth image from two open sources: two files or two live ones."""
 
 import threading
 import time
@@ -13,28 +13,28 @@ from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.runtime.interpreter_turns import TURNS
 
 _JOIN_TIMEOUT = 1.0
-"""How long `stop` waits for the thread [s]. A source may block longer."""
+"""How long `LiveSource.stop` waits for its thread [s]. A source may block the thread for longer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """An image as OpenCV delivers it, and when it arrived [s, by the device's clock]."""
+    """An image as OpenCV delivers it, and its time of arrival [s, by the device's clock]."""
 
     pixels: np.ndarray
     time: float
 
 
 class FilePair:
-    """Two files, read image by image at the configured rate."""
+    """Reads pairs of images from two files at the configured rate."""
 
     def __init__(
         self, captures: list[cv2.VideoCapture], config: OpenCvStreams, *, camera: str, clock: Clock
     ):
-        """Takes over open sources.
+        """Takes over two open files.
 
         Args:
-            captures: The colour and the depth source.
-            config: How they are read.
+            captures: The colour and the depth file.
+            config: How to read them.
             camera: The camera's name in the scenario.
             clock: Returns the current time [s since the epoch].
         """
@@ -43,74 +43,71 @@ class FilePair:
         self._due, self._ended = clock(), False
 
     def read(self) -> tuple[Arrival, Arrival] | None:
-        """Waits at most PATIENCE for the next colour and depth image.
+        """Waits at most PATIENCE for the next pair of a colour and a depth image.
+
+        Returns:
+            The pair, or None if it is not due yet.
 
         Raises:
             NoImageError: if a file has no more images.
         """
-        if self._ended:
-            time.sleep(PATIENCE)
-            raise self._end_error()
-        ahead = self._due - self._clock()
+        ahead = PATIENCE if self._ended else self._due - self._clock()
         if ahead > 0.0:
             time.sleep(min(ahead, PATIENCE))
         now = self._clock()
         if now < self._due:
             return None
-        self._due = max(self._due + 1.0 / self._config.fps, now)
-        (rgb_came, rgb), (depth_came, depth) = (capture.read() for capture in self._captures)
-        if not (rgb_came and depth_came):
-            self._ended = True  # OpenCV logs a warning at each read beyond the end.
-            raise self._end_error()
-        now = self._clock()
-        return Arrival(rgb, now), Arrival(depth, now)
+        if not self._ended:  # OpenCV logs a warning at each read beyond the end.
+            (rgb_came, rgb), (depth_came, depth) = (capture.read() for capture in self._captures)
+            if rgb_came and depth_came:
+                self._due = max(self._due + 1.0 / self._config.fps, now)
+                now = self._clock()
+                return Arrival(rgb, now), Arrival(depth, now)
+            self._ended = True
+        raise NoImageError(
+            f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
+            remedy="Use longer files.",
+        )
 
     def close(self) -> None:
         """Releases both files."""
         for capture in self._captures:
             capture.release()
 
-    def _end_error(self) -> NoImageError:
-        return NoImageError(
-            f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
-            remedy="Use longer files.",
-        )
-
 
 class LiveSource:
     """Reads a source on its own thread and keeps the newest image.
 
-    Without the thread, a source that is read more slowly than it delivers would queue ever older
-    images. The time of an image is when it is fetched from its driver, so after this program was
-    suspended, the few images that waited in the driver look newer than they are.
+    Without the thread, a source that delivers faster than it is read would queue ever older images.
+    The time of an image is when it was fetched from its driver. If this program has been suspended,
+    the few images that waited in the driver therefore look newer than they are.
 
     Attributes:
         newest: The newest image; None before the first.
         ended: Whether no more images will come.
     """
 
-    newest: Arrival | None
-    ended: bool
-
     def __init__(
         self, capture: cv2.VideoCapture, *, name: str, clock: Clock, changed: threading.Condition
     ):
-        """Starts to read.
+        """Starts the thread.
 
         Args:
-            capture: The open source. From now on only the thread uses it; it also releases it.
-            name: Names the thread.
+            capture: The open source. From now on only the thread uses it. The thread releases the
+                source when it ends.
+            name: Name of the source, for the name of the thread.
             clock: Returns the current time [s since the epoch].
-            changed: Notified of each image and of the end.
+            changed: Condition to notify of each new image and of the end.
         """
-        self.newest, self.ended = None, False
+        self.newest: Arrival | None = None
+        self.ended = False
         self._capture, self._clock, self._changed = capture, clock, changed
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"grab_{name}", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread. A thread that is blocked in its source ends later."""
+        """Tells the thread to end. A thread that its source blocks may end after this returns."""
         self._stopped.set()
         self._thread.join(_JOIN_TIMEOUT)
 
@@ -132,12 +129,12 @@ class LiveSource:
 
 
 class LivePair:
-    """Two live sources, each on its own thread, paired by the times when their images arrive."""
+    """Reads two live sources, each on its own thread, and pairs images that arrive together."""
 
     def __init__(
         self, captures: list[cv2.VideoCapture], config: OpenCvStreams, *, camera: str, clock: Clock
     ):
-        """Takes over open sources; see `FilePair`."""
+        """Takes over two open live sources. The arguments are those of `FilePair`."""
         self._config, self._clock, self._source = config, clock, f"Camera '{camera}'"
         self._changed = threading.Condition()
         self._sources = [
@@ -151,8 +148,11 @@ class LivePair:
     def read(self) -> tuple[Arrival, Arrival] | None:
         """Waits at most PATIENCE for a new pair of images that arrived together.
 
+        Returns:
+            The pair, or None if there is no new pair or the exposure still adapts.
+
         Raises:
-            CaptureError: if a source has ended or is silent.
+            CaptureError: if a source has ended, or if no new pair came for `silence` seconds.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._new_pair() or self._ended(), PATIENCE)
@@ -190,6 +190,6 @@ class LivePair:
         reason = "a source has ended" if ended else f"no new pair for {self._config.silence:g} s"
         return CaptureError(
             f"{self._source}: {reason}; last images: {', '.join(ages)}.",
-            remedy="Check that both sources are plugged in or their senders are running, and that "
-            "their images arrive within `largest_gap` of each other.",
+            remedy="Check that both sources are plugged in or their senders are running"
+            f"{'' if ended else ', and that their images arrive within `largest_gap`'}.",
         )

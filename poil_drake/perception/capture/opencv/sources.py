@@ -7,15 +7,15 @@ import cv2
 
 from poil_drake.errors import CaptureError
 
-_OPEN_TIMEOUT, _READ_TIMEOUT = 5000, 1000
-"""Timeouts for a URL [ms]; OpenCV's defaults are 30 s."""
+_TIMEOUTS = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1000]
+"""Timeouts for opening a URL and for reading an image from it [ms]. OpenCV's defaults are 30 s."""
 
 _NUMBERED = re.compile(r"%0?\d*d")
 """Matches the number in a pattern of numbered images."""
 
 
 def is_file(source: str) -> bool:
-    """Returns whether a source is read from files rather than live."""
+    """Returns whether a source (see `OpenCvStreams`) is a file or numbered images, not live."""
     if _is_stream(source) or source.isdecimal():
         return False
     return not Path(source).is_char_device()
@@ -24,26 +24,28 @@ def is_file(source: str) -> bool:
 def open_source(
     source: str, *, camera: str, size: tuple[int, int], fps: float, fourcc: str
 ) -> cv2.VideoCapture:
-    """Opens a source, and requests a format from a device.
+    """Opens an image source with OpenCV.
 
-    URLs and pipelines deliver the format of their sender.
+    A device is asked for a size, a rate and a format. A URL or a pipeline delivers what its sender
+    sends.
 
     Args:
-        source: See `OpenCvStreams`.
-        camera: What to call the camera in an error.
+        source: A source as described in `OpenCvStreams`.
+        camera: The camera's name in errors.
         size: (height, width) of the images [px].
-        fps: Images per second. A device may have another rate.
+        fps: Images per second to request. The device may deliver another rate.
         fourcc: The format to request; empty for the device's default.
 
     Raises:
-        CaptureError: if OpenCV cannot open it, or if a live source reports another size or format.
+        CaptureError: if OpenCV cannot open the source, or if a live source reports another size or
+            format than requested.
     """
     capture = _open(source)
     if not capture.isOpened():
         raise CaptureError(
             f"{camera}: OpenCV cannot open '{source}'.",
             remedy="Check its name, its permissions (group video), and that no other program "
-            "uses it; a pipeline needs an OpenCV built with GStreamer.",
+            "uses it. A pipeline needs an OpenCV that was built with GStreamer.",
         )
     if is_file(source):
         return capture
@@ -68,8 +70,8 @@ def open_source(
             f"{camera}: '{source}' delivers {found_size[0]} x {found_size[1]} pixels"
             f"{f' as {found_fourcc!r}' if fourcc else ''}, not {width} x {height}"
             f"{f' as {fourcc!r}' if fourcc else ''}.",
-            remedy="Choose a size and a format that it supports (v4l2-ctl --list-formats-ext "
-            "lists them), with the calibration for that size.",
+            remedy="Choose a size and a format that the source supports (v4l2-ctl "
+            "--list-formats-ext lists them), and the calibration for that size.",
         )
     return capture
 
@@ -84,11 +86,7 @@ def _open(source: str) -> cv2.VideoCapture:
     if " ! " in source:
         return cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
     if "://" in source:
-        timeouts = [
-            *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT),
-            *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_TIMEOUT),
-        ]
-        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
+        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, _TIMEOUTS)
     if _NUMBERED.search(source):
         # FFmpeg, OpenCV's first choice, would convert 16-bit images to 8 bit.
         return cv2.VideoCapture(source, cv2.CAP_IMAGES)

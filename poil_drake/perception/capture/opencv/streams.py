@@ -1,4 +1,4 @@
-"""Cameras that OpenCV opens: one source of colour and one of depth."""
+"""An RGB-D camera that OpenCV reads as two sources: one of colour, one of depth."""
 
 import cv2
 import numpy as np
@@ -20,21 +20,21 @@ class OpenCvStreamsDevice:
     """
 
     def __init__(self, config: OpenCvStreams, *, camera: CameraModel, clock: Clock):
-        """Constructs the device; nothing is opened.
+        """Constructs the device without opening the sources.
 
         Args:
-            config: The sources.
+            config: The two sources, and how to read them.
             camera: The camera's model in the scenario.
             clock: Returns the current time [s since the epoch].
 
         Raises:
-            InvalidValueError: if a source is empty, or if only one of them is a file.
+            InvalidValueError: if a source is empty, or if one is a file and the other is live.
         """
         for name in ("rgb", "depth"):
             if not getattr(config, name):
                 raise InvalidValueError(
                     f"OpenCvStreams.{name} of camera '{camera.name}' is empty.",
-                    remedy="Set it to a device, a file, a pattern, a URL or a pipeline.",
+                    remedy="Set it to a device, a video, a pattern of images, a URL or a pipeline.",
                 )
         if is_file(config.rgb) != is_file(config.depth):
             raise InvalidValueError(
@@ -48,7 +48,7 @@ class OpenCvStreamsDevice:
         self._pair: FilePair | LivePair | None = None
 
     def open(self) -> None:
-        """See `CaptureDevice.open`."""
+        """Opens both sources; see `CaptureDevice.open`."""
         config = self._config
         rgb = self._open(config.rgb, config.rgb_fourcc)
         try:
@@ -62,7 +62,7 @@ class OpenCvStreamsDevice:
         self._pair = pair([rgb, depth], config, camera=self._camera.name, clock=self._clock)
 
     def read(self) -> RgbdImage | None:
-        """See `CaptureDevice.read`."""
+        """Returns a new image; see `CaptureDevice.read`."""
         if self._pair is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         pair = self._pair.read()
@@ -79,7 +79,7 @@ class OpenCvStreamsDevice:
         )
 
     def close(self) -> None:
-        """See `CaptureDevice.close`."""
+        """Closes both sources; see `CaptureDevice.close`."""
         pair, self._pair = self._pair, None
         if pair is not None:
             pair.close()
@@ -93,7 +93,7 @@ class OpenCvStreamsDevice:
             raise NoImageError(
                 f"{self._source} delivers colour of shape {bgr.shape} and type {bgr.dtype} from "
                 f"'{self._config.rgb}', but 3 channels are needed.",
-                remedy="Use a source of colour images with 3 channels.",
+                remedy="Use a source that delivers colour images with 3 channels.",
             )
         return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
 

@@ -36,13 +36,13 @@ class RealSenseDevice:
         clock: Clock,
         host_clock: Clock = time.time,
     ):
-        """Loads the library; the camera is not opened.
+        """Loads the library without opening the camera.
 
         Args:
             config: Which camera to open, and how.
-            camera: Its model in the scenario.
+            camera: The camera's model in the scenario.
             clock: Returns the current time [s since the epoch].
-            host_clock: This computer's clock, which the library uses.
+            host_clock: This computer's clock, by which the library stamps images.
 
         Raises:
             MissingDependencyError: if `pyrealsense2` is not installed.
@@ -67,7 +67,7 @@ class RealSenseDevice:
         self._last_time = self._settled = 0.0
 
     def open(self) -> None:
-        """See `CaptureDevice.open`."""
+        """Opens the camera; see `CaptureDevice.open`."""
         self._stamps.restart()
         rs = self._rs
         try:
@@ -89,7 +89,7 @@ class RealSenseDevice:
                 f"{self._source} does not start with {width} x {height} pixels at "
                 f"{self._config.fps} images per second: {error}.",
                 remedy="Choose a size and a rate that it supports (rs-enumerate-devices lists "
-                "them), use a USB 3 port, and end other programs that use it.",
+                "them), use a USB 3 port, and make sure that no other program uses it.",
             ) from error
         self._rectification = Rectification(rs, intrinsics, source=self._source)
         check_intrinsics(self._rectification.K, self._camera, source=self._source)
@@ -97,7 +97,7 @@ class RealSenseDevice:
         self._settled = self._last_time + self._config.settle
 
     def read(self) -> RgbdImage | None:
-        """See `CaptureDevice.read`."""
+        """Returns a new image; see `CaptureDevice.read`."""
         if self._pipeline is None or self._rectification is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         try:
@@ -109,7 +109,7 @@ class RealSenseDevice:
             ) from error
 
     def close(self) -> None:
-        """See `CaptureDevice.close`."""
+        """Closes the camera; see `CaptureDevice.close`."""
         pipeline, self._pipeline = self._pipeline, None
         if pipeline is not None:
             with suppress(RuntimeError):  # An unplugged camera cannot be stopped.
@@ -154,10 +154,11 @@ class RealSenseDevice:
             return wanted
         if not wanted and len(serials) == 1:
             return serials[0]
-        reason = "was not found" if wanted or not serials else "is ambiguous"
+        reason = "was not found" if wanted else f"cannot be chosen from {len(serials)} cameras"
         raise CaptureError(
             f"{self._source} {reason}; connected cameras: {', '.join(serials) or 'none'}.",
-            remedy="Plug the camera in, and set `serial` in the scenario to the number on it.",
+            remedy=f"Plug {'it in' if wanted else 'in exactly one'}, or set `serial` in the "
+            "scenario to the number on the camera.",
         )
 
     def _streams(self, serial: str) -> Any:

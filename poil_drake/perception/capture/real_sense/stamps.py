@@ -1,4 +1,4 @@
-"""When a RealSense captured a pair of frames, and whether the pair is new."""
+"""Determines when a RealSense captured a pair of frames, and whether the pair is new."""
 
 import math
 from typing import Any
@@ -10,51 +10,59 @@ _SECONDS_PER_MILLISECOND = 1e-3
 
 _LARGEST_GAP = 0.6
 """Longest time between the two frames of a pair [periods]. The nearest frames of unsynchronized
-sensors are up to half a period apart, and stamps jitter a little."""
+sensors are up to half a period apart; 0.1 is for jitter of the stamps."""
 
 
 class FramePairStamps:
-    """Stamps pairs of a colour and a depth frame, and rejects those that are not new.
+    """Stamps pairs of a colour and a depth frame, and rejects pairs that are not new.
 
-    With each new frame the library's pipeline repeats the last frame of the other stream, so a pair
-    is new only if both frames are. Both are compared with the last accepted pair, since the two
-    may arrive one after the other. The time of a pair is that of its older frame.
+    With each new frame, the library's pipeline repeats the last frame of the other stream. A pair
+    is therefore new only if both frames are newer than those of the last accepted pair. The time
+    of a pair is that of its older frame.
 
-    The time of a frame depends on its time domain: `global_time` is the time of capture by this
-    computer's clock; `system_time` is the time of arrival; `hardware_clock` is the camera's clock,
-    shifted so that the frame that arrived fastest so far is stamped with its arrival. The latency
-    is subtracted from the last two. In each domain, a frame that is fetched late has an old stamp.
+    The time of a frame depends on the library's time domain. `global_time` is the time of capture
+    by this computer's clock. `system_time` is the time of arrival. `hardware_clock` is the camera's
+    clock, shifted so that the frame with the fastest arrival so far is stamped with its arrival. In
+    the last two domains, the latency is subtracted. In every domain, a frame that is fetched late
+    keeps its old time.
     """
 
     def __init__(
         self, rs: Any, clock: Clock, *, source: str, fps: float, latency: float, host_clock: Clock
     ):
-        """Constructs the stamper.
+        """Constructs a stamper that has seen no frames.
 
         Args:
             rs: The module `pyrealsense2`.
             clock: The clock of the returned stamps.
-            source: What to call the camera in an error.
+            source: The camera's name in errors.
             fps: Frames per second.
             latency: Time from a capture to the frame's arrival [s].
-            host_clock: This computer's clock, which the library uses.
+            host_clock: This computer's clock, by which the library stamps frames.
         """
         self._domains = rs.timestamp_domain
         self._largest_gap, self._latency = _LARGEST_GAP / fps, latency
+        self._host_clock = host_clock
         self._stamps = HostStamps(clock, source=source, host_clock=host_clock)
         self.restart()
 
     def restart(self) -> None:
-        """Forgets all frames; call it when the camera is opened."""
+        """Forgets all frames. Call this when the camera is opened."""
         self._stamps.restart()
         self._taken = (-1, -1)
         self._offset, self._hardware_time = math.inf, -math.inf
 
     def stamp(self, frames: Any) -> float | None:
-        """Returns when a pair was captured [s, by `clock`], or None if it is not new or complete.
+        """Returns when a pair was captured [s, by `clock`], or None if the pair is unusable.
+
+        A pair is unusable if a frame is missing or not new, if its frames have different time
+        domains or times too far apart, or if `HostStamps.convert` rejects its time.
+
+        Args:
+            frames: What the library's pipeline delivers, an `rs.composite_frame`.
 
         Raises:
-            CaptureError: see `HostStamps.convert`.
+            CaptureError: if the time is from a wrong clock; see `HostStamps.convert`.
         """
         if not frames:  # At a timeout.
             return None
@@ -82,11 +90,11 @@ class FramePairStamps:
     def _hardware_offset(self, time: float) -> float:
         """Returns the offset from the camera's clock to the computer's [s].
 
-        The offset only decreases, so a camera's clock that is slow by 50 ppm makes images look
-        0.2 s older after an hour. When the clock wraps, every 72 minutes, the offset restarts.
+        The offset never increases. If the camera's clock is slow by 50 ppm, images therefore look
+        0.2 s too old after an hour. The offset restarts when the clock wraps, every 72 minutes.
         """
         if time < self._hardware_time:
             self._offset = math.inf
         self._hardware_time = time
-        self._offset = min(self._offset, self._stamps.now() - time)
+        self._offset = min(self._offset, self._host_clock() - time)
         return self._offset

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.free_space import (
     FreeSpaceGrid,
@@ -34,8 +35,9 @@ class AppearanceModel(SharedOnCopy):
     """The object's colours, and what surrounded it in the first frame.
 
     Attributes:
-        color_confidence: Array of shape `_BINS`, float32 in [0, 1]: the confidence that a pixel of
-            a colour shows the object; 0 for colours no more frequent on it than elsewhere.
+        color_confidence: Array of shape `_BINS`, float32 in [0, 1]: for each colour, the confidence
+            that a pixel of this colour shows the object. It is 0 if the colour is no more frequent
+            on the object than elsewhere.
         free_space: Where the object is known not to be.
         reference_views: The views of the first frame.
     """
@@ -48,7 +50,8 @@ class AppearanceModel(SharedOnCopy):
 def color_features(rgb: np.ndarray) -> np.ndarray:
     """Returns features (..., 3) float32 of RGB colours (..., 3) uint8.
 
-    They are in [0, 1]: brightness, and the shares of red and blue, which shading hardly changes.
+    The features are brightness and the shares of red and blue, all in [0, 1]. Shading hardly
+    changes the shares.
     """
     red, green, blue = np.moveaxis(rgb.astype(np.float32), -1, 0)
     total = red + green + blue + np.float32(_DARK)
@@ -97,7 +100,7 @@ def observe(
     Args:
         appearance: The object's appearance.
         frame: The views.
-        centres_W: (n, 3) where the object may be [m, world].
+        centres_W: (n, 3) positions where the object may be [m, world].
         reach: How far around each centre to search [m].
     """
     points, weights = [], []
@@ -131,7 +134,7 @@ def _is_on_surface(depth: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarra
 
 
 def _histogram(rgb: np.ndarray) -> np.ndarray:
-    """Returns the counts of colours (M, 3) in bins, smoothed over neighbouring bins."""
+    """Returns how many colours (M, 3) are in each bin, smoothed over neighbouring bins."""
     counts = np.bincount(_bin(rgb), minlength=int(np.prod(_BINS))).reshape(_BINS)
     smooth = [cv2.GaussianBlur(layer.astype(np.float32), (0, 0), 1.0) for layer in counts]
     flat = np.stack(smooth).reshape(_BINS[0], -1)
@@ -147,12 +150,10 @@ def _bin(rgb: np.ndarray) -> np.ndarray:
 
 def _box(camera: CameraModel, centres_W: np.ndarray, reach: float) -> list[int]:
     """Returns the pixel bounds [u0, v0, u1, v1] of spheres; empty if the camera sees none."""
-    centres_C = (centres_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
-    centres_C = centres_C[centres_C[:, 2] > reach]
-    if len(centres_C) == 0:
+    uv, z = project(centres_W, camera.K, camera.X_WC)
+    uv, z = uv[z > reach], z[z > reach]
+    if len(uv) == 0:
         return [0, 0, 0, 0]
-    z = centres_C[:, 2:]
-    uv = (centres_C @ camera.K.T)[:, :2] / z
-    half = np.array([camera.K[0, 0], camera.K[1, 1]]) * (reach / z)
+    half = np.diag(camera.K)[:2] * (reach / z[:, None])
     corners = np.stack([np.floor((uv - half).min(axis=0)), np.ceil((uv + half).max(axis=0))])
     return np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()

@@ -1,9 +1,9 @@
 """Where the object is known not to be: the space that a camera saw through in the first frame.
 
-Depth may agree with a wrong pose: but for its handle, a mug looks the same from all sides. Points
-in the object's colours then contradict the pose: those of the handle, moved back to the first
-frame, lie in space that a camera saw through. Background of the first frame, such as a rod that the
-object hangs on, contradicts nothing, whatever its colour.
+Depth may agree with a wrong pose. A mug, for example, looks the same from all sides apart from its
+handle. Points in the object's colours may then contradict the pose: when it moves them back to the
+first frame, the handle's points lie in space that a camera saw through. Background of the first
+frame, such as a rod that the object hangs on, never contradicts a pose.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ TOLERANCE = 0.002
 """How deep in free space a point of the object may lie, because of pose errors [m]."""
 
 FEW_OBSERVED = 20.0
-"""Total weight of observed points at which their evidence counts half; below, it counts less."""
+"""Total weight of observed points at which their evidence counts half; less weight counts less."""
 
 _SURROUNDINGS = 0.04  # how far around the object free space is mapped [m]
 _SPACING = 0.004  # of the grid [m]
@@ -47,7 +47,7 @@ class FreeSpaceGrid(SharedOnCopy):
 
     Attributes:
         depth: (G, G, G) float32 distance into free space [m]; 0 where the object may be.
-        corner: Coordinate at which the grid begins, the same along each axis [m].
+        corner: Coordinate at which the grid begins [m], which is the same along each axis.
         spacing: Edge of a cell [m].
     """
 
@@ -56,7 +56,11 @@ class FreeSpaceGrid(SharedOnCopy):
     spacing: float
 
     def depth_at(self, points_O: Sequence[np.ndarray]) -> np.ndarray:
-        """Returns how deep in free space points are [m]; x, y and z may have any shape."""
+        """Returns how deep in free space points are [m].
+
+        Args:
+            points_O: x, y and z of the points [m, object], arrays of equal shape.
+        """
         size = len(self.depth)
         index = np.zeros(points_O[0].shape, dtype=np.int32)
         for coordinate in points_O:
@@ -68,11 +72,11 @@ class FreeSpaceGrid(SharedOnCopy):
     def conflict(
         self, observed: ObservedPoints, poses: np.ndarray, radius: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compares observed points with each of many poses (P, 4, 4) of the object.
+        """Compares observed points with each of many poses of the object.
 
         Args:
             observed: The points.
-            poses: (P, 4, 4) poses in the world.
+            poses: (P, 4, 4) poses of the object in the world.
             radius: Radius of the object [m].
 
         Returns:
@@ -91,7 +95,12 @@ class FreeSpaceGrid(SharedOnCopy):
 
 
 def map_free_space(views: Sequence[ReferenceView], radius: float) -> FreeSpaceGrid:
-    """Maps the space around an object of this radius [m] that any reference view saw through."""
+    """Maps the space around the object that any view saw through.
+
+    Args:
+        views: The views of the first frame.
+        radius: Radius of the object [m].
+    """
     reach = radius + _SURROUNDINGS
     size = int(np.ceil(2.0 * reach / _SPACING))
     axis = (np.arange(size) + 0.5) * _SPACING - reach

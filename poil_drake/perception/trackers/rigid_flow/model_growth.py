@@ -1,12 +1,12 @@
-"""Growth: surfaces that come into view join the model.
+"""Adds surfaces that come into view to the model.
 
-A pixel joins if it continues the known surface and if its point, moved back with the object, was
-hidden in the first frame. That last test (space carving) keeps out tables, fixtures and hands:
-moved back with the object, they would lie in free space.
+A pixel joins the model if it continues the known surface and if its point, moved back to where it
+would have been in the first frame, was hidden there. The second test (space carving) keeps out
+tables, fixtures and hands, because their points, moved back with the object, lie in free space.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import ren
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import OrientedPoints
 from poil_drake.perception.trackers.rigid_flow.appearance_model import color_features
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, assemble_model
+from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel, choose_points
 from poil_drake.perception.trackers.rigid_flow.texture_patches import (
     HALF_WIDTH,
     MAX_PATCHES,
@@ -54,8 +54,8 @@ class Keyframe(SharedOnCopy):
     """A view from which the model was learnt.
 
     Attributes:
-        direction: (3,) unit, from the object to the camera, in the object's frame.
-        position: (3,) where the object was [m, world].
+        direction: (3,) unit vector from the object to the camera, in the object's frame.
+        position: (3,) position of the object [m, world].
     """
 
     direction: np.ndarray
@@ -63,12 +63,12 @@ class Keyframe(SharedOnCopy):
 
     @classmethod
     def at(cls, eye_O: np.ndarray, X_WO: np.ndarray) -> "Keyframe":
-        """Returns the keyframe of a camera at eye_O (3,) [m, object] with the object at X_WO."""
+        """Returns the keyframe of a camera at eye_O (3,) [m, object] and an object at X_WO."""
         return cls(eye_O[:3] / np.linalg.norm(eye_O[:3]), X_WO[:3, 3])
 
 
 def needs_keyframe(new: Keyframe, keyframes: tuple[Keyframe, ...]) -> bool:
-    """Returns whether a view may show something that no keyframe has shown."""
+    """Returns whether a new view may show something that no keyframe shows."""
     nearest = np.cos(_ROTATION)
     return not any(
         new.direction @ old.direction > nearest
@@ -83,8 +83,8 @@ def grow_model(
     """Returns the model, extended by surface that some views show for the first time.
 
     Args:
-        model: The object.
-        windows: The views to learn from.
+        model: The model of the object.
+        windows: The windows of the views to learn from.
         X_WO: (4, 4) pose of the object.
         config: Parameters.
     """
@@ -119,18 +119,12 @@ def grow_model(
         patches = patches.joined(taken, MAX_PATCHES)
     if len(surface) == len(model.surface) and len(patches) == len(model.patches):
         return model
-    return assemble_model(
-        surface,
-        patches,
-        appearance=model.appearance,
-        part_points=model.part_points,
-        contour_bias=model.contour_bias,
-        config=config,
-    )
+    aligned, support = choose_points(surface, config)
+    return replace(model, surface=surface, aligned=aligned, support=support, patches=patches)
 
 
 def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Returns the pixels (h, w) bool within _REACH steps of known ones, over solid pixels."""
+    """Returns which pixels (h, w) bool `_REACH` steps over solid pixels reach from known ones."""
     reached, allowed = known.astype(np.uint8), solid.astype(np.uint8)
     for _ in range(_REACH):
         reached = cv2.dilate(reached, square_kernel(1)) & allowed
@@ -138,7 +132,7 @@ def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:
 
 
 def _is_new(seen: ViewSurface, rendering: np.ndarray, window: ViewWindow) -> np.ndarray:
-    """Returns which points (M,) bool of a view face the camera and are not on the model."""
+    """Returns which points (M,) bool of a view face the camera and are not yet in the model."""
     z = seen.points[:, 2]
     u, v = window.project(seen.points)
     height, width = rendering.shape
@@ -150,7 +144,7 @@ def _is_new(seen: ViewSurface, rendering: np.ndarray, window: ViewWindow) -> np.
 
 
 def _near_patches(model: ObjectModel, view: PosedView) -> np.ndarray:
-    """Returns the pixels (h, w) bool near patches of the model that face the camera."""
+    """Returns which pixels (h, w) bool are near the model's patches that face the camera."""
     facing = facing_patches(model.patches, view.eye)
     u, v = view.project(model.patches.centres[facing])
     near = np.zeros(view.window.depth.shape, dtype=bool)

@@ -1,6 +1,7 @@
 """The model of the object that the tracker aligns, in the object's own frame."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,14 +46,13 @@ class ObjectModel(SharedOnCopy):
     """The object in its own frame O, whose origin is the centroid of what the first frame shows.
 
     Attributes:
-        surface: Its surface points. They have trust 1 where the first frame shows them.
+        surface: The object's surface points. Points that the first frame shows have trust 1.
         aligned: The surface points that enter the alignment.
-        support: Surface points, spread evenly, that measure how much of the object is seen.
-        patches: Its texture.
-        appearance: Its colours and what surrounded it.
+        support: Evenly spread surface points that measure how much of the object the views show.
+        patches: The object's texture.
+        appearance: The object's colours and what surrounded it in the first frame.
         part_points: (N, 3) the points to report [m].
-        contour_bias: How far outside its rendered outline the object ends [px].
-        radius: Largest distance of a surface point from the origin [m].
+        contour_bias: Distance from the model's rendered outline outward to the object's edge [px].
     """
 
     surface: OrientedPoints
@@ -62,7 +62,11 @@ class ObjectModel(SharedOnCopy):
     appearance: AppearanceModel
     part_points: np.ndarray
     contour_bias: float
-    radius: float
+
+    @cached_property
+    def radius(self) -> float:
+        """The largest distance of a surface point from the origin [m]."""
+        return float(np.linalg.norm(self.surface.points, axis=1).max())
 
 
 def build_model(
@@ -117,46 +121,34 @@ def build_model(
         )
         patches = patches.joined(taken, MAX_PATCHES)
     reference_views = make_reference_views(frame, masks, X_WO)
-    model = assemble_model(
-        surface,
-        patches,
+    aligned, support = choose_points(surface, config)
+    model = ObjectModel(
+        surface=surface,
+        aligned=aligned,
+        support=support,
+        patches=patches,
         appearance=learn_appearance(frame, masks, reference_views, radius),
         part_points=query_points - origin,
         contour_bias=_contour_bias(surface, views),
-        config=config,
     )
     return model, X_WO
 
 
-def assemble_model(
-    surface: OrientedPoints,
-    patches: TexturePatches,
-    *,
-    appearance: AppearanceModel,
-    part_points: np.ndarray,
-    contour_bias: float,
-    config: RigidFlowConfig,
-) -> ObjectModel:
-    """Returns the model of a surface; chooses its aligned points and support points."""
+def choose_points(
+    surface: OrientedPoints, config: RigidFlowConfig
+) -> tuple[OrientedPoints, OrientedPoints]:
+    """Returns the surface points to align and the support points of a model."""
+    aligned = _stable_choice(surface.jacobian, config.aligned_points)
     support = farthest_point_sampling(surface.points, min(config.support_points, len(surface)))
-    return ObjectModel(
-        surface=surface,
-        aligned=surface.select(_stable_choice(surface.jacobian, config.aligned_points)),
-        support=surface.select(support),
-        patches=patches,
-        appearance=appearance,
-        part_points=part_points,
-        contour_bias=contour_bias,
-        radius=float(np.linalg.norm(surface.points, axis=1).max()),
-    )
+    return surface.select(aligned), surface.select(support)
 
 
 def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
     """Returns indices of rows of a Jacobian (M, 6) that together determine the pose well.
 
-    Half of them are chosen by leverage, a point's share of the information on the pose: the few
-    few points of a handle determine how far a cylinder has turned (cf. Gelfand et al. 2003,
-    "Geometrically stable sampling for the ICP algorithm"). The other half is uniform.
+    Half of them are chosen by leverage, a point's share of the information on the pose. The few
+    points of a mug's handle, for example, determine how far the mug has turned (cf. Gelfand et al.
+    2003, "Geometrically stable sampling for the ICP algorithm"). The other half is uniform.
     """
     if len(jacobian) <= count:
         return np.arange(len(jacobian))
@@ -168,7 +160,7 @@ def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
 
 
 def _contour_bias(surface: OrientedPoints, views: list[PosedView]) -> float:
-    """Measures, at the known pose, how far outside the rendered outline the edges are [px]."""
+    """Returns the median distance [px] from the rendered outline outward to the edges in views."""
     matches = (match_contour(surface, 0.0, view) for view in views)
     shifts = np.concatenate([[], *(found.displacements for found in matches if found is not None)])
     shifts = shifts[np.abs(shifts) < SEARCH_REACH - 2]

@@ -23,7 +23,7 @@ class ReferenceView(SharedOnCopy):
 
     Attributes:
         camera: The camera.
-        X_CO: (4, 4) pose of the object in the camera.
+        X_CO: (4, 4) pose of the object in the camera's frame, in the first frame.
         depth: (H, W) float32 [m], 0 where invalid.
         nearest: (H, W) float32 least depth of the 3 x 3 pixels around each pixel [m], infinite
             where all are invalid.
@@ -42,15 +42,15 @@ class ReferenceView(SharedOnCopy):
     background_farthest: np.ndarray
 
     def sees_through(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns which points (M, 3) [m, object] the camera saw through: (M,) bool."""
+        """Returns whether the camera saw through points (M, 3) [m, object]: (M,) bool."""
         z, nearest, _, _ = self._look_up(points_O, self.X_CO)
         return np.isfinite(nearest) & (z < nearest - CLEARANCE)
 
     def allows(self, points_O: np.ndarray, points_W: np.ndarray) -> np.ndarray:
         """Returns which points (M,) bool may belong to the object.
 
-        Excludes points that the camera saw through, and points on a surface beside the object,
-        whether they have since moved with the object or stayed in place.
+        Excludes points that the camera saw through and points on a surface beside the object. Such
+        a surface may since have moved with the object or stayed in place.
 
         Args:
             points_O: (M, 3) in the object's frame [m].
@@ -69,7 +69,7 @@ class ReferenceView(SharedOnCopy):
             camera: The camera now. If it has moved, no background is known.
             rows: Rows of the pixels.
             columns: Columns of the pixels.
-            depth: (h, w) depth measured there now [m].
+            depth: (h, w) depth measured at the pixels now [m].
         """
         if not np.array_equal(camera.X_WC, self.camera.X_WC):
             return np.zeros(depth.shape, dtype=bool)
@@ -82,7 +82,7 @@ class ReferenceView(SharedOnCopy):
         return (depth > 0.0) & (np.abs(z - depth) < CLEARANCE) & ~on_object
 
     def _look_up(self, points: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Returns points' z, and their nearest depth, depth and mask, 0 outside the image."""
+        """Returns points' z, and `nearest`, `depth` and `mask` at their pixels (0 if outside)."""
         points_C = transform_points(X, points)
         z = points_C[:, 2]
         uv = (points_C @ self.camera.K.T)[:, :2] / np.maximum(z, 1e-3)[:, None]

@@ -16,7 +16,7 @@ class Rows(SharedOnCopy):
         return len(getattr(self, fields(self)[0].name))
 
     def select(self, index: np.ndarray) -> Self:
-        """Returns some of the rows, by index."""
+        """Returns the rows at the given indices (M,)."""
         return type(self)(*(getattr(self, f.name)[index] for f in fields(self)))
 
     def joined(self, other: Self, limit: int) -> Self:
@@ -26,5 +26,5 @@ class Rows(SharedOnCopy):
 
 
 def evenly_spaced(length: int, count: int) -> np.ndarray:
-    """Returns `count` indices spread evenly over `length` items, or all if there are fewer."""
+    """Returns `count` indices spread evenly over `length` items, or all if `count` is larger."""
     return np.linspace(0, length - 1, min(length, count)).astype(np.intp)

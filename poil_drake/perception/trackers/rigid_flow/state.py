@@ -12,20 +12,21 @@ from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 
 @dataclass(frozen=True, eq=False)
 class RigidFlowState(SharedOnCopy):
-    """What one step hands to the next.
+    """The tracker's knowledge after one frame, from which the next step starts.
 
     Attributes:
-        model: The object.
+        model: The model of the object.
         keyframes: The views from which the model was learnt.
         pose: The object's pose; while it is lost, its predicted pose.
-        velocity: (6,) of the object in its own frame [rad/s, m/s].
+        velocity: (6,) velocity (ω [rad/s], v [m/s]) of the object in its own frame.
         stamp: Time of capture of the last frame [s].
-        innovation: (angular [rad], linear [m]) difference between the last motion and the motion
-            prior or, without one, the prediction.
+        innovation: Difference (angle [rad], distance [m]) between the last pose and the pose that
+            the motion prior predicted or, without a motion prior, the extrapolation.
         lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
             tracked.
         candidate: (4, 4) the most likely pose of a lost object; None if no pose is likely.
-        unconfirmed: Whether the last frame found a lost object and the next one has to confirm it.
+        unconfirmed: Whether a lost object was found in the last frame, but far from where it was
+            expected, so that the next frame has to confirm it.
     """
 
     model: ObjectModel

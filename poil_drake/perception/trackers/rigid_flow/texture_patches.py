@@ -1,8 +1,8 @@
 """Small patches of the object's texture, each with its place on the surface.
 
-A patch is a square grid of points on the surface's tangent plane, with the grey levels that they
-had when the patch was taken. Moved by the object's pose and projected, it turns and foreshortens as
-the surface does.
+A patch is a square grid of points on the surface's tangent plane, with the grey levels that the
+points had when the patch was taken. To find its image, a patch is moved by the object's pose and
+projected, so it turns and foreshortens as the surface does.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ HALF_WIDTH = 2
 """A patch has 2 HALF_WIDTH + 1 samples on each side."""
 
 MAX_PATCHES = 400
-"""How many patches a model may hold."""
+"""Largest number of patches of a model."""
 
 _SPACING = 1.5  # of a patch's samples in the image that it is taken from [px]
 _MIN_CONTRAST = 7.0  # standard deviation of grey after PLANE_REMOVER [grey levels of 255]
@@ -38,9 +38,9 @@ class TexturePatches(Rows):
     Attributes:
         centres: (P, 3) [m].
         normals: (P, 3) unit.
-        samples: (P, k, 3) points of the grids [m].
+        samples: (P, k, 3) points of the patches' grids [m].
         values: (P, k) float32 grey levels less their best-fitting plane (see `PLANE_REMOVER`).
-        sights: (P, 3) unit lines of sight along which the patches were taken.
+        sights: (P, 3) unit vectors from the camera to the patches when they were taken.
         trust: (P,) weights in (0, 1].
     """
 
@@ -66,14 +66,14 @@ def take_patches(
     count: int,
     trust: float,
 ) -> TexturePatches:
-    """Returns patches from where a view shows texture.
+    """Takes patches from places where a view shows texture.
 
     Args:
         view: The view.
         usable: (h, w) bool, pixels of the window that show the object's surface.
         normals_C: (h, w, 3) normals in the camera's frame, finite where usable.
         count: Largest number of patches.
-        trust: Weight of the patches.
+        trust: Weight that the patches get.
     """
     window = view.window
     reach = int(np.ceil(HALF_WIDTH * _SPACING))
@@ -107,7 +107,7 @@ def take_patches(
 
 
 def facing_patches(patches: TexturePatches, eye: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool face a camera much as they did when they were taken.
+    """Returns which patches (P,) bool a camera sees about as they were seen when they were taken.
 
     Args:
         patches: The patches.
@@ -121,7 +121,7 @@ def facing_patches(patches: TexturePatches, eye: np.ndarray) -> np.ndarray:
 
 
 def sample_image(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Returns an image (h, w, c) interpolated at pixel coordinates (P, k): (P, k, c)."""
+    """Returns the values (P, k, c) of an image (h, w, c), interpolated at pixels u, v (P, k)."""
     return cv2.remap(image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
 
 
@@ -133,14 +133,14 @@ def _plane_remover() -> np.ndarray:
 
 
 PLANE_REMOVER = _plane_remover()
-"""The projector (k, k) float32 that subtracts the best-fitting plane from a grid of samples.
-Shading is such a plane; texture is not."""
+"""The projector (k, k) float32 that subtracts the best-fitting plane from the grey levels of a
+patch. Shading looks like a plane of grey levels; texture does not."""
 
 
 def _on_plane(
     window: ViewWindow, u: np.ndarray, v: np.ndarray, centres: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Returns the points (P, k, 3) [m, camera] where lines of sight meet the tangent planes."""
+    """Returns where lines of sight meet the patches' tangent planes: (P, k, 3) [m, camera]."""
     rays = window.unproject(u, v, np.ones(u.shape))
     offsets = np.einsum("pi,pi->p", normals, centres)
     return rays * (offsets[:, None] / np.einsum("pki,pi->pk", rays, normals))[..., None]
@@ -149,7 +149,7 @@ def _on_plane(
 def _is_flat(
     window: ViewWindow, u: np.ndarray, v: np.ndarray, centres: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Returns which patches (P,) bool lie on a flat piece of surface: not on a rim or a handle."""
+    """Returns which patches (P,) bool lie on flat surface, unlike those on a rim or a handle."""
     grid_u, grid_v = _grid(u, v)
     z = _on_plane(window, grid_u, grid_v, centres, normals)[..., 2]
     measured = window.depth[np.rint(grid_v).astype(np.intp), np.rint(grid_u).astype(np.intp)]
@@ -158,7 +158,7 @@ def _is_flat(
 
 
 def _grid(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the pixel coordinates (P, k) of the samples around pixels (P,)."""
+    """Returns the coordinates u and v, (P, k) each, of the samples around pixels (P,)."""
     steps = np.arange(-HALF_WIDTH, HALF_WIDTH + 1) * _SPACING
     grid_u, grid_v = np.meshgrid(steps, steps)
     return u[:, None] + grid_u.ravel(), v[:, None] + grid_v.ravel()

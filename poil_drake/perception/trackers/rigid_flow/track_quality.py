@@ -23,22 +23,25 @@ MIN_COSINE = 0.4
 """Least cosine between the normal of a compared model point and the line of sight."""
 
 OCCLUDED_ERROR = 0.03
-"""A model point at least this far behind measured depth is occluded by something else [m]."""
+"""A model point this far behind the measured depth is occluded by something else [m]."""
 
 ENOUGH_SHARE = 0.1
-"""If a smaller share of model points can be compared in all views together, a pose scores less."""
+"""A pose scores less if fewer than this share of the model points can be compared in the views."""
 
 MAX_CONFLICT = 0.04
 """Largest share of observed points that lie in free space at an accepted pose."""
 
 RETRY_CONFLICT = 0.02
-"""Above this share, other poses are tried, unless the object has just moved as predicted."""
+"""If more observed points lie in free space, other poses are tried and the model does not grow.
+
+After a motion close to its prediction, other poses are tried only above `MAX_CONFLICT`."""
 
 LOST_AGREEMENT = 0.7
-"""Below this agreement, the object is lost."""
+"""If `Evidence.agreement` is lower, the object is lost."""
 
 CERTAIN_AGREEMENT = 0.85
-"""Below this, other poses are tried, no lost object is found, and the model never grows."""
+"""If `Evidence.agreement` is lower, other poses are tried, a lost object stays lost, and the model
+does not grow."""
 
 _LOST_DEVIATION = 0.025  # standard deviation of a part point above which the object is lost [m]
 _FOUND_DEVIATION = 0.01  # the same, up to which a lost object can be found [m]
@@ -60,18 +63,21 @@ _HIDDEN_CONFIDENCE = 0.6  # factor on the confidence of a part point that no vie
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """How a pose compares with the views, mostly in numbers of model points expected in view.
+    """How well a pose agrees with the views.
+
+    The first five attributes are numbers of model points, summed over the views that should show
+    them.
 
     Attributes:
-        seen: Points whose depth is measured.
+        seen: Points with the surface measured where the pose places them.
         other_color: Seen points whose colour differs.
         seen_through: Points that the camera sees through.
-        in_front: Points with something a little nearer: the pose is wrong, or something touches
-            the object.
-        occluded: Points with something much nearer.
-        enough: Number of points to compare below which the pose scores less.
-        support: How many of the support points any view shows.
-        edges: Share of the unoccluded outline whose edge is where it should be.
+        in_front: Points with something a little nearer to the camera. Either the pose is wrong, or
+            something touches the object.
+        occluded: Points with something much nearer to the camera.
+        enough: Number of compared points below which the pose scores less.
+        support: Number of the model's support points that any view shows.
+        edges: Share of the unoccluded outline pixels whose edge is where it should be.
         conflict: Share of the observed points around the object that lie in free space.
         deviation: Largest standard deviation of a part point [m].
     """
@@ -94,17 +100,17 @@ class Evidence:
 
     @property
     def agreement(self) -> float:
-        """The share of unoccluded points that are seen; 0 where there are none."""
+        """The share of seen points among all seen and contradicting points; 0 if none is seen."""
         return self.seen / (self.seen + self.against) if self.seen else 0.0
 
     @property
     def unoccluded(self) -> int:
-        """How many points nothing occludes."""
+        """The number of points that nothing occludes."""
         return self.seen + self.seen_through + self.in_front
 
     @property
     def score(self) -> float:
-        """How well the views support the pose, for comparing poses in the same views."""
+        """The support of the views for the pose, for comparing poses in the same views."""
         all_points = max(self.unoccluded + self.occluded, self.enough)
         points = (self.seen - 2 * self.other_color - self.against) / all_points
         return points + self.edges - _CONFLICT_WEIGHT * self.conflict
@@ -115,10 +121,13 @@ class Evidence:
         return self.support >= _MIN_SUPPORT or self.seen >= self.enough
 
     def supports_pose(self, agreement: float) -> bool:
-        """Returns whether the pose of a tracked object is accepted, given the least agreement.
+        """Returns whether the pose of a tracked object is accepted.
 
-        Where nearly all model points are occluded, the views neither support nor contradict the
-        pose. Then its deviation decides, which grows from step to step.
+        If nearly all model points are occluded, the views neither support nor contradict the pose.
+        Then only `deviation` decides, which grows from step to step.
+
+        Args:
+            agreement: The least agreement of an accepted pose.
         """
         if self.deviation > _LOST_DEVIATION:
             return False
@@ -128,7 +137,7 @@ class Evidence:
 
     @property
     def is_found(self) -> bool:
-        """Whether the views support the pose so well that a lost object counts as found."""
+        """Whether the views support the pose so well that a lost object is found there."""
         return (
             self.deviation <= _FOUND_DEVIATION
             and self.is_supported
@@ -154,7 +163,7 @@ def examine(
     observed: ObservedPoints,
     pose: PoseEstimate,
 ) -> Evidence:
-    """Compares the model at a pose with the views and with the observed points around it."""
+    """Compares the model at a pose with the views and with the observed points around the pose."""
     counts = np.zeros(5, dtype=int)
     supported = np.zeros(len(model.support), dtype=bool)
     confirmed = searched = 0
@@ -189,9 +198,9 @@ def examine(
 def part_confidence(
     evidence: Evidence, pose: PoseEstimate, model: ObjectModel, windows: Sequence[ViewWindow]
 ) -> np.ndarray:
-    """Returns the confidence (N,) in [0, 1] of the part points at an accepted pose.
+    """Returns the confidence (N,) in [0, 1] in each part point at an accepted pose.
 
-    It is the product of four factors: the certainty of the pose at the point, the agreement of the
+    It is the product of four factors: the certainty of the point's position, the agreement of the
     views with the pose, the absence of conflict, and whether a view shows the point.
     """
     deviations = pose.point_deviations(model.part_points) / _POINT_DEVIATION

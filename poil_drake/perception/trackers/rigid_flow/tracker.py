@@ -5,9 +5,9 @@ well as textured ones. The model that it learns is a cloud of oriented surface p
 patches of texture (`object_model`). In each frame it aligns the model with all views at once
 (`pose_alignment`), by depth, contour and texture, starting from a prediction: the motion of the
 hand that holds the object, or constant velocity. All three terms compare with the first view of a
-surface, never with the previous frame, so errors do not accumulate from frame to frame. Where the
-prediction fails, many poses are searched (`pose_search`), in each frame until the object is found.
-A pose is accepted only if its surroundings do not contradict it (`free_space`).
+surface, never with the previous frame, so errors do not accumulate from frame to frame. If the
+alignment fails, many poses are searched (`pose_search`), in each frame until the object is found.
+A pose is accepted only if the space around it does not contradict it (`free_space`).
 """
 
 from collections.abc import Sequence
@@ -50,9 +50,9 @@ _VELOCITY_GAIN = 0.7  # share of the newest velocity in the filtered one
 
 
 class RigidFlowTracker:
-    """Tracks points on one rigid object; a `Tracker`. See the module's docstring.
+    """Tracks points on one rigid object; a `Tracker`. The module's docstring describes the method.
 
-    The reported positions move rigidly. A point that no view shows is still reported, with less
+    The reported positions move rigidly. A point that no view shows is still reported, but with less
     confidence.
     """
 
@@ -73,7 +73,8 @@ class RigidFlowTracker:
         """Starts tracking; see `Tracker.start`.
 
         Raises:
-            InvalidValueError: if masks and images do not match, or query points are not finite.
+            InvalidValueError: if masks and images differ in number or size, or if query points are
+                not finite.
             TrackingError: if the views show too little of the object.
         """
         masks = _checked_masks(frame, object_masks)
@@ -104,7 +105,8 @@ class RigidFlowTracker:
         location = locate(state, frame, predicted, self.config)
         pose, evidence, windows = location
         expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
-        innovation = _distance(expected, pose.X_WO)
+        motion = motion_between(expected, pose.X_WO)
+        innovation = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
         if state.lost_since is None:
             tracked = evidence.supports_pose(LOST_AGREEMENT)
         else:
@@ -124,13 +126,13 @@ class RigidFlowTracker:
             candidate=None,
             unconfirmed=False,
         )
-        grows = self.config.grow if motion_prior is None else self.config.grow_with_motion_prior
-        if grows and evidence.may_learn:
+        # With a motion prior, a hand usually holds the object, and growth would add the hand.
+        if motion_prior is None and evidence.may_learn:
             new_state = self._learn(new_state, windows)
         return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
 
     def _learn(self, state: RigidFlowState, windows: Sequence[ViewWindow]) -> RigidFlowState:
-        """Returns the state, its model grown by the views that need a keyframe."""
+        """Returns the state with a model that has grown by the views that need a keyframe."""
         X_WO = state.pose.X_WO
         keyframes = [Keyframe.at(window.at(X_WO).eye, X_WO) for window in windows]
         needed = [needs_keyframe(new, state.keyframes) for new in keyframes]
@@ -168,12 +170,6 @@ def _velocity(state: RigidFlowState, pose: PoseEstimate, elapsed: float) -> np.n
     return _VELOCITY_GAIN * newest + (1.0 - _VELOCITY_GAIN) * state.velocity
 
 
-def _distance(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:
-    """Returns the angle [rad] and the distance [m] between poses (4, 4)."""
-    motion = motion_between(X, Y)
-    return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
-
-
 def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
     """Returns the masks as bool arrays; checks that each has the size of its view."""
     shapes = [image.depth.shape for image in frame.images]
@@ -181,6 +177,6 @@ def _checked_masks(frame: MultiViewFrame, masks: tuple[np.ndarray, ...]) -> tupl
     if given != shapes:
         raise InvalidValueError(
             f"object_masks have shapes {given}, but the frame's images have {shapes}.",
-            remedy="Pass one mask (H, W) for each view, all False where the object is not seen.",
+            remedy="Pass one mask (H, W) for each view, all False if it does not show the object.",
         )
     return tuple(np.asarray(mask, dtype=bool) for mask in masks)

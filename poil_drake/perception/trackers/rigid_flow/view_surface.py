@@ -20,7 +20,7 @@ class ViewSurface:
     """Surface points of one view, in the camera's frame.
 
     Attributes:
-        points: (M, 3) points, one for each voxel [m].
+        points: (M, 3) points, one for each occupied voxel [m].
         normals: (M, 3) unit normals.
         colors: (M, 3) uint8 RGB.
         usable: (h, w) bool, the pixels from which the points were made.
@@ -35,9 +35,9 @@ class ViewSurface:
 
 
 def view_normals(window: ViewWindow, mask: np.ndarray) -> np.ndarray:
-    """Returns normals (h, w, 3) in the camera's frame, from the pixels of a mask (h, w) only.
+    """Returns unit normals (h, w, 3) in the camera's frame within a mask (h, w) bool.
 
-    They are NaN outside the mask and along its border.
+    They are computed from the mask's pixels only, and are NaN outside it and along its border.
     """
     return depth_normals(
         np.where(mask, window.surface, np.float32(0.0)),
@@ -57,7 +57,7 @@ def view_surface(window: ViewWindow, mask: np.ndarray) -> ViewSurface:
     missing = np.flatnonzero(~np.isfinite(normals[v, u, 0]))
     if missing.size and len(points) >= 3:
         # Along borders, and on parts a few pixels wide, central differences are not available.
-        normals[v[missing], u[missing]] = pca_normals(points, viewpoint=np.zeros(3), at=missing)
+        normals[v[missing], u[missing]] = pca_normals(points, missing)
     kept = np.isfinite(normals[v, u, 0])
     kept &= statistical_inliers(points, neighbours=_NEIGHBOURS, deviations=_DEVIATIONS)
     usable = np.zeros_like(trusted)

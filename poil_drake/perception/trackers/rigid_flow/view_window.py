@@ -1,4 +1,4 @@
-"""The part of a camera's images around the object."""
+"""The part of a camera's images that surrounds the object."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ import numpy as np
 from poil_drake.geometry.depth_masks import depth_edges
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, RgbdImage
 
 EDGE_JUMP = 0.015
@@ -71,10 +72,10 @@ class ViewWindow(SharedOnCopy):
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A window with the object at a given pose.
+    """A window of one view, with the object at a given pose.
 
     Attributes:
-        window: The window.
+        window: The window of the view.
         R_CO: (3, 3) rotation of the object in the camera.
         origin: (3,) origin of the object's frame in the camera [m].
         eye: (3,) centre of the camera in the object's frame [m].
@@ -114,7 +115,7 @@ class PosedView:
 
 
 def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
-    """Returns the window around points (P, 3) [m, world], or None if too little is in view."""
+    """Returns the window around points (P, 3) [m, world], or None if few pixels are in view."""
     box = _bounding_box(camera, points_W)
     if box is None:
         return None
@@ -155,12 +156,10 @@ def square_kernel(radius: int) -> np.ndarray:
 
 def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
     """Returns pixel bounds (u0, v0, u1, v1) around projected points, or None if too small."""
-    points_C = (points_W - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3]
-    points_C = points_C[points_C[:, 2] > 0.05]
-    if len(points_C) == 0:
+    uv, z = project(points_W, camera.K, camera.X_WC)
+    uv = uv[z > 0.05]
+    if len(uv) == 0:
         return None
-    uv = points_C @ camera.K.T
-    uv = uv[:, :2] / uv[:, 2:]
     low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
     u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
     u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)

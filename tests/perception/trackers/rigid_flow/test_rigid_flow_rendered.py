@@ -4,11 +4,10 @@ import pytest
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.geometry.sampling import farthest_point_sampling
-from poil_drake.geometry.unprojection import unproject
 from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
 
@@ -22,7 +21,8 @@ def test_tracks_the_handle_through_the_built_in_demonstration():
     scene.put_object(motion.pose(0.0))
     first = scene.capture(0.0, labels=True)
     seen = LabelImageDetector().detect(first, object_label="mug", part_label="handle")
-    points = handle_points(first, seen.part_masks)
+    cloud = fuse_views(first, seen.part_masks).points
+    points = cloud[farthest_point_sampling(cloud, 10)]
     dut = RigidFlowTracker()
     output = dut.start(first, points, seen.object_masks)
 
@@ -40,14 +40,3 @@ def test_tracks_the_handle_through_the_built_in_demonstration():
     assert np.percentile(errors, 95) < 10e-3
     assert np.max(errors) < 15e-3
     assert np.median(confidences[-8:]) > 0.5
-
-
-def handle_points(frame, part_masks):
-    """Returns ten points spread over the visible part."""
-    clouds = []
-    for camera, image, mask in zip(frame.cameras, frame.images, part_masks, strict=True):
-        trusted = clean_mask(mask, image.depth, DepthMaskConfig())
-        points_C, _ = unproject(image.depth, camera.K, trusted)
-        clouds.append(transform_points(camera.X_WC, points_C))
-    cloud = np.concatenate(clouds)
-    return cloud[farthest_point_sampling(cloud, 10)]

@@ -6,27 +6,17 @@ from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
     match_patches,
     select_shown,
 )
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
-from poil_drake.perception.trackers.rigid_flow.object_model import build_model
 from poil_drake.perception.trackers.rigid_flow.texture_patches import PLANE_REMOVER
 from poil_drake.perception.trackers.rigid_flow.view_window import make_window
 
 
-@pytest.fixture(scope="module")
-def textured(mug_scene):
-    """A textured mug's model, its pose, and the frame that it was built from."""
-    shot = mug_scene.shoot(mug_scene.start, textured=True)
-    model, X_WO = build_model(shot.frame, mug_scene.handle_points, shot.masks, RigidFlowConfig())
-    return model, X_WO, shot.frame
-
-
-def test_a_textured_mug_has_patches_and_a_plain_one_none(textured, built_mug):
+def test_a_textured_mug_has_patches_and_a_plain_one_none(textured_mug, built_mug):
     assert len(built_mug.model.patches) == 0
-    assert len(textured[0].patches) > 40
+    assert len(textured_mug.model.patches) > 40
 
 
-def test_patches_lie_on_the_mug_and_face_outwards(textured, mug_scene):
-    model, X_WO, _ = textured
+def test_patches_lie_on_the_mug_and_face_outwards(textured_mug, mug_scene):
+    model, X_WO, _ = textured_mug
     X_MO = np.linalg.inv(mug_scene.start) @ X_WO
 
     points = transform_points(X_MO, model.patches.centres)
@@ -55,8 +45,8 @@ def test_only_a_plane_of_grey_is_removed():
 
 
 @pytest.mark.parametrize("shift", [[0.003, 0.0, 0.0], [0.0, 0.002, -0.003]])
-def test_patches_are_found_when_the_prediction_is_off(textured, shift):
-    model, X_WO, frame = textured
+def test_patches_are_found_when_the_prediction_is_off(textured_mug, shift):
+    model, X_WO, frame = textured_mug
     predicted = make_transform(np.eye(3), np.array(shift)) @ X_WO
     points_W = transform_points(X_WO, model.surface.points)
     window = make_window(frame.cameras[0], frame.images[0], points_W)

@@ -1,9 +1,9 @@
 """The contour term: the model's outline against the edges of measured depth.
 
-Depth alone determines a motion along a surface poorly: a plain cylinder may slide along its axis.
-The outline determines it. Near the predicted outline, depth edges are searched for along the
-outline's normal (RAPID, Harris and Stennett 1990, which uses grey-level edges), so neither texture
-nor contrast with the background is needed.
+Depth alone poorly determines a motion along the surface, such as that of a plain cylinder along its
+axis. The outline determines such a motion. Near the predicted outline, depth edges are searched for
+along the outline's normal. (RAPID, Harris and Stennett 1990, does so with grey-level edges.) Depth
+edges need neither texture nor contrast with the background.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from poil_drake.perception.trackers.rigid_flow.rows import evenly_spaced
 from poil_drake.perception.trackers.rigid_flow.view_window import PosedView, square_kernel
 
 SEARCH_REACH = 8
-"""How far to either side of the model's outline edges are searched for [px]."""
+"""The search for edges reaches this far to either side of the model's outline [px]."""
 
 _SPLAT = 2  # half width of the square that a model point covers [px]; closes gaps between points
 _FAR = 0.05  # how far behind the object the empty part of a rendering lies [m]
@@ -36,14 +36,14 @@ _DIRECTION_DEVIATION = 0.2  # of the outline's direction [rad]
 
 @dataclass(frozen=True, eq=False)
 class ContourMatches:
-    """K outline points of the model whose edge was found in a view.
+    """K points on the model's outline, each with the edge that was found for it in a view.
 
     Attributes:
         points: (K, 3) outline points in the object's frame [m].
         directions: (K, 2) unit normals of the outline in the image, away from the object.
         targets: (K,) coordinate of each edge along its direction [px].
         displacements: (K,) distance of each edge from the rendered outline, positive outward [px].
-        searched: How many outline pixels were searched and not occluded.
+        searched: Number of outline pixels that were searched and not occluded.
         rendering: (h, w) float32 rendered depth of the model [m].
     """
 
@@ -60,7 +60,7 @@ def match_contour(surface: OrientedPoints, bias: float, view: PosedView) -> Cont
 
     Args:
         surface: The model's surface.
-        bias: How far outside its rendered outline the object ends [px].
+        bias: Distance from the model's rendered outline outward to the object's edge [px].
         view: The view.
 
     Returns:
@@ -92,14 +92,14 @@ def add_contour_term(
     *,
     final: bool,
 ) -> None:
-    """Adds the distances of the outline from its edges.
+    """Adds the distances between the model's outline and the edges found for it, as residuals.
 
     Args:
         equations: The sums to add to.
         matches: Matches in this view, which may have been found at another pose.
         view: The view.
         gate: Residuals above this do not count [px].
-        final: Whether to also add the spurious information due to errors of the directions.
+        final: Whether to also add errors of the directions to `equations.spurious`.
     """
     u, v = view.project(matches.points)
     du, dv = matches.directions[:, 0], matches.directions[:, 1]
@@ -113,9 +113,10 @@ def add_contour_term(
 
 
 def render_depth(surface: OrientedPoints, view: PosedView) -> np.ndarray | None:
-    """Renders the model's depth (h, w) float32, each point as a square; empty pixels lie behind.
+    """Renders the model's depth (h, w) float32 [m], each surface point as a square.
 
-    Returns None if fewer than 30 points that face the camera are in view.
+    Empty pixels get a depth behind the object. Returns None if the view shows fewer than 30 points
+    that face the camera.
     """
     facing = np.einsum("mi,mi->m", surface.normals, view.eye - surface.points) > 0.0
     points_C = view.to_camera(surface.points[facing])
@@ -134,7 +135,7 @@ def render_depth(surface: OrientedPoints, view: PosedView) -> np.ndarray | None:
 
 
 def _outline(rendering: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns pixels (u, v) on the near side of the rendering's depth steps."""
+    """Returns the pixels u, v (K,) on the near side of the rendering's depth steps."""
     steps = cv2.dilate(rendering, square_kernel(1)) - rendering > _MODEL_JUMP
     border = SEARCH_REACH + 1
     v, u = np.nonzero(steps[border:-border, border:-border])
@@ -143,7 +144,7 @@ def _outline(rendering: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _outward(rendering: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the direction (du, dv) of increasing depth at pixels of the outline."""
+    """Returns the unit direction du, dv (K,) of increasing depth at pixels of the outline."""
     smooth = cv2.GaussianBlur(rendering, (0, 0), 2.0)
     gu = (smooth[v, u + 1] - smooth[v, u - 1]).astype(float)
     gv = (smooth[v + 1, u] - smooth[v - 1, u]).astype(float)
@@ -159,14 +160,14 @@ def _search_edges(
     dv: np.ndarray,
     z: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Searches along each outline pixel's direction for a step back in depth.
+    """Searches along the direction of each outline pixel for a step back in depth.
 
     The edge is where most pixels before it have the model's depth and most pixels after it are
-    farther. Holes and flying pixels have little influence on it.
+    farther. Holes and flying pixels have little influence on its position.
 
     Returns:
         found: (K,) bool, whether an edge was found.
-        occluded: (K,) bool, whether something is in front.
+        occluded: (K,) bool, whether something is in front of the model.
         shift: (K,) position of the edge along the direction [px].
     """
     steps = np.arange(-SEARCH_REACH, SEARCH_REACH + 1)

@@ -1,4 +1,4 @@
-"""The depth term: model points against the depth measured where they project to (ICP)."""
+"""The depth term: model points against the depth measured at their projections (ICP)."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ _NORMAL_DEVIATION = 0.06  # of the model's normals [rad]
 
 @dataclass(frozen=True, eq=False)
 class OrientedPoints(Rows):
-    """Points of a surface, with precomputed parts of their point-to-plane residuals.
+    """Points on a surface, with precomputed parts of their point-to-plane residuals.
 
     Attributes:
         points: (M, 3) points q [m].
@@ -42,7 +42,7 @@ class OrientedPoints(Rows):
     def make(
         cls, points: np.ndarray, normals: np.ndarray, features: np.ndarray, trust: float
     ) -> "OrientedPoints":
-        """Returns points that all have the weight `trust`."""
+        """Returns oriented points that all have the weight `trust`."""
         offsets = np.einsum("mi,mi->m", points, normals)
         jacobian, weights = motion_jacobian(points, normals), np.full(len(points), trust)
         return cls(points, normals, offsets, jacobian, weights, features)
@@ -54,8 +54,9 @@ class DepthSamples:
 
     Attributes:
         index: (K,) indices of the model points.
-        pixels: Their u (K,) and v (K,) in the window.
-        residuals: (K,) distance of the measured surface along the normal, positive outward [m].
+        pixels: Coordinates u (K,) and v (K,) of the points' pixels in the window.
+        residuals: (K,) distance from the model point to the measured surface along the model's
+            normal, positive outward [m].
         behind: (K,) measured minus predicted depth [m].
     """
 
@@ -111,7 +112,7 @@ def add_depth_term(
         surface: Model points in the object's frame.
         view: The view.
         gate: Residuals above this do not count [m].
-        final: Whether to also add the spurious information due to errors of the normals.
+        final: Whether to also add errors of the normals to `equations.spurious`.
     """
     samples = sample_depth(surface, view)
     weights = tukey_weights(samples.residuals, gate)

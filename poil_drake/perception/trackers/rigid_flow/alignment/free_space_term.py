@@ -1,7 +1,7 @@
 """The free-space term: observed points against the space where the object is known not to be.
 
-A handle seen beside the model's handle lies in free space. This term turns the model towards it,
-however little of the model's handle is seen in its place.
+If a view shows a mug's handle beside the model's handle, the seen points lie in free space. This
+term then turns the model's handle towards them, even if the views show nothing of it in its place.
 """
 
 import numpy as np
@@ -32,14 +32,14 @@ def add_free_space_term(
     X_WO: np.ndarray,
     radius: float,
 ) -> None:
-    """Adds how deep in free space the observed points are.
+    """Adds the depths of the observed points in free space, as residuals.
 
     Args:
         equations: The sums to add to.
         free_space: Where the object is known not to be.
-        observed: Points in the object's colours.
+        observed: Points that have the object's colours.
         X_WO: (4, 4) pose of the object.
-        radius: Radius of the object [m]; points farther from its origin do not count.
+        radius: Radius of the object [m]. Points farther from the object's origin do not count.
     """
     points = transform_points(inverse(X_WO), observed.points)
     depth = free_space.depth_at(tuple(points.T)) - TOLERANCE

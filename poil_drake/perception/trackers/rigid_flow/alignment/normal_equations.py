@@ -4,22 +4,24 @@ import numpy as np
 
 
 def tukey_weights(residuals: np.ndarray, gate: float) -> np.ndarray:
-    """Returns Tukey's biweight (1 - (r / gate)^2)^2 of residuals, 0 beyond the gate."""
+    """Returns Tukey's biweights of residuals r: (1 - (r / gate)^2)^2, or 0 if |r| >= gate."""
     ratio = residuals / gate
     return np.where(np.abs(ratio) < 1.0, (1.0 - ratio * ratio) ** 2, 0.0)
 
 
 def huber_weights(residuals: np.ndarray, threshold: float) -> np.ndarray:
-    """Returns Huber's weights of residuals: 1 up to the threshold, then threshold / |r|."""
+    """Returns Huber's weights of residuals r: 1 if |r| <= threshold, else threshold / |r|."""
     return threshold / np.maximum(np.abs(residuals), threshold)
 
 
 def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-    """Returns derivatives of scalars with respect to a motion (ω, v), q going to q + ω x q + v.
+    """Returns the derivatives of scalar functions of points with respect to a motion (ω, v).
+
+    The motion takes a point q to q + ω x q + v.
 
     Args:
         points: (..., 3) the points q [m].
-        gradients: (..., 3) or (3,) gradients g of the scalars with respect to q.
+        gradients: (..., 3) or (3,) gradients g of the functions with respect to q.
 
     Returns:
         (..., 6) rows (q x g, g).
@@ -29,14 +31,15 @@ def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
 
 
 class NormalEquations:
-    """H d = b of a Gauss-Newton step: H = sum w J^T J, b = sum w J^T r.
+    """The equations H d = b of a Gauss-Newton step, with H = sum w J^T J and b = sum w J^T r.
 
     The unknown d = (ω, v) moves the object in its own frame: a point q goes to q + ω x q + v. A
-    residual r is measured minus predicted, J the derivative of the prediction.
+    residual r is a measured value minus its prediction. J is the derivative of the prediction with
+    respect to d.
 
     Attributes:
-        H: (6, 6).
-        b: (6,).
+        H: (6, 6) matrix.
+        b: (6,) right-hand side.
         spurious: (6, 6) the expected part of H that is due to noise in J. Noisy normals, for
             instance, seem to determine how far a plain cylinder has turned.
     """
@@ -53,11 +56,11 @@ class NormalEquations:
         self.b += residuals @ weighted
 
     def add_spurious(self, jacobian: np.ndarray, weights: np.ndarray) -> None:
-        """Adds errors of the Jacobian: rows (M, 6), each of one standard deviation."""
+        """Adds Jacobian errors, given as rows (M, 6) with weights (M,), to `spurious`."""
         self.spurious += (jacobian * weights[:, None]).T @ jacobian
 
     def information(self, length: float) -> np.ndarray:
-        """Returns the information (6, 6) on the pose: the positive part of H - spurious.
+        """Returns the information (6, 6) on the pose, the positive part of H - spurious.
 
         Args:
             length: Size of the object [m], which makes rotations and translations comparable.

@@ -1,4 +1,4 @@
-"""The pose at which the model agrees best with the views and with its prediction."""
+"""Finds the pose at which the model agrees best with the views and with the predicted pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,9 +35,9 @@ class _Iteration(NamedTuple):
     Attributes:
         depth_gate: Larger depth residuals do not count [m].
         contour_gate: Larger contour residuals do not count [px].
-        min_correlation: Patches that correlate less with the image do not count; 0 where patches
-            are searched for instead (`add_flow_term`).
-        match_contour: Whether edges are searched for, which costs a rendering of the model.
+        min_correlation: Patches that correlate less with the image do not count. It is 0 in steps
+            that search for patches instead (`add_flow_term`).
+        match_contour: Whether edges are searched for, which requires a rendering of the model.
     """
 
     depth_gate: float
@@ -59,12 +59,12 @@ _FLOW_ITERATIONS = 2  # number of first iterations, in which patches are searche
 _SETTLED = (float(np.radians(0.05)), 1e-4)  # smaller steps end the alignment [rad, m]
 
 _FREEDOM = 4.0
-"""Degrees of freedom of the Student-t error of the prediction. With fewer, the views overrule the
-prediction more readily (slip, pushes)."""
+"""Degrees of freedom of the prediction's error, which has a Student-t distribution. With fewer,
+the views overrule the prediction more readily, e.g. when the object slips or is pushed."""
 
 _OPTIMISM = 5.0
-"""Factor by which the views seem to give more information than they do, since errors of the model
-repeat from frame to frame. Measured from errors relative to standard deviations."""
+"""Factor by which the views seem to give more information than they do, because errors of the model
+repeat from frame to frame. It was measured by comparing errors with standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +73,10 @@ class PoseEstimate(SharedOnCopy):
 
     Attributes:
         X_WO: (4, 4) pose of the object.
-        prior_covariance: (6, 6) of the error (ω [rad], v [m]) in the object's frame, as the next
-            alignment assumes it. It counts the noise of the data as information, so that the pose
-            does not drift with that noise in directions that the data do not determine.
-        covariance: (6, 6) of the actual error, without that information.
+        prior_covariance: (6, 6) covariance of the error (ω [rad], v [m]) in the object's frame, as
+            the next alignment assumes it. It counts spurious information (see `NormalEquations`),
+            because the pose would otherwise drift in directions that the data do not determine.
+        covariance: (6, 6) covariance of the same error, without spurious information.
     """
 
     X_WO: np.ndarray
@@ -84,7 +84,7 @@ class PoseEstimate(SharedOnCopy):
     covariance: np.ndarray
 
     def point_deviations(self, points_O: np.ndarray) -> np.ndarray:
-        """Returns the standard deviations (N,) [m] of points (N, 3) of the object."""
+        """Returns the standard deviations (N,) [m] of points' positions (N, 3) [m, object]."""
         identity = np.broadcast_to(np.eye(3), (len(points_O), 3, 3))
         jacobian = np.concatenate([-skew(points_O), identity], axis=2)
         return np.sqrt(np.einsum("nik,kl,nil->n", jacobian, self.covariance, jacobian))
@@ -99,13 +99,13 @@ def align(
     """Aligns the model with the views by robust Gauss-Newton steps.
 
     Args:
-        model: The object.
-        windows: The views in which it may be seen.
-        observed: Points around the object, in its colours.
-        predicted: Its predicted pose, where the alignment starts.
+        model: The model of the object.
+        windows: The windows of the views that may show the object.
+        observed: Points around the object that have its colours.
+        predicted: The predicted pose of the object, at which the alignment starts.
 
     Returns:
-        The pose, with the uncertainty that the data and the prediction leave.
+        The aligned pose, with the uncertainty that the views and the prediction leave.
     """
     X = predicted.X_WO
     prior = np.linalg.inv(predicted.prior_covariance)
@@ -134,20 +134,20 @@ def align(
 
 
 def move(X_WO: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Returns a pose (4, 4) moved by (ω, v) (6,) in the object's own frame."""
+    """Returns a pose (4, 4), moved by (ω [rad], v [m]) (6,) in the object's own frame."""
     R = X_WO[:3, :3]
     return make_transform(R @ rotation_exp(motion[:3]), X_WO[:3, 3] + R @ motion[3:])
 
 
 def motion_between(X_from: np.ndarray, X_to: np.ndarray) -> np.ndarray:
-    """Returns the motion (6,) by which `move` takes one pose (4, 4), X_from, to another, X_to."""
+    """Returns the motion (6,) by which `move` takes pose X_from (4, 4) to pose X_to (4, 4)."""
     R = X_from[:3, :3]
     turn = rotation_log(R.T @ X_to[:3, :3])
     return np.concatenate([turn, R.T @ (X_to[:3, 3] - X_from[:3, 3])])
 
 
 class _View:
-    """One view during an alignment. Its matches stay in use for some iterations."""
+    """One view during an alignment; keeps its matches over several iterations."""
 
     def __init__(self, window: ViewWindow):
         self._window = window
@@ -156,7 +156,7 @@ class _View:
         self._patches = TexturePatches.empty()
 
     def add_to(self, equations: NormalEquations, model: ObjectModel, X: np.ndarray, k: int) -> None:
-        """Adds the terms of iteration k at pose X (4, 4)."""
+        """Adds the terms of this view in iteration k, with the object at pose X (4, 4)."""
         view, iteration, final = self._window.at(X), _ITERATIONS[k], k == len(_ITERATIONS) - 1
         add_depth_term(equations, model.aligned, view, iteration.depth_gate, final=final)
         if iteration.match_contour:

@@ -1,4 +1,4 @@
-"""Predicts the object's pose in a frame, and locates the object."""
+"""Predicts the object's pose in a new frame, and locates the object there."""
 
 from typing import NamedTuple
 
@@ -27,8 +27,8 @@ from poil_drake.perception.trackers.rigid_flow.track_quality import (
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, make_window
 
 _MAX_INNOVATION = 3.0
-"""Largest innovation at which the object is expected to follow the motion prior in the next step
-[standard deviations]."""
+"""If the last innovation was larger than this, the object is not expected to follow the motion
+prior in the next step [standard deviations]."""
 
 _VELOCITY_DAMPING = 0.95  # share of the velocity that continues in the next step
 _MAX_EXTRAPOLATION = 0.5  # longest time over which the velocity is extrapolated [s]
@@ -41,7 +41,7 @@ _SEED_PERIOD = 1e-3  # frames this far apart draw different poses [s]
 
 
 class Location(NamedTuple):
-    """An aligned pose, the evidence for it, and the windows of the views."""
+    """An aligned pose, the evidence for the pose, and the windows of the views."""
 
     pose: PoseEstimate
     evidence: Evidence
@@ -49,7 +49,7 @@ class Location(NamedTuple):
 
 
 def spread(angular: float, linear: float) -> np.ndarray:
-    """Returns the covariance (6, 6) with these standard deviations [rad, m] on all axes."""
+    """Returns a covariance (6, 6) with the given standard deviations [rad, m] on all axes."""
     return np.diag(np.repeat(np.array([angular, linear]) ** 2, 3))
 
 
@@ -59,12 +59,15 @@ def predict(
     motion_prior: np.ndarray | None,
     config: RigidFlowConfig,
 ) -> PoseEstimate:
-    """Returns the predicted pose.
+    """Returns the predicted pose of the object in a new frame.
+
+    The motion prior predicts the pose. If there is none, or if a tracked object did not follow the
+    last prediction, the velocity is extrapolated instead.
 
     Args:
-        state: The tracker's state.
+        state: The tracker's state after the last frame.
         elapsed: Time since the last frame [s].
-        motion_prior: (4, 4) expected motion in the world, or None.
+        motion_prior: (4, 4) expected motion of the object in the world, or None.
         config: Parameters.
     """
     deviations = _prior_deviations(elapsed, config)
@@ -82,12 +85,12 @@ def predict(
 
 
 def _prior_deviations(elapsed: float, config: RigidFlowConfig) -> np.ndarray:
-    """Returns the standard deviations [rad, m] of a motion about its motion prior."""
+    """Returns the standard deviations (2,) [rad, m] of a motion from its motion prior."""
     return np.array([config.prior_angular_speed, config.prior_linear_speed]) * elapsed
 
 
 def _follows_prior(state: RigidFlowState, elapsed: float, config: RigidFlowConfig) -> bool:
-    """Returns whether the last motion was close to its prediction."""
+    """Returns whether the object's last motion was close to its prediction."""
     limits = _MAX_INNOVATION * _prior_deviations(elapsed, config)
     return bool(np.all(state.innovation <= limits))
 
@@ -95,7 +98,11 @@ def _follows_prior(state: RigidFlowState, elapsed: float, config: RigidFlowConfi
 def locate(
     state: RigidFlowState, frame: MultiViewFrame, predicted: PoseEstimate, config: RigidFlowConfig
 ) -> Location:
-    """Aligns the model from the prediction and, where that fails, from poses found by search."""
+    """Aligns the model with a frame, and returns the best location.
+
+    The alignment of a tracked object starts from the predicted pose. If it is not certain, or if
+    the object is lost, alignments start from poses that are found by search.
+    """
     model = state.model
     best: Location | None = None
     if state.lost_since is None:
@@ -119,7 +126,7 @@ def locate(
 def look_around(
     model: ObjectModel, frame: MultiViewFrame, X_WO: np.ndarray
 ) -> tuple[list[ViewWindow], ObservedPoints]:
-    """Returns the windows around the model at a pose (4, 4), and the observed points around it."""
+    """Returns the windows and the observed points around the object at a pose (4, 4)."""
     points_W = transform_points(X_WO, model.surface.points)
     views = zip(frame.cameras, frame.images, strict=True)
     windows = [make_window(camera, image, points_W) for camera, image in views]
@@ -134,7 +141,7 @@ def _align(model: ObjectModel, frame: MultiViewFrame, start: PoseEstimate) -> Lo
 
 
 def _is_certain(location: Location, max_conflict: float) -> bool:
-    """Returns whether no other pose needs to be tried."""
+    """Returns whether a location is so certain that no other pose needs to be tried."""
     evidence = location.evidence
     return evidence.supports_pose(CERTAIN_AGREEMENT) and evidence.conflict <= max_conflict
 
@@ -142,7 +149,7 @@ def _is_certain(location: Location, max_conflict: float) -> bool:
 def _search_regions(
     state: RigidFlowState, stamp: float, predicted: PoseEstimate
 ) -> list[SearchRegion]:
-    """Returns regions around the prediction, the last pose if tracked, and any candidate."""
+    """Returns regions around the prediction, a tracked object's last pose, and any candidate."""
     missed = 0.0 if state.lost_since is None else stamp - state.lost_since
     angular, linear = (
         min(near + growth * missed, far)

@@ -1,9 +1,9 @@
 """Searches for the object's pose among many, by depth and colour.
 
-An object that falls, swings or is pushed may be far from its prediction. Then many poses are scored
-at a few model points each, the best of them are varied in ever smaller steps, and a few poses
-remain to align from. Each round scores all its poses in whole arrays, so thousands of them cost as
-much as one or two alignments.
+An object that falls, swings or is pushed may be far from its predicted pose. Then many poses are
+scored at a few model points each, the best poses are varied in ever smaller steps, and a few poses
+remain, from which alignments start. Each round scores all its poses at once in arrays, so a search
+over about a thousand poses costs as much as one or two alignments.
 """
 
 from collections.abc import Sequence
@@ -43,9 +43,9 @@ class SearchRegion:
     """A region of poses to search.
 
     Attributes:
-        X_WO: (4, 4) pose of the object.
-        angular: Standard deviation about each axis of the object [rad].
-        linear: Standard deviation along each axis of the object [m].
+        X_WO: (4, 4) pose of the object in the middle of the region.
+        angular: Standard deviation of the poses about each axis of the object [rad].
+        linear: Standard deviation of the poses along each axis of the object [m].
     """
 
     X_WO: np.ndarray
@@ -56,12 +56,12 @@ class SearchRegion:
 def search(
     model: ObjectModel, frame: MultiViewFrame, regions: Sequence[SearchRegion], seed: int
 ) -> list[np.ndarray]:
-    """Returns the poses (4, 4) that the views support most, the best first.
+    """Returns the few poses (4, 4) that the views support most, the best first.
 
     Args:
-        model: The object.
+        model: The model of the object.
         frame: The views.
-        regions: Where to search; each gets an equal share of the poses.
+        regions: Where to search; each region gets an equal share of the poses.
         seed: Seed of the random poses.
     """
     rng = np.random.default_rng(seed)
@@ -107,10 +107,11 @@ def score_poses(
         gate: Points farther than this from the measured surface count as missing [m].
 
     Returns:
-        (P,) the mean over the points that face a camera and have depth; if these are few, their sum
-        divided by ENOUGH_SHARE of all points. A point scores up to 1 if measured in its place and
-        colour, 0 to -1 if the colour differs, 0 if occluded, -1/2 if something just in front may
-        touch the object, and -1 if the camera sees through the point.
+        (P,) the mean score of the points that face a camera and have depth. If these points are
+        few, the sum of their scores is divided by ENOUGH_SHARE of all points instead. A point
+        scores up to 1 if it is measured in its place and colour, 0 to -1 if its colour differs, 0
+        if it is occluded, -1/2 if something just in front of it may touch the object, and -1 if the
+        camera sees through it.
     """
     total, compared = np.zeros(len(poses)), np.zeros(len(poses))
     points, normals, offsets = (
@@ -152,7 +153,7 @@ def score_poses(
 
 
 def _motions(rng: np.random.Generator, count: int, angular: float, linear: float) -> np.ndarray:
-    """Draws motions (count, 4, 4) of the object in its own frame, most of them small."""
+    """Draws random motions (count, 4, 4) of the object in its own frame, most of them small."""
     motions = rng.standard_normal((count, 6))
     # Scales from 0.2 to 1: near poses are likelier and need a finer sampling.
     motions *= np.linspace(0.2, 1.0, count)[:, None]
@@ -160,7 +161,7 @@ def _motions(rng: np.random.Generator, count: int, angular: float, linear: float
 
 
 def _distinct(poses: np.ndarray) -> list[np.ndarray]:
-    """Returns the first _MAX_FOUND poses of (P, 4, 4) that differ from one another."""
+    """Returns the first `_MAX_FOUND` of the poses (P, 4, 4) that differ from one another."""
     chosen: list[np.ndarray] = []
     for X in poses:
         same = (

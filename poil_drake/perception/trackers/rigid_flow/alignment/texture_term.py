@@ -1,8 +1,9 @@
 """The texture term: patches of the surface against the image.
 
-Patches, moved by the pose and projected, are compared with the current image, so they remain
-comparable over large rotations, and errors do not accumulate from frame to frame. A plane of grey
-is subtracted on both sides and the contrast is matched, which removes the effect of shading.
+Patches are moved by the object's pose, projected, and compared with the current image. They
+therefore remain comparable over large rotations, and errors do not accumulate from frame to frame.
+To remove the effect of shading, the best-fitting plane of grey levels is subtracted from the patch
+and from the image, and their contrasts are matched.
 
 First each patch is searched for near its projection, as in optical flow, which copes with poses
 that are several pixels off. Then grey levels are compared directly, which is more precise.
@@ -45,9 +46,9 @@ class PatchMatches:
     """K patches that were found in a view.
 
     Attributes:
-        centres: (K, 3) [m, object].
-        targets: (K, 2) window coordinates where each was found [px].
-        tensor: (K, 2, 2) structure tensor of each in the image, of trace 1.
+        centres: (K, 3) centres of the patches [m, object].
+        targets: (K, 2) window coordinates at which the centres were found [px].
+        tensor: (K, 2, 2) structure tensors of the image at the patches, scaled to trace 1.
         trust: (K,) weights in (0, 1].
     """
 
@@ -62,7 +63,7 @@ def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | No
 
     Args:
         patches: Patches that the view shows.
-        view: The view, with a pose that may be several pixels off.
+        view: The view. Its pose may place the patches several pixels off.
 
     Returns:
         The matches, or None if there are fewer than 3.
@@ -104,7 +105,7 @@ def match_patches(patches: TexturePatches, view: PosedView) -> PatchMatches | No
 
 
 def add_flow_term(equations: NormalEquations, matches: PatchMatches, view: PosedView) -> None:
-    """Adds the distances in the image from patches to where they were found."""
+    """Adds the distances in the image from each patch to where it was found, as residuals."""
     places = np.stack(view.project(matches.centres), axis=1)
     residuals = matches.targets - places
     weights = tukey_weights(np.linalg.norm(residuals, axis=1), _FLOW_GATE)
@@ -120,13 +121,13 @@ def add_texture_term(
     view: PosedView,
     min_correlation: float,
 ) -> None:
-    """Adds the grey-level residuals of patches.
+    """Adds the differences in grey level between patches and the image, as residuals.
 
     Args:
         equations: The sums to add to.
         patches: Patches that the view shows.
         view: The view.
-        min_correlation: Patches that correlate less with the image are left out.
+        min_correlation: Patches whose correlation with the image is lower are left out.
     """
     if len(patches) == 0:
         return
@@ -157,7 +158,7 @@ def add_texture_term(
 
 
 def select_shown(patches: TexturePatches, view: PosedView) -> TexturePatches:
-    """Returns at most _MAX_SHOWN patches that a view shows unoccluded."""
+    """Returns at most `_MAX_SHOWN` patches that a view shows and nothing occludes."""
     shown = np.flatnonzero(facing_patches(patches, view.eye))
     if len(shown) > _MAX_SHOWN:
         trusted = np.argsort(-patches.trust[shown], kind="stable")
@@ -182,9 +183,9 @@ def _add_patches(
 
     Args:
         equations: The sums to add to.
-        centres: (P, 3) [m, object].
-        tensor: (P, 2, 2) matrix of the displacement's equations.
-        pull: (P, 2) their right-hand side.
+        centres: (P, 3) centres of the patches [m, object].
+        tensor: (P, 2, 2) matrices of the displacements' normal equations.
+        pull: (P, 2) right-hand sides of the displacements' normal equations.
         view: The view.
     """
     gradients = (view.pixel_gradient(1.0, 0.0, centres), view.pixel_gradient(0.0, 1.0, centres))
@@ -195,7 +196,7 @@ def _add_patches(
 
 
 def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool have depth at most samples, with little disagreement."""
+    """Returns which patches (P,) bool agree with the depth measured at most of their samples."""
     measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     valid = measured > 0.0
     wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
