@@ -38,7 +38,7 @@ def RecordDemonstration(
         The number of frames.
 
     Raises:
-        ScenarioError: The scenario has no cameras, or its demonstration cannot be made.
+        ScenarioError: The scenario has no cameras, or its demonstration cannot be simulated.
     """
     if not scenario.cameras:
         raise ScenarioError(

@@ -1,6 +1,6 @@
-"""The connections of the closed loop, each end as "<system>.<port>".
+"""The connections of the closed loop, as pairs of "<system>.<port>".
 
-"robot.<port>" is the port "<robot's name>.<port>" of the station.
+"robot.<port>" stands for the station's port "<robot's name>.<port>".
 """
 
 from collections.abc import Mapping
@@ -117,7 +117,7 @@ SNAPSHOT_WIRES = [
 
 
 def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
-    """Connects those parts of the loop that exist, by the names of their ports."""
+    """Connects the loop's systems as listed in this file, except for systems that are absent."""
     wires = list(LOOP_WIRES)
     station = parts["station"]
     if station.HasOutputPort(f"{station.scenario.poil.robot}.position_commanded"):

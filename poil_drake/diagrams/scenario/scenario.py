@@ -62,21 +62,21 @@ class Scenario:
     Attributes:
         random_seed: Seed of all noise.
         simulation_duration: Longest duration of a run [s].
-        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down; the
-            option --realtime-rate overrides it. `start_time` must be 0. Every system here is
-            discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
+        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down to
+            that rate; the option --realtime-rate overrides it. `start_time` must be 0. All systems
+            are discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
             `use_error_control` have no effect.
         plant_config: Drake's plant settings, but `poil.rates.plant` replaces `time_step`.
         directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
-        lcm_buses: LCM networks; the default opens none.
-        model_drivers: Model instance -> driver, which sets how it follows commands.
+        lcm_buses: Name -> LCM network. The default network sends nothing.
+        model_drivers: Model instance -> driver, which sets how the model follows commands.
         cameras: Name -> camera. `rgb`, `depth`, `label` and `fps` only choose the images published
             on the camera's LCM bus; the station's ports give all images at any time. With an
-            `output_delay` [s], the same for all cameras, images are captured at the tracker's rate
-            and appear that much later; a second process renders them during the simulation, and
-            they are not published.
-        visualization: What Meshcat shows.
+            `output_delay` [s], which must be the same for all cameras, images are captured at the
+            tracker's rate and reach the ports after the delay. A second process renders them
+            during the simulation. They are not published.
+        visualization: What Meshcat shows, and how often.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task and POIL's settings.
         source: Where the scenario was read from; not a key of the file.

@@ -36,9 +36,9 @@ def test_values_out_of_range_are_named(field: str, value: float) -> None:
         ),
         (
             "hardware: {command_expiry: 0.05}",
-            "stall_limit is 0.08 s and .*expiry is 0.05 s",
+            "stall_limit is 0.08 s, not less than .*expiry, 0.05 s",
         ),
-        ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05, but poil.table_height"),
+        ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05 m, but"),
     ],
 )
 def test_contradictory_settings_are_refused(text: str, says: str) -> None:

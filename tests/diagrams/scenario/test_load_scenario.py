@@ -108,7 +108,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {latency: -0.5}}", "poil.latency is -0.5.*not negative"),
         (
             "{poil: {latency: 0.1}, cameras: {left: {name: left, output_delay: 0.1}}}",
-            "poil.latency is 0.1 s, but cameras.left.output_delay and .* up to 0.1039.*at least",
+            "latency is 0.1 s, less .* cameras.left.output_delay and .*, 0.1039.*at least",
         ),
         ("{poil: {parts: handle}}", "'poil.parts' is 'handle'.*mapping"),
         ("{poil: {depth_noise: {hole_probability: 3}}}", "poil.depth_noise: .*hole_probability"),
@@ -118,7 +118,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("[1", "not valid YAML"),
         ("[1]", "mapping"),
         ("mug", "'the scenario' is 'mug'.*mapping"),
-        ("{3: 4}", "a key is not text.* at line 1"),
+        ("{3: 4}", "a key that is not text .* at line 1"),
         ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
         ("{random_seed: -1}", "random_seed is -1.*not negative"),
         ("{simulation_duration: 0}", "simulation_duration is 0"),
@@ -198,7 +198,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {demonstration_motion: {keyframes: [{time: 0}]}}}", "at least two"),
         (
             "{poil: {demonstration_motion: {keyframes: [{time: 0}, {time: 2}, {time: 1}]}}}",
-            r"keyframes are at \[0.0, 2.0, 1.0\] s",
+            r"keyframes are not valid: \[0.0, 2.0, 1.0\] s",
         ),
         (
             "{poil: {demonstration_motion: {keyframes: [{time: 0.5}, {time: 1}]}}}",
