@@ -16,14 +16,10 @@ from poil_drake.systems.skill.phases import Fault, Phase
 _VECTORS = {
     # Name in the record       system, port
     "points": ("propagator", "points"),
-    "confidence": ("propagator", "confidence"),
     "target_points": ("controller", "target_points"),
-    "mean_error": ("controller", "mean_error"),
     "goal_error": ("controller", "goal_error"),
     "potential": ("controller", "potential"),
     "tau": ("controller", "tau"),
-    "controller_status": ("controller", "status"),
-    "ik_scale": ("inverse_kinematics", "scale"),
     "joint_velocities": ("supervisor", "velocity"),
     "phase": ("sequencer", "phase"),
 }
