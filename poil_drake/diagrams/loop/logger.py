@@ -29,7 +29,7 @@ _STATUSES = {
 def MakeLoopLogger(
     scenario: Scenario, plan: ExecutionPlan, *, log: RunLogWriter, station: Station
 ) -> McapLogger:
-    """Returns the logger of a closed loop, with the ports that `LOGGER_WIRES` names.
+    """Returns the logger of a closed loop, with the ports that `OPTIONAL_WIRES` names.
 
     Args:
         scenario: The station and the task.
