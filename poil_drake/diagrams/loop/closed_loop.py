@@ -1,7 +1,7 @@
 """The closed loop: station, cameras, tracker, propagator, Point-set BCSDM, inverse kinematics."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from pydrake.geometry import Meshcat
@@ -59,7 +59,7 @@ class ClosedLoop:
 
     diagram: Diagram
     station: Station
-    detector: PartDetector | None
+    detector: PartDetector | None = None
     tracker: LeafSystem
     propagator: FkPropagator
     controller: PointSetBcsdm
@@ -179,20 +179,8 @@ def MakeClosedLoop(
     except BaseException:
         _close(station, parts.get("tracker"), parts.get("detector"))
         raise
-    return ClosedLoop(
-        diagram=diagram,
-        station=station,
-        detector=parts.get("detector"),
-        tracker=parts["tracker"],
-        propagator=parts["propagator"],
-        controller=parts["controller"],
-        inverse_kinematics=parts["inverse_kinematics"],
-        sequencer=parts["sequencer"],
-        motion=parts["motion"],
-        supervisor=parts["supervisor"],
-        stop_requests=parts["stop_requests"],
-        speed=speed,
-    )
+    named = {f.name: parts[f.name] for f in fields(ClosedLoop) if f.name in parts}
+    return ClosedLoop(diagram=diagram, speed=speed, **named)
 
 
 def _close(station: Station, tracker: LeafSystem | None, detector: PartDetector | None) -> None:
