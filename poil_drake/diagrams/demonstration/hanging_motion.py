@@ -1,6 +1,7 @@
 """The default demonstration: an object with a handle is hung on a rod."""
 
 import numpy as np
+from pydrake.math import RotationMatrix
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.demonstration_config import HangingMotionConfig
@@ -34,16 +35,14 @@ def hanging_keyframes(
     rod = _direction(base, tip)
     opening, handle = _find_handle(scene)
     heading = np.arctan2(handle[1], handle[0])
-    turn = _turn_about_z(np.radians(config.start_yaw) - heading)
+    turn = RotationMatrix.MakeZRotation(np.radians(config.start_yaw) - heading).matrix()
     start = make_transform(turn, np.array(config.start))
-    lifted = make_transform(turn, start[:3, 3] + np.array([0.0, 0.0, config.lift]))
+    lifted = make_transform(turn, start[:3, 3] + [0.0, 0.0, config.lift])
     R = _hanging_rotation(rod, handle, config.tilt)
     seat = base + config.seat * (tip - base)
     over = make_transform(R, seat - R @ opening)
-    before = over.copy()
-    before[:3, 3] += tip + config.approach * rod - seat
-    hung = over.copy()
-    hung[:3, 3] += _descent(scene, over, rod, config)
+    before = make_transform(R, over[:3, 3] + (tip + config.approach * rod - seat))
+    hung = make_transform(R, over[:3, 3] + _descent(scene, over, rod, config))
     times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
     return times, np.array([start, start, lifted, before, over, hung, hung])
 
@@ -143,8 +142,7 @@ def _descent(
     down /= np.linalg.norm(down)
 
     def gap(depth: float) -> float:
-        pose = over.copy()
-        pose[:3, 3] += depth * down
+        pose = make_transform(over[:3, :3], over[:3, 3] + depth * down)
         return scene.distance(pose, scene.part_link, scene.fixture_name, config.rod)
 
     if gap(0.0) < config.clearance:
@@ -165,8 +163,3 @@ def _descent(
         middle = (low + high) / 2
         low, high = (middle, high) if gap(middle) > config.clearance else (low, middle)
     return low * down
-
-
-def _turn_about_z(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
