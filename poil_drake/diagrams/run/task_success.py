@@ -46,23 +46,6 @@ def TouchedGeometries(
     return frozenset(touched)
 
 
-def HolderGeometries(
-    plant: MultibodyPlant, inspector: SceneGraphInspector, fixture: str, part: str
-) -> frozenset[str]:
-    """Returns the scoped names of the fixture's geometries on which an object can hang.
-
-    Args:
-        plant: The plant.
-        inspector: The inspector of the plant's scene graph.
-        fixture: The fixture's model instance.
-        part: A link of the fixture, or an expression for geometries; see `CollisionGeometries`.
-    """
-    return frozenset(
-        ScopedGeometryName(plant, inspector, geometry_id)
-        for geometry_id in CollisionGeometries(plant, inspector, fixture, part)
-    )
-
-
 @dataclass
 class HangingJudge:
     """Observes contacts, and measures how long the object has hung.
@@ -121,12 +104,12 @@ class SimulatedTruth:
     @classmethod
     def of(cls, station: SimulatedStation) -> Self:
         """Creates the truth of a station; its judge has observed nothing yet."""
-        poil = station.scenario.poil
-        holder = HolderGeometries(
-            station.plant(),
-            station.scene_graph().model_inspector(),
-            poil.fixture,
-            poil.demonstration_motion.hanging.rod,
+        poil, plant = station.scenario.poil, station.plant()
+        inspector = station.scene_graph().model_inspector()
+        rod = poil.demonstration_motion.hanging.rod
+        holder = frozenset(
+            ScopedGeometryName(plant, inspector, geometry_id)
+            for geometry_id in CollisionGeometries(plant, inspector, poil.fixture, rod)
         )
         return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
 
