@@ -18,30 +18,6 @@ from poil_drake.diagrams.scenario.value_ranges import require_not_negative, requ
 from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
-def _null_lcm() -> dict[str, DrakeLcmParams]:
-    return {"default": DrakeLcmParams(lcm_url=checks.NO_NETWORK)}
-
-
-def _simulator_config() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=0.01, use_error_control=False, accuracy=1e-2)
-
-
-def _plant_config() -> MultibodyPlantConfig:
-    # "sap" softens the contact of the light fingers so much that a held mug tilts.
-    return MultibodyPlantConfig(
-        contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
-    )
-
-
-def _visualization_config() -> VisualizationConfig:
-    return VisualizationConfig(
-        publish_period=1 / 32,
-        publish_contacts=False,
-        publish_inertia=False,
-        enable_meshcat_creation=False,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class ScenarioSource:
     """Where a scenario was read from.
@@ -84,13 +60,31 @@ class Scenario:
 
     random_seed: int = 0
     simulation_duration: float = math.inf
-    simulator_config: SimulatorConfig = field(default_factory=_simulator_config)
-    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config)
+    simulator_config: SimulatorConfig = field(
+        default_factory=lambda: SimulatorConfig(
+            max_step_size=0.01, use_error_control=False, accuracy=1e-2
+        )
+    )
+    # "sap" softens the contact of the light fingers so much that a held mug tilts.
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
     directives: list[ModelDirective] = field(default_factory=list)
-    lcm_buses: Mapping[str, DrakeLcmParams] = field(default_factory=_null_lcm)
+    lcm_buses: Mapping[str, DrakeLcmParams] = field(
+        default_factory=lambda: {"default": DrakeLcmParams(lcm_url=checks.NO_NETWORK)}
+    )
     model_drivers: Mapping[str, PandaDriver] = field(default_factory=dict)
     cameras: Mapping[str, CameraConfig] = field(default_factory=dict)
-    visualization: VisualizationConfig = field(default_factory=_visualization_config)
+    visualization: VisualizationConfig = field(
+        default_factory=lambda: VisualizationConfig(
+            publish_period=1 / 32,
+            publish_contacts=False,
+            publish_inertia=False,
+            enable_meshcat_creation=False,
+        )
+    )
     initial_position: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     poil: PoilConfig = field(default_factory=PoilConfig)
     source: ScenarioSource = field(default_factory=ScenarioSource, metadata={"yaml": False})
