@@ -67,12 +67,12 @@ def LoadScenario(
         path = Path(filename)
         name, node = _named_scenario(_read(path), scenario_name, path)
         node = _with_absolute_paths(node, path.resolve().parent)
-        scenario = merge_yaml(node=node, schema=Scenario, default=scenario, unknown=unknown)
+        scenario = merge_yaml(node, Scenario, scenario, unknown=unknown)
         source = ScenarioSource(name=name, file=str(path))
         scenario = dataclasses.replace(scenario, source=source)
     if data is not None:
         node = _with_absolute_paths(_parse(data, "The scenario text"), Path.cwd())
-        scenario = merge_yaml(node=node, schema=Scenario, default=scenario)
+        scenario = merge_yaml(node, Scenario, scenario)
     return scenario
 
 
@@ -204,13 +204,11 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
 def _with_absolute_paths(node: Any, directory: Path) -> Any:
     """Returns a scenario's node with its relative file paths resolved against a directory."""
 
-    def url(path: str) -> str:
-        return (
-            path if "://" in path else f"file://{(directory / Path(path).expanduser()).resolve()}"
-        )
-
     def file(path: str) -> str:
-        return str(directory / Path(path).expanduser()) if path else path
+        return str(directory / Path(path).expanduser())
+
+    def url(path: str) -> str:
+        return path if "://" in path else f"file://{Path(file(path)).resolve()}"
 
     for places, change in ((_URLS, url), (_FILES, file)):
         for place in places:

@@ -32,7 +32,7 @@ _WANTED = {
 
 
 def merge_yaml(
-    *, node: Any, schema: Any, default: Any, path: str = "", unknown: list[str] | None = None
+    node: Any, schema: Any, default: Any, *, path: str = "", unknown: list[str] | None = None
 ) -> Any:
     """Returns `default`, changed wherever the YAML node gives a value.
 
@@ -72,11 +72,7 @@ def merge_yaml(
             merged = dict(default or {})
             for key, value in node.items():
                 merged[key] = merge_yaml(
-                    node=value,
-                    schema=arguments[1],
-                    default=merged.get(key),
-                    path=f"{path}.{key}",
-                    unknown=unknown,
+                    value, arguments[1], merged.get(key), path=f"{path}.{key}", unknown=unknown
                 )
             return merged
     elif isinstance(node, list) and base in (list, tuple):
@@ -84,9 +80,7 @@ def merge_yaml(
             arguments = (arguments[0],) * len(node)
         if len(arguments) == len(node):
             return base(
-                merge_yaml(
-                    node=item, schema=argument, default=None, path=f"{path}[{i}]", unknown=unknown
-                )
+                merge_yaml(item, argument, None, path=f"{path}[{i}]", unknown=unknown)
                 for i, (item, argument) in enumerate(zip(node, arguments, strict=True))
             )
         wanted = f"a list of {len(arguments)} values"
@@ -129,11 +123,7 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            node=value,
-            schema=fields[key],
-            default=getattr(default, key),
-            path=place,
-            unknown=unknown,
+            value, fields[key], getattr(default, key), path=place, unknown=unknown
         )
     if dataclasses.is_dataclass(default) and not isinstance(default, type):
         try:
