@@ -44,33 +44,27 @@ def AddLoggingAndVisualization(
         log: Receives the signals; None adds no logger.
         album: Receives snapshots; None adds no recorder, nor does the ground-truth tracker.
     """
-    parts: dict[str, LeafSystem] = {}
+    systems: dict[str, LeafSystem] = {}
     if meshcat is not None:
-        parts["visualizer"] = builder.AddNamedSystem(
-            "visualizer",
-            PointSetVisualizer(
-                meshcat=meshcat,
-                reference=plan.reference,
-                phase_names=PHASE_NAMES,
-                config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
-            ),
+        systems["visualizer"] = PointSetVisualizer(
+            meshcat=meshcat,
+            reference=plan.reference,
+            phase_names=PHASE_NAMES,
+            config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
         )
     if log is not None:
-        parts["logger"] = builder.AddNamedSystem(
-            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
-        )
+        systems["logger"] = MakeLoopLogger(scenario, plan, log=log, station=station)
     if album is not None and scenario.poil.tracker != GROUND_TRUTH:
-        parts["snapshots"] = builder.AddNamedSystem(
-            "snapshots",
-            SnapshotRecorder(
-                album=album,
-                camera=station.camera_models[0],
-                reference=plan.reference,
-                period=scenario.poil.rates.tracker,
-                offset=scenario.poil.rates.control,
-            ),
+        systems["snapshots"] = SnapshotRecorder(
+            album=album,
+            camera=station.camera_models[0],
+            reference=plan.reference,
+            period=scenario.poil.rates.tracker,
+            offset=scenario.poil.rates.control,
         )
-    return parts
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
+    return systems
 
 
 def AddDisturbances(
