@@ -51,13 +51,9 @@ class LoopTiming:
             ("period", np.diff(self.starts)),
         ):
             if len(values):
-                p50, p99, p999 = np.percentile(values, [50.0, 99.0, 99.9])
-                figures |= {
-                    f"tick_{name}_p50_ms": 1e3 * float(p50),
-                    f"tick_{name}_p99_ms": 1e3 * float(p99),
-                    f"tick_{name}_p999_ms": 1e3 * float(p999),
-                    f"tick_{name}_max_ms": 1e3 * float(np.max(values)),
-                }
+                percentiles = np.percentile(values, [50.0, 99.0, 99.9, 100.0])
+                for label, value in zip(("p50", "p99", "p999", "max"), percentiles, strict=True):
+                    figures[f"tick_{name}_{label}_ms"] = 1e3 * float(value)
         return figures
 
 
