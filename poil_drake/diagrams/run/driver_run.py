@@ -95,7 +95,6 @@ def RunDriver(
         period=min(config.status_period, poil.rates.plant),
         time_scale=hardware.time_scale,
     )
-    reason = "stopped by the user"
     try:
         try:
             if robot.renderer is not None:

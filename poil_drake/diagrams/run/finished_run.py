@@ -81,7 +81,7 @@ def WriteReport(
     *,
     outputs: OutputPaths,
     album: SnapshotAlbum | None = None,
-    stages: Stopwatch | None = None,
+    stages: Stopwatch,
 ) -> RunSummary:
     """Judges a run, writes its picture and its figures, and returns the summary.
 
@@ -91,7 +91,6 @@ def WriteReport(
         album: Camera pictures of the run; None shows none in the picture.
         stages: Times of the job's stages so far; the stage "report" is added.
     """
-    stages = stages or Stopwatch()
     summary = summarize(run, outputs)
     try:
         with stages.measure("report"):

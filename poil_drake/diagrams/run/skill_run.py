@@ -206,7 +206,7 @@ def ExecutePlan(
                 )
                 stack.enter_context(recording)
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
-            run = _simulate(loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate)
+            run = _simulate(plan, scenario, recorder, log, stopwatch, progress, realtime_rate)
             run = dataclasses.replace(run, dry_run=dry_run)
         with stages.measure("report"):
             stack.close()
@@ -217,7 +217,6 @@ def ExecutePlan(
 
 
 def _simulate(
-    loop: ClosedLoop,
     plan: ExecutionPlan,
     scenario: Scenario,
     recorder: RunRecorder,
@@ -227,7 +226,8 @@ def _simulate(
     realtime_rate: float | None,
 ) -> FinishedRun:
     """Advances the loop until the skill is done, has failed, or has run out of time."""
-    station, hardware = loop.station, scenario.poil.hardware
+    loop, hardware = recorder.loop, scenario.poil.hardware
+    station = loop.station
     rates, clock = scenario.poil.rates, hardware.clock()
     simulator = Simulator(loop.diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
