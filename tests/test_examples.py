@@ -16,18 +16,16 @@ runpy.run_path(sys.argv[1], run_name="__main__")
 """
 
 
-def run_example(name: str, *arguments: object, cwd: Path) -> str:
-    """Runs an example in its own process and returns its output."""
-    path = ROOT / "examples" / name
-    done = subprocess.run(
-        [sys.executable, path, *map(str, arguments)],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def run_python(*arguments: object, cwd: Path) -> str:
+    """Runs Python in its own process and returns its output."""
+    command = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def run_example(name: str, *arguments: object, cwd: Path) -> str:
+    return run_python(ROOT / "examples" / name, *arguments, cwd=cwd)
 
 
 def test_every_example_is_run_by_a_test() -> None:
@@ -44,16 +42,10 @@ def test_every_example_is_run_by_a_test() -> None:
 @pytest.mark.parametrize("flags", [[], ["--meshcat"]])
 def test_the_controller_alone_takes_the_body_to_the_goal(flags: list[str], tmp_path: Path) -> None:
     path = ROOT / "examples" / "controller_alone.py"
-    done = subprocess.run(
-        [sys.executable, "-c", AS_FAST_AS_POSSIBLE, path, *flags],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
-    assert done.returncode == 0, done.stderr
-    errors = [float(e) for e in re.findall(r"^\d s: +([\d.]+) mm", done.stdout, re.MULTILINE)]
+    output = run_python("-c", AS_FAST_AS_POSSIBLE, path, *flags, cwd=tmp_path)
+
+    errors = [float(e) for e in re.findall(r"^\d s: +([\d.]+) mm", output, re.MULTILINE)]
     assert len(errors) == 9
     assert errors[0] > 1000.0
     # At 3 / s a few mm decay within a second or two; the integrator's error is below 0.1 mm.
@@ -108,14 +100,7 @@ def test_a_users_own_task_succeeds(tmp_path: Path) -> None:
     assert script.count('TASK = """\n') == 1
     script = script.replace('TASK = """\n', 'TASK = """\npoil: {tracker: ground_truth}\n')
 
-    done = subprocess.run(
-        [sys.executable, "-c", script, "own"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    output = run_python("-c", script, "own", cwd=tmp_path)
 
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("SUCCESS: the mug hangs on the rack")
+    assert output.startswith("SUCCESS: the mug hangs on the rack")
     assert {path.name for path in (tmp_path / "own").iterdir()} >= {"demo.mcap", "run.mcap"}
