@@ -34,7 +34,7 @@ def AddPerception(
         scenario: Names the detector and the tracker.
         plan: Has the points to track.
         station: Has the cameras, and sets when images are captured and results are released.
-        dry_run: Whether to stop tracking once the points are found; the object does not move then.
+        dry_run: Whether to stop tracking once the points are found, as in a dry run.
         stopwatch: Measures the time for captures, detection and tracking.
 
     Raises:

@@ -34,7 +34,7 @@ class OutputPaths:
 
     @classmethod
     def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns <directory>/<name>.<kind> for each kind of output that `given` does not name."""
+        """Returns `given` paths by kind; <directory>/<name>.<kind> for all other outputs."""
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
@@ -66,7 +66,7 @@ class OutputPaths:
     def unlink(self) -> None:
         """Removes older output files, so that they cannot be mistaken for new ones.
 
-        Only regular files are removed, and none in /dev or /proc, e.g. /dev/stdout.
+        Only regular files outside /dev and /proc are removed, so that /dev/stdout can be an output.
         """
         for path in self.as_dict().values():
             devices = {Path("/dev"), Path("/proc")} & set(path.absolute().parents)

@@ -63,7 +63,7 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
     """Checks that the station's arm is where the plan begins.
 
     Raises:
-        PlanningError: if a joint is too far away. The text states which joint is farthest.
+        PlanningError: if a joint is too far from there. The text states the farthest joint.
     """
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])

@@ -20,7 +20,7 @@ _LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
 """Limits on the characters of a YAML text, and on its values with all aliases expanded."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
-"""The scenario that is read from a file with several scenarios if none is named."""
+"""The scenario that is chosen from a file with several if the caller gives no name."""
 
 # Where a scenario holds paths relative to its file; "*" matches every key and every item.
 _URLS = (

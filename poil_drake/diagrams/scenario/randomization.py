@@ -26,7 +26,7 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
 
     Raises:
         ScenarioError: A model or pose is drawn, but no directive adds the object. Or a pose is
-            drawn, but the object's directive does not give exactly one, deterministic pose.
+            drawn, but the object does not have exactly one default pose, or that pose is random.
     """
     rng = np.random.default_rng(seed)
     ranges = scenario.poil.randomization
