@@ -33,8 +33,6 @@ def AddLoggingAndVisualization(
 ) -> dict[str, LeafSystem]:
     """Adds the visualizer, the logger and the snapshot recorder, and returns them by name.
 
-    No other system depends on them.
-
     Args:
         builder: Receives the systems.
         scenario: The station and the task.

@@ -14,8 +14,7 @@ DEFAULT_TRACKER = "rigid_flow"
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
     """Returns the image-based tracker that a scenario selects.
 
-    If the scenario selects the ground-truth baseline, which uses no images, the result is
-    `DEFAULT_TRACKER`.
+    For the ground-truth baseline, which uses no images, returns the tracker `DEFAULT_TRACKER`.
 
     Raises:
         InvalidValueError: if `poil.tracker` is not a known name.

@@ -52,8 +52,7 @@ class PoilConfig:
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
-        demonstration_object_label: The object's name in the recorded demonstration, if it is not
-            that in `object`.
+        demonstration_object_label: The object's name in the recording; None means that in `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
