@@ -1,4 +1,4 @@
-"""Many trials side by side: pushes of growing force on the arm, each in its own process.
+"""Trials side by side: pushes of different force on the arm, each in a worker process.
 
 Needs a plan from `poil transfer`:
 python examples/batch_of_trials.py out/plan.npz 0 10 20
@@ -14,7 +14,7 @@ from poil_drake.systems import Pulse
 
 
 def push(plan_file: str, force: float) -> float:
-    """Returns how far the points are from the goal at 10.5 s [m], after a push at 6 s."""
+    """Returns the points' distance from the goal [m] at 10.5 s, after a push [N] at 6 s."""
     scenario = poil.LoadScenario(
         filename=poil.default_scenario_file(), data="{poil: {tracker: ground_truth}}"
     )

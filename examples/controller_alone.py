@@ -1,4 +1,4 @@
-"""The controller alone: it takes a free body from far away, almost upside down, along an arc."""
+"""The controller alone: it guides a free body, which starts far away, along an arc to rest."""
 
 import sys
 

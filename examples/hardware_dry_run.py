@@ -1,7 +1,7 @@
 """A dry run on hardware: perception and control run, but nothing is sent to the robot.
 
-`poil driver` replaces the robot here, in a separate process behind the real interface (LCM);
-with a real one, leave it out. Needs a plan from `poil transfer`:
+Here, `poil driver` simulates the robot in a separate process, behind the real interface (LCM).
+With a real robot, leave it out. Needs a plan from `poil transfer`:
 python examples/hardware_dry_run.py out/plan.npz out/dry_run
 """
 

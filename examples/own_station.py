@@ -1,4 +1,4 @@
-"""Your own station: an obstacle beside the rack, and a list of what the arm touches.
+"""Your own station: an obstacle beside the rack, and a list of the bodies that touch another.
 
 Needs a plan from `poil transfer`: python examples/own_station.py out/plan.npz
 """
@@ -32,7 +32,7 @@ def add_box(parser: Parser) -> None:
 
 
 def touched(plant: MultibodyPlant, context: Context) -> set[str]:
-    """Returns the names of the bodies that touch another one."""
+    """Returns the names of the bodies that touch another body."""
     results = plant.get_contact_results_output_port().Eval(context)
     pairs = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
     indices = {index for pair in pairs for index in (pair.bodyA_index(), pair.bodyB_index())}
@@ -50,7 +50,7 @@ with poil.MakeClosedLoop(scenario, plan, station=station) as loop:
     seen: set[str] = set()
 
     def watch(root: Context) -> EventStatus:
-        """Notes what touches something, after each step."""
+        """Adds the bodies in contact to `seen` after each step."""
         seen.update(touched(station.plant(), station.plant().GetMyContextFromRoot(root)))
         return EventStatus.DidNothing()
 

@@ -1,4 +1,4 @@
-"""Your own task: another mug, the rack turned and moved, and a demonstration of your own scene.
+"""Your own task: another mug, the rack turned and moved, and a demonstration in this scene.
 
 Writes the files of `poil run` to the given folder: python examples/own_task.py out/own
 """

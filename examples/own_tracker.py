@@ -1,4 +1,4 @@
-"""Your own system in place of the tracker: it follows poses that some pose estimator reports.
+"""Your own system in place of the tracker: it follows the poses that a pose estimator reports.
 
 Needs a plan from `poil transfer`: python examples/own_tracker.py out/plan.npz
 """
@@ -26,7 +26,7 @@ from poil_drake.systems import (
 
 
 class Report(NamedTuple):
-    """What the tracker reports at a release."""
+    """What the tracker outputs for one capture."""
 
     points: TrackedPoints
     status: TrackerStatus
@@ -35,8 +35,9 @@ class Report(NamedTuple):
 class PoseTracker(LeafSystem):
     """Moves the plan's points with the object's pose, 20 times a second, 50 ms late.
 
-    The loop connects its input ports by name. `body_poses` are the simulator's poses; noise makes a
-    pose estimator of them. A tracker of images would have `left.rgb_image` and so on instead.
+    The loop connects the tracker's input ports by name. `body_poses` holds the simulator's poses;
+    added noise imitates a pose estimator. A tracker that uses images would have input ports such as
+    `left.rgb_image` instead.
     """
 
     def __init__(self, station: poil.Station, plan: poil.ExecutionPlan):

@@ -21,15 +21,15 @@ def demonstration_directives(
     """Returns the scenario's directives without its robot and with the demonstration's object.
 
     Everything welded to the robot, directly or through frames and other models, is removed with
-    it. Each `add_directives` is replaced by its file's contents. Collision filters are removed:
-    a demonstration has no contact.
+    it. Each `add_directives` is replaced by its file's contents. Collision filters are removed,
+    because a demonstration has no contact.
 
     Args:
         scenario: The scenario; it is not changed.
-        packages: The packages in which files of directives are found.
+        packages: The packages to which `package://` paths of `add_directives` may refer.
 
     Returns:
-        The directives, and the names of the models that are removed.
+        The directives, and the names of the removed models.
 
     Raises:
         ScenarioError: A file of directives cannot be read, a weld does not name the model of its
@@ -43,7 +43,7 @@ def demonstration_directives(
         if name in removed:
             raise ScenarioError(
                 f"The {role} '{name}' is welded to the robot '{poil.robot}'.",
-                remedy="Remove this weld from the directives: the demonstration has no robot.",
+                remedy="Remove this weld from the directives: a demonstration has no robot.",
             )
     kept = [d for d in directives if not _mentions(d, removed, frames)]
     for model in (d.add_model for d in kept if d.add_model is not None):
@@ -74,20 +74,20 @@ def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[Mo
 
 
 def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
-    """Checks that welds name the models of their links."""
+    """Checks that each weld names its links as <model>::<link>."""
     free = {"world", *(d.add_frame.name for d in directives if d.add_frame is not None)}
     for weld in (d.add_weld for d in directives if d.add_weld is not None):
         for name in (weld.parent, weld.child):
             if "::" not in name and name not in free:
                 raise ScenarioError(
-                    f"A weld names '{name}' without its model, so it is unknown whether it "
-                    "belongs to the robot.",
+                    f"A weld names '{name}' without its model, so it is unknown whether this "
+                    "link belongs to the robot.",
                     remedy=f"Use <model>::{name} in the directives.",
                 )
 
 
 def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str], set[str]]:
-    """Returns a model, all models welded to it as children, and the frames added to any of them."""
+    """Returns the names of a model, of all models welded below it, and of frames added to them."""
     attached, frames = {model}, set[str]()
     while True:
         before = len(attached) + len(frames)
@@ -102,7 +102,7 @@ def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str
 
 
 def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> bool:
-    """Returns whether a directive adds or joins one of the models, or filters collisions."""
+    """Returns whether a directive involves a model or frame listed, or filters collisions."""
     model, frame, weld = directive.add_model, directive.add_frame, directive.add_weld
     if model is not None:
         return model.name in models

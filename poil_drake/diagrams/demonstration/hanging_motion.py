@@ -1,6 +1,7 @@
 """The default demonstration: an object with a handle is hung on a rod."""
 
 import numpy as np
+from pydrake.math import RotationMatrix
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.demonstration_config import HangingMotionConfig
@@ -28,22 +29,20 @@ def hanging_keyframes(
         (K,) times [s] and (K, 4, 4) poses of the object in the world [m].
 
     Raises:
-        ScenarioError: The fixture has no suitable rod, or the object no suitable handle.
+        ScenarioError: The fixture has no suitable rod, or the object has no suitable handle.
     """
     base, tip = _find_rod(scene, config)
     rod = _direction(base, tip)
     opening, handle = _find_handle(scene)
     heading = np.arctan2(handle[1], handle[0])
-    turn = _turn_about_z(np.radians(config.start_yaw) - heading)
+    turn = RotationMatrix.MakeZRotation(np.radians(config.start_yaw) - heading).matrix()
     start = make_transform(turn, np.array(config.start))
-    lifted = make_transform(turn, start[:3, 3] + np.array([0.0, 0.0, config.lift]))
+    lifted = make_transform(turn, start[:3, 3] + [0.0, 0.0, config.lift])
     R = _hanging_rotation(rod, handle, config.tilt)
     seat = base + config.seat * (tip - base)
     over = make_transform(R, seat - R @ opening)
-    before = over.copy()
-    before[:3, 3] += tip + config.approach * rod - seat
-    hung = over.copy()
-    hung[:3, 3] += _descent(scene, over, rod, config)
+    before = make_transform(R, over[:3, 3] + (tip + config.approach * rod - seat))
+    hung = make_transform(R, over[:3, 3] + _descent(scene, over, rod, config))
     times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
     return times, np.array([start, start, lifted, before, over, hung, hung])
 
@@ -55,7 +54,7 @@ def _direction(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
 def _find_rod(
     scene: DemonstrationScene, config: HangingMotionConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the centres of the rod's ends [m, world]: base and tip."""
+    """Returns the ends of the rod's axis, base and tip, each (3,) [m, world]."""
     fixture = scene.fixture_name
     boxes = scene.boxes(fixture, config.rod)
     if not boxes:
@@ -70,22 +69,27 @@ def _find_rod(
     ends = [X_WB[:3, 3] - reach, X_WB[:3, 3] + reach]
     foot = scene.model_position(fixture)
     base, tip = sorted(ends, key=lambda end: float(np.linalg.norm((end - foot)[:2])))
-    if abs(_direction(base, tip)[2]) > _STEEPEST_ROD:
+    steepness = abs(_direction(base, tip)[2])
+    if steepness > _STEEPEST_ROD:
         raise _unsuitable(
-            f"The rod '{config.rod}' of '{fixture}' is too steep for a handle to stay on it.",
+            f"The rod '{config.rod}' of '{fixture}' is too steep for a handle to stay on it: "
+            f"{np.degrees(np.arcsin(steepness)):.0f} deg from the horizontal.",
             "Set poil.demonstration_motion.hanging.rod to another link",
         )
     return base, tip
 
 
 def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the centre of the handle's opening [m] and its direction, in the object's frame."""
+    """Returns the centre of the handle's opening [m] and the handle's direction from the z axis.
+
+    Both are (3,), in the object's frame.
+    """
     scene.put_object(np.eye(4))
     boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
         raise _unsuitable(
             f"The demonstration's object has no link or collision geometry '{scene.part_link}'.",
-            "Set the part in poil.parts to a link or geometries of the object",
+            "In poil.parts, set the part to a link or geometries of the object",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])
@@ -108,10 +112,11 @@ def _unsuitable(problem: str, remedy: str) -> ScenarioError:
 
 
 def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
-    """Returns the object's orientation (3, 3) in which the handle's opening faces the rod.
+    """Returns the object's (3, 3) orientation in the world in which its handle can hang on the rod.
 
-    In the plane perpendicular to the rod, the handle points up by `tilt` [deg] from the horizontal,
-    on the side of the world's +x axis, away from the robot.
+    `rod` and `handle` are unit vectors (3,): along the rod in the world, and from the object's z
+    axis to the handle in the object's frame. The handle becomes perpendicular to the rod. It points
+    away from the robot, towards the world's +x axis, and `tilt` [deg] above the horizontal.
     """
     up = np.array([0.0, 0.0, 1.0]) - rod[2] * rod
     up /= np.linalg.norm(up)
@@ -129,38 +134,32 @@ def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.nd
 def _descent(
     scene: DemonstrationScene, over: np.ndarray, rod: np.ndarray, config: HangingMotionConfig
 ) -> np.ndarray:
-    """Returns the displacement [m] down to where the handle is `clearance` above the rod.
+    """Returns the displacement (3,) [m, world] from `over` to a gap of `clearance` above the rod.
 
-    It is perpendicular to the rod; its length is found by bisection of the distance between handle
-    and rod.
+    The displacement is downward, perpendicular to the rod. Bisection finds its length.
     """
     down = rod[2] * rod - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down)
 
     def gap(depth: float) -> float:
-        pose = over.copy()
-        pose[:3, 3] += depth * down
+        pose = make_transform(over[:3, :3], over[:3, 3] + depth * down)
         return scene.distance(pose, scene.part_link, scene.fixture_name, config.rod)
 
     if gap(0.0) < config.clearance:
         raise _unsuitable(
-            f"The gap between rod and handle is {1000 * gap(0.0):.1f} mm, less than the clearance.",
-            "Use a thinner rod, a larger handle or a smaller hanging.clearance",
+            f"The gap between rod and handle is {1000 * gap(0.0):.1f} mm, less than "
+            f"poil.demonstration_motion.hanging.clearance, {1000 * config.clearance:.1f} mm.",
+            "Use a thinner rod, a larger handle or a smaller clearance",
         )
     low, high = 0.0, config.clearance
     while gap(high) > config.clearance:
         low, high = high, high + 0.002
         if high > 0.2:
             raise _unsuitable(
-                "The functional part has no opening that can hang on the rod.",
+                f"The part '{scene.part_link}' has no opening with which it can hang on the rod.",
                 "Choose another poil.part",
             )
     for _ in range(30):
         middle = (low + high) / 2
         low, high = (middle, high) if gap(middle) > config.clearance else (low, middle)
     return low * down
-
-
-def _turn_about_z(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -14,13 +14,14 @@ class KeyframeMotion:
     starts a little before the previous one ends, and their displacements add up (Flash and Henis,
     Journal of Cognitive Neuroscience 3, 1991). So the motion is twice continuously differentiable,
     starts and ends at rest, does not overshoot, and rounds the corners. Rotations are composed in
-    the same way, each about its own fixed axis. Two equal consecutive poses make a rest.
+    the same way, each about its own fixed axis. Two equal consecutive poses hold the object still.
 
     Args:
         times: (K,) times of the keyframes [s], increasing from 0, K >= 2.
         poses: (K, 4, 4) poses of the object in the world [m].
-        blend: Time by which each movement starts earlier and ends later than its keyframes [s];
-            0 stops at each keyframe. The first and last times do not change.
+        blend: Time by which each movement starts before its first keyframe and ends after its
+            second [s]. With 0, the object stops at each keyframe. The whole motion still starts at
+            the first keyframe and ends at the last.
 
     Attributes:
         duration: Time of the last keyframe [s].
@@ -46,9 +47,9 @@ class KeyframeMotion:
 
 
 def minimum_jerk(share: np.ndarray) -> np.ndarray:
-    """Returns the completed fraction of a minimum-jerk movement after a fraction of its time.
+    """Returns the completed fraction of a minimum-jerk movement after the fraction `share` of time.
 
-    s(x) = 10 x^3 - 15 x^4 + 6 x^5 for x clipped to [0, 1].
+    s(x) = 10 x^3 - 15 x^4 + 6 x^5, where x is `share` clipped to [0, 1].
     """
     x = np.clip(share, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

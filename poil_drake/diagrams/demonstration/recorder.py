@@ -1,6 +1,5 @@
 """Simulates a demonstration: the object moves as if held by a hand, and the cameras record it."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +12,11 @@ from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
-
-Progress = Callable[[str, float], None]
+from poil_drake.transfer.progress import Progress
 
 
 def RecordDemonstration(
-    scenario: Scenario,
-    path: str | Path,
-    *,
-    progress: Progress | None = None,
+    scenario: Scenario, path: str | Path, *, progress: Progress | None = None
 ) -> int:
     """Records the scenario's built-in demonstration.
 
@@ -38,7 +33,7 @@ def RecordDemonstration(
         The number of frames.
 
     Raises:
-        ScenarioError: The scenario has no cameras, or its demonstration cannot be made.
+        ScenarioError: The scenario has no cameras, or its demonstration cannot be simulated.
     """
     if not scenario.cameras:
         raise ScenarioError(

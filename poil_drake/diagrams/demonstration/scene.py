@@ -1,4 +1,4 @@
-"""The scene of a simulated demonstration: the scenario's, without its robot."""
+"""The scene of a simulated demonstration: the scenario's models, without its robot."""
 
 import numpy as np
 from pydrake.geometry import CalcObb, GeometryId, QueryObject
@@ -37,17 +37,17 @@ class DemonstrationScene:
 
     Args:
         scenario: The scenario. Its robot is removed; `demonstration_object` replaces its object.
-        cameras: False leaves out cameras and renderer.
+        cameras: Whether to add the scenario's cameras and their renderer.
 
     Attributes:
         object_name: Model instance of the object.
         fixture_name: Model instance of the fixture.
-        part_link: Link of the object's functional part, or pattern for names of its geometries.
+        part_link: Link of the object's functional part, or regular expression for its geometries.
         camera_names: Names of the cameras.
 
     Raises:
-        ScenarioError: The directives cannot be processed, a model, part or joint that the
-            scenario names does not exist, or a camera cannot be used.
+        ScenarioError: The directives cannot be processed; a model, part or joint that the
+            scenario names does not exist; or a camera cannot be used.
     """
 
     def __init__(self, scenario: Scenario, *, cameras: bool = True):
@@ -94,7 +94,7 @@ class DemonstrationScene:
         self._plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WO))
 
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
-        """Returns one image from every camera at a time [s]; the time seeds the noise."""
+        """Captures images with noise seeded by `time` [s], and with label images if `labels`."""
         self._context.SetTime(time)
         images = tuple(
             ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
@@ -103,11 +103,11 @@ class DemonstrationScene:
         return MakeFrame(self._cameras, images, self._label_ids)
 
     def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Returns the oriented boxes around a part's collision geometries.
+        """Returns an oriented bounding box for each collision geometry of a part.
 
         Args:
             model: The model instance.
-            part: A link, or a regular expression for names of geometries.
+            part: A link, or a regular expression for names of the model's geometries.
 
         Returns:
             The (4, 4) pose of each box's centre in the world [m] and its (3,) half sizes [m];
@@ -127,7 +127,7 @@ class DemonstrationScene:
         return self._first_body(model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
-        """Returns the signed distance [m] from a part of the object at X_WO to a model's part."""
+        """Puts the object at X_WO; returns its part's signed distance [m] from a model's part."""
         self.put_object(X_WO)
         query = self._query()
         return min(
@@ -148,9 +148,9 @@ class DemonstrationScene:
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
-    """Returns the demonstration object's parts: part -> link, or pattern for geometries.
+    """Returns part name -> link or expression for geometries, for the demonstration's object.
 
-    `poil.parts` describes the scenario's object. The package's mugs have the link "handle".
+    The package's mugs have the link "handle". For other objects, `poil.parts` applies.
     """
     if poil.demonstration_object.startswith(_OWN_MUGS):
         return {poil.part: _OWN_MUGS_PART}

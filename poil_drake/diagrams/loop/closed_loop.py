@@ -1,7 +1,7 @@
 """The closed loop: station, cameras, tracker, propagator, Point-set BCSDM, inverse kinematics."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from pydrake.geometry import Meshcat
@@ -39,8 +39,8 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 class ClosedLoop:
     """The closed loop and its named parts.
 
-    With an image-based tracker, processes run beside the simulation: `Close` the loop after the
-    run, or use it in a `with` statement.
+    With an image-based tracker, other processes run beside the simulation, so `Close` the loop
+    after the run, or use it in a `with` statement.
 
     Attributes:
         diagram: The whole diagram, ready for a Simulator.
@@ -48,10 +48,10 @@ class ClosedLoop:
         detector: Finds the part; None if the tracker needs no detector.
         tracker: `PointTracker`, `GroundTruthTracker`, `RecordedTracker` (replay), or the user's.
         propagator: Propagates the tracked points to the present.
-        controller: Point-set BCSDM.
+        controller: Point-set BCSDM: computes the gripper's twist from the points.
         inverse_kinematics: Turns the gripper's twist into joint velocities.
         sequencer: The skill's phases.
-        motion: Moves the arm in each phase.
+        motion: Selects the arm's motion in each phase.
         supervisor: Checks and limits every command to the robot.
         stop_requests: Counts requests to stop the arm.
         speed: Factor on the speed of all motions.
@@ -59,7 +59,7 @@ class ClosedLoop:
 
     diagram: Diagram
     station: Station
-    detector: PartDetector | None
+    detector: PartDetector | None = None
     tracker: LeafSystem
     propagator: FkPropagator
     controller: PointSetBcsdm
@@ -77,7 +77,7 @@ class ClosedLoop:
         self.Close()
 
     def Close(self) -> None:
-        """Ends the threads and processes beside the loop, which cannot be used afterwards."""
+        """Ends the threads and processes beside the loop. Do not use the loop afterwards."""
         _close(self.station, self.tracker, self.detector)
         self.stop_requests.close()
 
@@ -103,20 +103,20 @@ def MakeClosedLoop(
         scenario: The station and the task.
         plan: The result of transfer and grasp selection.
         station: The robot and its surroundings; None builds the scenario's.
-        tracker: Replaces the scenario's detector and tracker; None keeps them. It needs the output
-            ports of `PointTracker` except `frame`. Its input ports `body_poses` (in simulation),
-            `object_motion` and `<camera>.rgb_image`, `.depth_image`, `.label_image` and
-            `.image_time` are connected, if it has them. `object_motion` is the motion at the
-            images' time if the tracker has image ports, else the present motion.
+        tracker: A system that replaces the scenario's detector and tracker; None keeps them. It
+            needs the output ports of `PointTracker`, except `frame`. It may have the input ports
+            `body_poses` (in simulation), `object_motion`, and `<camera>.rgb_image`, `.depth_image`,
+            `.label_image` and `.image_time`, which are then connected. `object_motion` is the
+            motion at the images' time if the tracker takes images, else the present motion.
         meshcat: Where to show the scene, the points and the reference; None shows nothing.
         hardware: Whether the station is the real robot.
-        dry_run: On hardware: whether to send nothing and only show the motion, from where the robot
-            and the object really are.
+        dry_run: On hardware: whether to only show the motion, from the measured state of the robot
+            and the object, and to send nothing to the robot.
         log: Receives every signal and the images; the caller closes it after the run.
         album: Receives pictures of the run, if the tracker has the output port `frame`.
         disturbances: Pushes on bodies of the simulated plant.
-        stop_switch: Stops the arm, as does the button on the page of `meshcat`.
-        stopwatch: Receives the time that rendering, tracking, control and publishing take.
+        stop_switch: Stops the arm on request, like the button on the page of `meshcat`.
+        stopwatch: Measures the time for rendering, tracking, control and publishing.
 
     Returns:
         The loop. Close it after the run.
@@ -179,20 +179,8 @@ def MakeClosedLoop(
     except BaseException:
         _close(station, parts.get("tracker"), parts.get("detector"))
         raise
-    return ClosedLoop(
-        diagram=diagram,
-        station=station,
-        detector=parts.get("detector"),
-        tracker=parts["tracker"],
-        propagator=parts["propagator"],
-        controller=parts["controller"],
-        inverse_kinematics=parts["inverse_kinematics"],
-        sequencer=parts["sequencer"],
-        motion=parts["motion"],
-        supervisor=parts["supervisor"],
-        stop_requests=parts["stop_requests"],
-        speed=speed,
-    )
+    named = {f.name: parts[f.name] for f in fields(ClosedLoop) if f.name in parts}
+    return ClosedLoop(diagram=diagram, speed=speed, **named)
 
 
 def _close(station: Station, tracker: LeafSystem | None, detector: PartDetector | None) -> None:

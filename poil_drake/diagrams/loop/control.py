@@ -53,14 +53,15 @@ def AddControl(
 
     Args:
         builder: Receives the systems.
-        station: The robot.
+        station: The station with the robot.
         plan: The plan to execute.
         speed: Factor on the speed of all motions, in (0, 1].
-        hardware: Whether the station is a real robot, or the replay of one.
-        dry_run: Whether the points never expire, because the tracker finds them only once.
+        hardware: Whether the station is a real robot, or replays a run of one.
+        dry_run: Whether this is a dry run, in which the tracker finds the points only once. They
+            then never expire.
         meshcat: The page that gets a button to stop the arm.
         stop_switch: Another source of stop requests.
-        stopwatch: Records the durations of the updates as "control".
+        stopwatch: Measures the time for the systems' updates, as "control".
     """
     poil = station.scenario.poil
     period = poil.rates.control
@@ -139,7 +140,7 @@ def _skill(plan: ExecutionPlan, speed: float, *, hardware: bool) -> SkillConfig:
 
 
 def _safety(poil: PoilConfig, speed: float) -> SafetyConfig:
-    """Returns the scenario's safety parameters, with its table height and scaled speed limits."""
+    """Returns the safety parameters with the scenario's table height and scaled speed limits."""
     safety = poil.safety
     limiter = replace(safety.limiter, velocity_scale=speed * safety.limiter.velocity_scale)
     posture = replace(safety.posture, table_height=poil.table_height)

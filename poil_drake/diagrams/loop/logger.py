@@ -29,13 +29,13 @@ _STATUSES = {
 def MakeLoopLogger(
     scenario: Scenario, plan: ExecutionPlan, *, log: RunLogWriter, station: Station
 ) -> McapLogger:
-    """Returns the logger of a closed loop, with the ports that `LOGGER_WIRES` names.
+    """Returns the logger of a closed loop, with the ports that `OPTIONAL_WIRES` names.
 
     Args:
         scenario: The station and the task.
-        plan: The plan that is executed.
+        plan: The plan that the loop executes.
         log: Receives the messages.
-        station: Provides the bodies that may be pushed, and the cameras whose times are logged.
+        station: Has the bodies that may be pushed, and the cameras whose times are logged.
     """
     plant = station.plant()
     period, offset = RobotLogSchedule(scenario)
@@ -66,8 +66,9 @@ def MakeLoopLogger(
 def RobotLogSchedule(scenario: Scenario) -> tuple[float, float]:
     """Returns the period and the offset [s] at which the robot's signals are logged.
 
-    Each sample shows the inputs of the updates at the beginning of its control period: the plant
-    steps right before these updates, and its outputs stay the same until its next step.
+    Samples are logged one plant step after the start of each control period. They show the inputs
+    of the updates at that start: the plant steps immediately before these updates, and its outputs
+    then stay the same until its next step.
     """
     rates = scenario.poil.rates
     return rates.control, 0.0 if rates.plant == rates.control else rates.plant

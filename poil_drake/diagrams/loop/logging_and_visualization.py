@@ -31,50 +31,44 @@ def AddLoggingAndVisualization(
     log: RunLogWriter | None,
     album: SnapshotAlbum | None,
 ) -> dict[str, LeafSystem]:
-    """Adds visualizer, logger and snapshots, and returns them by name; no other system uses them.
+    """Adds the visualizer, the logger and the snapshot recorder, and returns them by name.
 
     Args:
         builder: Receives the systems.
         scenario: The station and the task.
-        plan: The plan that is executed.
-        station: The station.
+        plan: The plan that the loop executes.
+        station: The robot and its surroundings.
         meshcat: Where to show the run; None adds no visualizer.
         log: Receives the signals; None adds no logger.
-        album: Receives pictures; None, or the ground-truth tracker, adds no recorder.
+        album: Receives snapshots; None adds no recorder, nor does the ground-truth tracker.
     """
-    parts: dict[str, LeafSystem] = {}
+    systems: dict[str, LeafSystem] = {}
     if meshcat is not None:
-        parts["visualizer"] = builder.AddNamedSystem(
-            "visualizer",
-            PointSetVisualizer(
-                meshcat=meshcat,
-                reference=plan.reference,
-                phase_names=PHASE_NAMES,
-                config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
-            ),
+        systems["visualizer"] = PointSetVisualizer(
+            meshcat=meshcat,
+            reference=plan.reference,
+            phase_names=PHASE_NAMES,
+            config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
         )
     if log is not None:
-        parts["logger"] = builder.AddNamedSystem(
-            "logger", MakeLoopLogger(scenario, plan, log=log, station=station)
-        )
+        systems["logger"] = MakeLoopLogger(scenario, plan, log=log, station=station)
     if album is not None and scenario.poil.tracker != GROUND_TRUTH:
-        parts["snapshots"] = builder.AddNamedSystem(
-            "snapshots",
-            SnapshotRecorder(
-                album=album,
-                camera=station.camera_models[0],
-                reference=plan.reference,
-                period=scenario.poil.rates.tracker,
-                offset=scenario.poil.rates.control,
-            ),
+        systems["snapshots"] = SnapshotRecorder(
+            album=album,
+            camera=station.camera_models[0],
+            reference=plan.reference,
+            period=scenario.poil.rates.tracker,
+            offset=scenario.poil.rates.control,
         )
-    return parts
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
+    return systems
 
 
 def AddDisturbances(
     *, builder: DiagramBuilder, pulses: Sequence[Pulse], parts: Mapping[str, Any]
 ) -> None:
-    """Adds pushes on bodies of the simulated plant, and logs them where there is a logger.
+    """Adds pushes on bodies of the simulated plant, and logs them if there is a logger.
 
     Args:
         builder: Receives the injector, if there are any pushes.
@@ -96,7 +90,7 @@ def AddDisturbances(
 def PublishSchedules(
     scenario: Scenario, *, log: bool, meshcat: bool, album: bool
 ) -> list[tuple[float, float]]:
-    """Returns the periods and offsets [s] at which systems of the loop publish."""
+    """Returns the periods and offsets [s] at which a loop with these outputs publishes."""
     rates = scenario.poil.rates
     schedules = [(rates.logger, 0.0)]
     if log:

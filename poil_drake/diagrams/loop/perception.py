@@ -32,14 +32,14 @@ def AddPerception(
     Args:
         builder: Receives the systems.
         scenario: Names the detector and the tracker.
-        plan: Its points are followed.
-        station: Provides the cameras and the times of captures and releases.
-        dry_run: Whether tracking stops once the points are found, as the object does not move.
-        stopwatch: Receives the time that captures, searches and tracking take.
+        plan: Has the points to track.
+        station: Has the cameras, and sets when images are captured and results are released.
+        dry_run: Whether to stop tracking once the points are found, as in a dry run.
+        stopwatch: Measures the time for captures, detection and tracking.
 
     Raises:
         ScenarioError: if there are no cameras.
-        InvalidValueError: if there is no detector or tracker of that name.
+        InvalidValueError: if `poil.detector` or `poil.tracker` is not a known name.
     """
     poil = scenario.poil
     cameras = station.camera_models

@@ -8,16 +8,16 @@ from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 
 DEFAULT_TRACKER = "rigid_flow"
-"""Tracks the demonstration if the loop itself uses the simulator's true poses."""
+"""The tracker for demonstrations if the loop itself uses the simulator's true poses."""
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
     """Returns the image-based tracker that a scenario selects.
 
-    The ground-truth baseline uses no images; for it, this returns the default tracker.
+    For the ground-truth baseline, which uses no images, returns the tracker `DEFAULT_TRACKER`.
 
     Raises:
-        InvalidValueError: if there is no tracker of that name.
+        InvalidValueError: if `poil.tracker` is not a known name.
     """
     name = DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
     if name not in TRACKERS:

@@ -1,6 +1,6 @@
-"""The connections of the closed loop, each end as "<system>.<port>".
+"""The connections of the closed loop, as pairs of "<system>.<port>".
 
-"robot.<port>" is the port "<robot's name>.<port>" of the station.
+"robot.<port>" stands for the station's port "<robot's name>.<port>".
 """
 
 from collections.abc import Mapping
@@ -45,18 +45,16 @@ LOOP_WIRES = [
     ("sequencer.width", "station.hand.width"),
 ]
 
-DETECTOR_WIRES = [
-    ("detector.masks", "tracker.masks"),
-    ("sequencer.detect_request", "detector.request"),
-]
-
 TRACKER_WIRES = [
     # From                         to the tracker's port, if it has it
     ("station.body_poses", "body_poses"),
     ("propagator.object_motion", "object_motion"),
 ]
 
-VISUALIZER_WIRES = [
+OPTIONAL_WIRES = [
+    # From                         to, if the loop has both systems
+    ("detector.masks", "tracker.masks"),
+    ("sequencer.detect_request", "detector.request"),
     ("tracker.tracked_points", "visualizer.tracked_points"),
     ("propagator.points", "visualizer.points"),
     ("propagator.confidence", "visualizer.confidence"),
@@ -65,9 +63,6 @@ VISUALIZER_WIRES = [
     ("controller.mean_error", "visualizer.mean_error"),
     ("motion.spatial_velocity", "visualizer.spatial_velocity"),
     ("sequencer.phase", "visualizer.phase"),
-]
-
-LOGGER_WIRES = [
     ("tracker.tracked_points", "logger.tracked_points"),
     ("tracker.status", "logger.tracker.status"),
     ("tracker.times", "logger.tracker.times"),
@@ -101,24 +96,19 @@ LOGGER_WIRES = [
     ("robot.velocity_measured", "logger.panda.velocity_measured"),
     ("robot.torque_external", "logger.panda.torque_external"),
     ("robot.status", "logger.panda.status"),
-]
-
-DETECTOR_LOGGER_WIRES = [
-    ("tracker.frame", "logger.frame"),
     ("detector.frame", "logger.detector.frame"),
     ("detector.status", "logger.detector.status"),
     ("detector.times", "logger.detector.times"),
-]
-
-SNAPSHOT_WIRES = [
     ("tracker.frame", "snapshots.frame"),
     ("tracker.tracked_points", "snapshots.tracked_points"),
 ]
 
 
 def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
-    """Connects those parts of the loop that exist, by the names of their ports."""
+    """Connects the loop's systems as listed in this file, except for systems that are absent."""
+    present = {"robot", *parts}
     wires = list(LOOP_WIRES)
+    wires += [wire for wire in OPTIONAL_WIRES if {end.split(".")[0] for end in wire} <= present]
     station = parts["station"]
     if station.HasOutputPort(f"{station.scenario.poil.robot}.position_commanded"):
         wires.append(("robot.position_commanded", "supervisor.position_commanded"))
@@ -141,16 +131,8 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
     seen = [camera for camera in cameras if tracker.HasInputPort(f"{camera}.rgb_image")]
     if seen:
         wires.append((f"station.{seen[0]}.image_time", "propagator.image_time"))
-    if "detector" in parts:
-        wires += DETECTOR_WIRES
-    if "visualizer" in parts:
-        wires += VISUALIZER_WIRES
-    if "logger" in parts:
-        wires += LOGGER_WIRES
-        if "detector" in parts:
-            wires += DETECTOR_LOGGER_WIRES
-    if "snapshots" in parts:
-        wires += SNAPSHOT_WIRES
+    if {"detector", "logger"} <= present:
+        wires.append(("tracker.frame", "logger.frame"))
 
     def split(end: str) -> tuple[Any, str]:
         part, port = end.split(".", 1)

@@ -28,14 +28,14 @@ class DriverSummary:
     """The outcome of a run of the simulated driver.
 
     Attributes:
-        hangs: Whether the object hung on its fixture, touching nothing else, for long enough.
+        hangs: Whether the object hung on its fixture for `REQUIRED_HANGING_TIME` at the end.
         reason: Why the driver ended.
         hanging_time: How long the object had hung at the end [s, simulated].
         seed: The scenario's seed.
         simulated: Simulated time [s].
         time_scale: Simulated seconds per second of real time.
         largest_lag: Largest lag of the simulation behind the clock [s, simulated].
-        figures: The loop's timing, name (with its unit) -> value.
+        figures: Timing of the loop: name (with its unit) -> value.
     """
 
     hangs: bool
@@ -56,19 +56,20 @@ def RunDriver(
     show: bool = False,
     say: Callable[[str], None] = print,
 ) -> DriverSummary:
-    """Simulates the scenario's robot and cameras for the hardware station to talk to.
+    """Simulates the robot and the cameras to which the hardware station connects.
 
     Args:
         scenario: The scene, and in `poil.hardware` the networks and the time scale.
         duration: How long to run [s, simulated].
-        json: Path of the summary, which is written however the driver ends; None writes none.
+        json: Path of the summary, which is written however the driver ends. None writes none.
         show: Whether to serve a Meshcat page with the simulated scene.
-        say: Prints a line when the driver listens, and another about the object at the end.
+        say: Called with one line when the driver listens, and with one about the object at the end.
 
     Raises:
-        PoilError: if the driver cannot be built, or stops as the real one would: after an invalid
-            command or a reflex.
-        BaseException: whatever else stopped it, after the summary is written.
+        PoilError: if the driver cannot be built, or stops after an invalid command or a reflex, as
+            the real driver would.
+        BaseException: if anything else stops the driver, e.g. KeyboardInterrupt. The summary is
+            written first.
     """
     poil, hardware = scenario.poil, scenario.poil.hardware
     config = SimulatedDriverConfig(expire_sec=hardware.command_expiry)
@@ -94,7 +95,6 @@ def RunDriver(
         period=min(config.status_period, poil.rates.plant),
         time_scale=hardware.time_scale,
     )
-    reason = "stopped by the user"
     try:
         try:
             if robot.renderer is not None:

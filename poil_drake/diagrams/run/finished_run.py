@@ -22,13 +22,13 @@ from poil_drake.systems.safety.faults import SafetyFault
 from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, Phase
 
 REQUIRED_HANGING_TIME = 2.0
-"""How long [s, simulated] an object must hang, after release and retreat, to count as a success."""
+"""How long [s, simulated] the object must have hung at the end of a run for the run to succeed."""
 
 _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
-"""Work that one thread does in turn; with the rest, the parts add up to the wall-clock time."""
+"""Kinds of work that one thread does in turn. The rest of the wall-clock time is physics."""
 
 _CONCURRENT = ("rendering", "tracking")
-"""Work that other processes do meanwhile."""
+"""Kinds of work that other processes do at the same time."""
 
 _CARRYING = (Phase.LIFT, Phase.FOLLOW)
 """The phases in which the object is carried."""
@@ -47,16 +47,16 @@ class FinishedRun:
         fault: The fault that the sequencer reported.
         simulated: Simulated time [s].
         wall: Wall-clock time [s] of the closed loop.
-        stopwatch: How that time was spent.
+        stopwatch: How the wall-clock time was spent.
         stopped: The exception that ended the run early, such as KeyboardInterrupt; else None.
         final_state: Positions and velocities of the simulated plant at the end; empty on hardware.
         safety_fault: The fault that the supervisor reported.
         dry_run: Whether a hardware run sent nothing to the robot.
         problems: Problems of the arm and cameras that may explain a failure, one clause each.
         loop_timing: How well the loop kept its pace; None in simulation.
-        fault_time: When the fault occurred [s]; NaN without one.
-        epoch: The station's clock at time 0, computed from its reading at the end of the run [s
-            since the epoch]; NaN in simulation.
+        fault_time: When the fault occurred [s]; NaN without a fault.
+        epoch: What the station's clock, `HardwareConfig.clock`, showed at time 0 [s], computed
+            from its reading at the end of the run; NaN in simulation.
     """
 
     plan: ExecutionPlan
@@ -81,17 +81,16 @@ def WriteReport(
     *,
     outputs: OutputPaths,
     album: SnapshotAlbum | None = None,
-    stages: Stopwatch | None = None,
+    stages: Stopwatch,
 ) -> RunSummary:
-    """Judges a run and writes its picture and its figures.
+    """Judges a run, writes its picture and its figures, and returns the summary.
 
     Args:
         run: The run.
-        outputs: Where the outputs go, or went.
-        album: Camera pictures of the run.
-        stages: How long each stage of the job took; "report" is added.
+        outputs: Paths of the picture and the figures, and of what the run has already written.
+        album: Camera pictures of the run; None shows none in the picture.
+        stages: Times of the job's stages so far; the stage "report" is added.
     """
-    stages = stages or Stopwatch()
     summary = summarize(run, outputs)
     try:
         with stages.measure("report"):
@@ -151,7 +150,7 @@ def _figures(run: FinishedRun) -> dict[str, float]:
 
 
 def _judge(run: FinishedRun) -> tuple[bool, str]:
-    """Returns whether the task succeeded, and why."""
+    """Returns whether the task succeeded, and the reason for this verdict."""
     poil, judge, phase = run.scenario.poil, run.recorder.judge, run.recorder.phase
     if run.stopped is not None:
         return False, failure_reason(run.stopped)

@@ -23,19 +23,19 @@ def MakeMeshcat(*, host: str = "localhost", port: int | None = None) -> Meshcat:
     """Starts Meshcat's server. `web_url()` of the result is the page to open.
 
     Args:
-        host: Where to listen. The default is this machine only; "*" is every network interface,
-            for a viewer on another machine.
+        host: Address to listen on. The default is reachable from this machine only; "*" listens on
+            every network interface, for a viewer on another machine.
         port: The TCP port. None uses the first free one from 7000 to 7999.
 
     Raises:
-        StationError: if it cannot listen there, e.g. because the port is taken.
+        StationError: if Meshcat cannot listen there, e.g. because the port is taken.
     """
     try:
         meshcat = Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
     except RuntimeError as error:
         raise StationError(
             f"Meshcat cannot listen on {host}:{port or '7000-7999'} ({error}).",
-            remedy="Use another host or port, or end the program that uses this one.",
+            remedy="Use another host or port, or end the program that uses this port.",
         ) from error
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
@@ -63,7 +63,7 @@ def HtmlRecording(
         path: The HTML file; its folder is created if needed.
         title: The page's title.
         frames_per_second: The recording's frame rate [1/s], ideally the rate at which systems
-            publish to Meshcat. A lower one loses frames, a higher one makes playback stutter.
+            publish to Meshcat. A lower rate loses frames; a higher rate makes playback stutter.
 
     Yields:
         The file's path.

@@ -26,8 +26,8 @@ def OpenRunLog(
         plan: The plan that is executed; the log contains it.
         scenario: The scenario of the run; the log contains it.
         station: The kind of station: `SIMULATED`, `HARDWARE` or `DRY_RUN`.
-        metadata: Further metadata of the run.
-        config: How to log; None chooses what suits the station.
+        metadata: More entries for the log's metadata.
+        config: How to log; None chooses the settings for the kind of station.
     """
     if config is None:
         config = RunLogConfig() if station == SIMULATED else RunLogConfig.for_hardware()

@@ -34,7 +34,7 @@ class OutputPaths:
 
     @classmethod
     def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns the default paths in a directory; paths that are given replace them."""
+        """Returns `given` paths by kind; <directory>/<name>.<kind> for all other outputs."""
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
@@ -64,9 +64,9 @@ class OutputPaths:
             )
 
     def unlink(self) -> None:
-        """Removes older files, so that they cannot be mistaken for new ones.
+        """Removes older output files, so that they cannot be mistaken for new ones.
 
-        Keeps what is not a regular file, and all of /dev and /proc, such as /dev/stdout.
+        Only regular files outside /dev and /proc are removed, so that /dev/stdout can be an output.
         """
         for path in self.as_dict().values():
             devices = {Path("/dev"), Path("/proc")} & set(path.absolute().parents)
@@ -86,15 +86,15 @@ def FreshOutputs(
     *,
     inputs: Sequence[str | Path | None] = (),
 ) -> Iterator[None]:
-    """Removes older outputs, and writes figures even if the block raises.
+    """Removes older outputs before a `with` block, and writes figures if the block raises.
 
-    If the block raises before it has written its own figures, this writes figures that say why the
-    job failed. The exception propagates.
+    If the block raises an exception before it has written figures of its own, the figures state
+    why the job failed. The exception propagates.
 
     Args:
         outputs: Where the outputs go.
         scenario: The scenario of the job.
-        stages: How long the finished stages of the job took.
+        stages: Times of the job's stages, for the figures.
         inputs: Files that must not be overwritten, besides the scenario and its demonstration.
 
     Raises:

@@ -12,31 +12,32 @@ from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.transfer.part_points import view_part
 
 _JOINT_TOLERANCE = 0.01
-"""Largest distance of a joint from the start of the approach [rad]. With the arm stretched out,
-0.01 rad moves the hand by 1 cm, about the clearance that motions keep from obstacles."""
+"""Largest distance of a joint from its position in the plan's first posture [rad]. With the arm
+stretched out, 0.01 rad moves the hand by 1 cm, about the clearance of motions from obstacles."""
 
 _SURFACE_TOLERANCE = 0.003
-"""Largest mean distance between the object, or its part, in the plan and in the scene [m]. Two
-captures of one scene differ by 1 mm; moving a mug by 5 mm, or turning it by 5 degrees, by 3 mm."""
+"""Largest mean distance between the planned and the seen surface of the object, or of its part [m].
+Two captures of one scene differ by 1 mm. If a mug is moved by 5 mm, or turned by 5 degrees, the
+captures before and after differ by 3 mm."""
 
 _KEPT_SHARE = 0.9
-"""Share of the points, the nearest ones, that are compared; the others may be noise at edges."""
+"""Share of the points that are compared, nearest first. The farthest may be noise at edges."""
 
 
 def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = False) -> None:
-    """Checks that a plan was made for this scene, in the station's initial state.
+    """Checks that a plan fits a scenario's scene in its initial state.
 
-    The scenario's detector finds object and part, as it did for the plan; no ground truth is used.
-    The object's pose is not checked if the station has no cameras, or if the tracker is the
-    ground-truth baseline, which needs none.
+    The plan must be for the scenario's object and part, and begin at the arm's measured position.
+    The scenario's detector must find the object and the part where they were during planning. This
+    check is omitted if the station has no cameras or the tracker is the ground-truth baseline.
 
     Args:
         plan: The plan.
-        scenario: Where it is to be executed.
+        scenario: The scenario in which the plan is to be executed.
         hardware: Whether the station is the real robot.
 
     Raises:
-        PlanningError: if the plan does not fit, naming the first difference.
+        PlanningError: if the plan does not fit. The text states the first difference.
         DetectionError: if the object or its part is not detected.
     """
     pairs = (
@@ -47,7 +48,7 @@ def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = F
         if planned != wanted:
             raise PlanningError(
                 f"The plan is for the {role} '{planned}', but poil.{role} is '{wanted}'.",
-                remedy="Execute it in the scenario it was made for, or plan again: poil transfer.",
+                remedy="Execute the plan in its own scenario, or plan again: poil transfer.",
             )
     cameras = scenario.poil.tracker != GROUND_TRUTH
     with MakeStation(
@@ -59,10 +60,10 @@ def CheckPlanFits(plan: ExecutionPlan, scenario: Scenario, *, hardware: bool = F
 
 
 def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
-    """Checks that the measured arm position is where the plan begins.
+    """Checks that the station's arm is where the plan begins.
 
     Raises:
-        PlanningError: if it is not, naming the joint that is farthest away.
+        PlanningError: if a joint is too far from there. The text states the farthest joint.
     """
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])
@@ -93,22 +94,22 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
         if distance > _SURFACE_TOLERANCE:
             raise PlanningError(
                 f"The {name} does not match the plan: its surface is {1e3 * distance:.1f} mm from "
-                f"the planned one, more than {1e3 * _SURFACE_TOLERANCE:g} mm.",
+                f"the surface in the plan, more than {1e3 * _SURFACE_TOLERANCE:g} mm.",
                 remedy="Return the object and the cameras to where they were during planning (in "
                 "simulation: use the plan's --seed), or plan again: poil transfer.",
             )
 
 
 def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
-    """Returns the distance between two clouds of the same surface [m].
+    """Returns the distance between two point clouds of the same surface [m].
 
-    This is the mean distance from the points of one cloud to their nearest neighbours in the other,
-    without the farthest points; of both directions, the larger value.
+    For each cloud, the distances of its points from their nearest neighbours in the other cloud are
+    averaged, without the farthest points. The result is the larger of the two averages.
 
     Args:
         first: (N, 3) points [m].
         second: (M, 3) points [m].
-        kept_share: Share of the points, the nearest ones, that are compared, in (0, 1].
+        kept_share: Share of each cloud's points that is averaged, nearest first, in (0, 1].
     """
     distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
     return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)

@@ -21,8 +21,8 @@ from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
 
 _OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
-"""How everything that the cameras see becomes obstacle points, coarser than the object's, but fine
-enough to detect contact between object and fixture. A few outliers do no harm."""
+"""How the whole scene in the images becomes obstacle points. They are coarser than the object's
+points, but fine enough to detect contact between object and fixture. A few outliers do no harm."""
 
 
 def PlanScenario(
@@ -33,15 +33,16 @@ def PlanScenario(
     output: str | Path | None = None,
     progress: Progress | None = None,
 ) -> ExecutionPlan:
-    """Transfers a demonstration to the scenario's object and chooses a grasp.
+    """Transfers a demonstration to the scenario's object, chooses a grasp, and returns the plan.
 
     The station's cameras capture the scene once, in its initial state.
 
     Args:
         scenario: The station and the task.
         demonstration: A recorded demonstration (MCAP).
-        hardware: Whether the station is the real robot, which does not move.
-        output: Path of the plan; a page that shows it is written beside it. None writes neither.
+        hardware: Whether the station is the real robot. It does not move during planning.
+        output: File for the plan. An HTML page that shows the plan is written beside it. None
+            writes neither file.
         progress: Called with the name of each step and its completed fraction, in [0, 1].
 
     Raises:
@@ -98,7 +99,7 @@ def PlanScenario(
 
 
 def _planner_config(poil: PoilConfig) -> PlannerConfig:
-    """Returns the planner's configuration, with the scenario's table, limits and field."""
+    """Returns the planner's configuration with the scenario's table height, limits and eta."""
     config = PlannerConfig()
     path = replace(
         config.path,

@@ -11,8 +11,8 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.runtime.interpreter_turns import TURNS
 
 _GIVE_UP = 3
-"""A loop that is late by this many periods does not catch up, because commands that are late and
-in quick succession are of no use. It continues at its pace from the present time."""
+"""A loop that is late by this many periods does not catch up, but goes on at its normal pace. Late
+commands in quick succession would be of no use."""
 
 _COLLECTION_PERIOD = 1.0
 """Time between two collections of young garbage [s]."""
@@ -26,7 +26,7 @@ class LoopTiming:
         starts: When each tick began [s], from an arbitrary zero.
         lateness: How late each tick began [s].
         durations: How long each tick took, without waiting [s].
-        missed: Number of ticks that were due before an earlier one began.
+        missed: Number of ticks that were already due when an earlier tick began.
     """
 
     starts: list[float] = field(default_factory=list)
@@ -35,7 +35,7 @@ class LoopTiming:
     missed: int = 0
 
     def latest(self, ticks: int = 8) -> dict[str, float]:
-        """Returns the last ticks' largest lateness and duration, and all missed ticks so far."""
+        """Returns the largest lateness and duration [s] of the last ticks, and all missed ticks."""
         return {
             "lateness": max(self.lateness[-ticks:], default=math.nan),
             "duration": max(self.durations[-ticks:], default=math.nan),
@@ -51,23 +51,20 @@ class LoopTiming:
             ("period", np.diff(self.starts)),
         ):
             if len(values):
-                p50, p99, p999 = np.percentile(values, [50.0, 99.0, 99.9])
-                figures |= {
-                    f"tick_{name}_p50_ms": 1e3 * float(p50),
-                    f"tick_{name}_p99_ms": 1e3 * float(p99),
-                    f"tick_{name}_p999_ms": 1e3 * float(p999),
-                    f"tick_{name}_max_ms": 1e3 * float(np.max(values)),
-                }
+                percentiles = np.percentile(values, [50.0, 99.0, 99.9, 100.0])
+                for label, value in zip(("p50", "p99", "p999", "max"), percentiles, strict=True):
+                    figures[f"tick_{name}_{label}_ms"] = 1e3 * float(value)
         return figures
 
 
 class RealTimeLoop:
-    """Advances a simulator by one period at a time, when the period begins in real time.
+    """Advances a simulator in real time, by one period (a tick) at a time.
 
-    Drake's own `target_realtime_rate` waits in C++ after each of its steps. This loop waits before
-    each period, so that the update at its start sees every message that arrived meanwhile, and,
-    with a `pause`, within the period, so that commands leave at an even pace however long the
-    update took. While it waits, other threads have the interpreter (`InterpreterTurns`).
+    Drake's own `target_realtime_rate` waits in C++ after each of the simulator's steps. This loop
+    waits before each period, so that the update at the start of the period sees every message that
+    has arrived. With a `pause`, it also waits within the period, so that commands leave at an even
+    pace however long the update took. While it waits, other threads may use the interpreter
+    (`InterpreterTurns`).
 
     Attributes:
         timing: The timing of all ticks so far.
@@ -84,11 +81,11 @@ class RealTimeLoop:
         """Constructs the loop. Real time counts from the first `AdvanceTo`.
 
         Args:
-            simulator: What to advance. Its target_realtime_rate must be 0.
+            simulator: The simulator to advance. Its target_realtime_rate must be 0.
             period: Period of the ticks [s, simulated].
             time_scale: Simulated seconds per second of real time.
-            pause: Share of the period after which to wait again, so that nothing due later in the
-                period happens early. 0 for no second wait.
+            pause: Fraction of the period at which the loop waits again, so that later events in the
+                period do not happen early. With 0, there is no second wait.
         """
         self._simulator, self._period = simulator, period
         self._time_scale, self._pause = time_scale, pause
@@ -98,7 +95,7 @@ class RealTimeLoop:
         self.timing = LoopTiming()
 
     def AdvanceTo(self, boundary: float) -> None:
-        """Ticks until the simulator's time is `boundary` [s], a multiple of the period."""
+        """Advances until the simulated time is `boundary` [s], a multiple of the period."""
         try:
             done = round(self._context.get_time() / self._period)
             for tick in range(done + 1, round(boundary / self._period) + 1):
@@ -136,7 +133,7 @@ class RealTimeLoop:
 
 
 def _wait_until(due: float, now: float) -> float:
-    """Waits until `due`, unless that has passed; returns the present time."""
+    """Waits until the time `due`, unless it has passed, and returns the present time."""
     if now >= due:
         return now
     TURNS.give()

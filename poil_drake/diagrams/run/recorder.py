@@ -16,14 +16,10 @@ from poil_drake.systems.skill.phases import Fault, Phase
 _VECTORS = {
     # Name in the record       system, port
     "points": ("propagator", "points"),
-    "confidence": ("propagator", "confidence"),
     "target_points": ("controller", "target_points"),
-    "mean_error": ("controller", "mean_error"),
     "goal_error": ("controller", "goal_error"),
     "potential": ("controller", "potential"),
     "tau": ("controller", "tau"),
-    "controller_status": ("controller", "status"),
-    "ik_scale": ("inverse_kinematics", "scale"),
     "joint_velocities": ("supervisor", "velocity"),
     "phase": ("sequencer", "phase"),
 }
@@ -37,7 +33,7 @@ class Sample(NamedTuple):
 
 
 class CheckedTrack(NamedTuple):
-    """A released track, and the true positions (N, 3) [m, world] of its points at its stamp."""
+    """A released track, and the true (N, 3) positions of its points at its stamp [m, world]."""
 
     track: TrackedPoints
     truth: np.ndarray
@@ -52,7 +48,8 @@ class RunRecorder:
 
     Attributes:
         loop: The closed loop.
-        query_points: (N, 3) the part's points at the start [m, world]; they move with the object.
+        query_points: (N, 3) positions of the tracked points at the start [m, world]. The points
+            move with the object.
         truth: The true state of the object; None on hardware.
         samples: The samples, in order.
         tracks: The released tracks that the truth can check; empty on hardware.
@@ -81,7 +78,7 @@ class RunRecorder:
 
     @property
     def judge(self) -> HangingJudge | None:
-        """Measures how long the object has hung; None on hardware."""
+        """The judge of whether the object hangs; None on hardware."""
         return None if self.truth is None else self.truth.judge
 
     @property
@@ -112,7 +109,7 @@ class RunRecorder:
         return rows[:, 0] if rows.shape[1] == 1 else rows
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the stamps (S,) [s] of `tracks`, and their points' (S, N) errors [m].
+        """Returns the (S,) stamps of `tracks` [s], and the (S, N) errors of their points [m].
 
         The error of a point that was not observed is NaN.
         """

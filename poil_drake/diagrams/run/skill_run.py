@@ -74,10 +74,10 @@ def RunSkill(
             rate of the scenario's `simulator_config`.
 
     Raises:
-        PoilError: if no plan can be made or executed; the figures record that, too. A failed
-            execution does not raise an error: the summary reports it.
-        BaseException: what stopped the run, if it is not an `Exception`, e.g. KeyboardInterrupt;
-            the outputs are written first.
+        PoilError: if no plan can be made, or if its execution cannot start. The figures state the
+            reason, too. If the execution starts but fails, only the summary states the reason.
+        BaseException: if anything but an `Exception` stops the run, e.g. KeyboardInterrupt. The
+            outputs are written first.
     """
     stages = Stopwatch()
     recorded = scenario.poil.demonstration
@@ -146,14 +146,14 @@ def ExecutePlan(
         realtime_rate: Slows the simulation down to this rate; 0 runs at full speed. None keeps the
             rate of the scenario's `simulator_config`.
         show_progress: Whether to draw a progress bar.
-        stages: How long the earlier stages of the job took.
-        check: Whether to check first that the plan fits the scene; a new plan always does.
+        stages: Times of the job's earlier stages.
+        check: Whether to check first that the plan fits the scene; not needed right after planning.
         inputs: Files that the outputs must not overwrite, such as the plan's.
 
     Raises:
         PoilError: if the plan does not fit the scene, or the loop cannot be built.
-        BaseException: what stopped the run, if it is not an `Exception`, e.g. KeyboardInterrupt;
-            the outputs are written first.
+        BaseException: if anything but an `Exception` stops the run, e.g. KeyboardInterrupt. The
+            outputs are written first.
     """
     stopwatch, stages = Stopwatch(), stages or Stopwatch()
     if hardware:
@@ -206,7 +206,7 @@ def ExecutePlan(
                 )
                 stack.enter_context(recording)
             progress = stack.enter_context(ProgressBar(disable=not show_progress))
-            run = _simulate(loop, plan, scenario, recorder, log, stopwatch, progress, realtime_rate)
+            run = _simulate(plan, scenario, recorder, log, stopwatch, progress, realtime_rate)
             run = dataclasses.replace(run, dry_run=dry_run)
         with stages.measure("report"):
             stack.close()
@@ -217,7 +217,6 @@ def ExecutePlan(
 
 
 def _simulate(
-    loop: ClosedLoop,
     plan: ExecutionPlan,
     scenario: Scenario,
     recorder: RunRecorder,
@@ -226,8 +225,9 @@ def _simulate(
     progress: ProgressBar,
     realtime_rate: float | None,
 ) -> FinishedRun:
-    """Advances the loop until the skill is done, has failed, or runs out of time."""
-    station, hardware = loop.station, scenario.poil.hardware
+    """Advances the loop until the skill is done, has failed, or has run out of time."""
+    loop, hardware = recorder.loop, scenario.poil.hardware
+    station = loop.station
     rates, clock = scenario.poil.rates, hardware.clock()
     simulator = Simulator(loop.diagram)
     ApplySimulatorConfig(scenario.simulator_config, simulator)

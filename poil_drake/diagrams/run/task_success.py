@@ -26,9 +26,9 @@ def TouchedGeometries(
 
     Args:
         plant: The simulated plant.
-        inspector: The inspector of its scene graph.
+        inspector: The inspector of the plant's scene graph.
         contact_results: The value of the plant's `contact_results` port.
-        model: The model instance. Contacts within it are ignored.
+        model: The model instance. Contacts between its own geometries are ignored.
     """
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
@@ -46,36 +46,19 @@ def TouchedGeometries(
     return frozenset(touched)
 
 
-def HolderGeometries(
-    plant: MultibodyPlant, inspector: SceneGraphInspector, fixture: str, part: str
-) -> frozenset[str]:
-    """Returns the scoped names of the geometries of a fixture that hold a hanging object.
-
-    Args:
-        plant: The plant.
-        inspector: The inspector of its scene graph.
-        fixture: The fixture's model instance.
-        part: The fixture's link, or a pattern for geometries' names; see `CollisionGeometries`.
-    """
-    return frozenset(
-        ScopedGeometryName(plant, inspector, geometry_id)
-        for geometry_id in CollisionGeometries(plant, inspector, fixture, part)
-    )
-
-
 @dataclass
 class HangingJudge:
     """Observes contacts, and measures how long the object has hung.
 
-    The object hangs while it touches the fixture's holder and nothing but the fixture. It may lean
-    against the rest of the fixture, but standing on that is not hanging. The time counts from the
-    start of the present, unbroken stretch.
+    The object hangs while it touches the fixture's holder, e.g. a rod, and nothing but the fixture.
+    It may also touch the rest of the fixture, but not that alone. The time counts from when the
+    object last began to hang.
 
     Attributes:
         fixture: The fixture's model instance, e.g. "rack".
-        holder: Scoped names of the geometries that hold a hanging object, e.g. "rack::rod::bar".
-        hanging_since: When the object began to hang [s]; None while it does not.
-        holder_touched_at: When it last touched the holder [s].
+        holder: Scoped names of the geometries on which it can hang, e.g. "rack::rod::bar".
+        hanging_since: When the object began to hang [s]; None while it does not hang.
+        holder_touched_at: When the object last touched the holder [s].
         last_touched: The geometries that the object touched at the last observation.
     """
 
@@ -98,11 +81,11 @@ class HangingJudge:
 
     @property
     def touched_links(self) -> frozenset[str]:
-        """Scoped names of the links that the object touched last, e.g. "rack::rod"."""
+        """Scoped names of the links touched at the last observation, e.g. "rack::rod"."""
         return frozenset(name.rpartition("::")[0] for name in self.last_touched)
 
     def hanging_time(self, time: float) -> float:
-        """Returns how long [s] the object has hung at a time [s]."""
+        """Returns how long the object has hung [s] by `time` [s]."""
         return 0.0 if self.hanging_since is None else time - self.hanging_since
 
 
@@ -121,17 +104,17 @@ class SimulatedTruth:
     @classmethod
     def of(cls, station: SimulatedStation) -> Self:
         """Creates the truth of a station; its judge has observed nothing yet."""
-        poil = station.scenario.poil
-        holder = HolderGeometries(
-            station.plant(),
-            station.scene_graph().model_inspector(),
-            poil.fixture,
-            poil.demonstration_motion.hanging.rod,
+        poil, plant = station.scenario.poil, station.plant()
+        inspector = station.scene_graph().model_inspector()
+        rod = poil.demonstration_motion.hanging.rod
+        holder = frozenset(
+            ScopedGeometryName(plant, inspector, geometry_id)
+            for geometry_id in CollisionGeometries(plant, inspector, poil.fixture, rod)
         )
         return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
 
     def object_pose(self, root: Context) -> np.ndarray:
-        """Returns X_WO (4, 4), the pose of the object's base body, from the root context."""
+        """Returns X_WO, the (4, 4) pose of the object's base body, from the root context."""
         context = self.station.plant().GetMyContextFromRoot(root)
         return self.station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
 
@@ -141,7 +124,7 @@ class SimulatedTruth:
         return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
 
     def observe(self, root: Context) -> None:
-        """Shows the judge what the object touches now."""
+        """Reports to the judge what the object touches now."""
         context = self.station.GetMyContextFromRoot(root)
         touched = TouchedGeometries(
             self.station.plant(),

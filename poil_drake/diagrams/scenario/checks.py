@@ -1,4 +1,4 @@
-"""Checks of a scenario that involve several keys, or that Drake makes too late or not at all."""
+"""Checks of a scenario that involve several keys, or that Drake makes late or not at all."""
 
 import ipaddress
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ from poil_drake.errors import ScenarioError
 from poil_drake.robots.posture_guard import PostureGuardConfig
 
 GROUND_TRUTH = "ground_truth"
-"""The name of the tracker that outputs the simulator's true poses: a baseline for comparison."""
+"""The name of the baseline tracker, which uses the simulator's true poses instead of images."""
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
 
 DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
-"""What Drake raises for invalid values. Its C++ assertions arrive in Python as SystemExit."""
+"""What Drake raises for invalid values. A failed C++ assertion arrives in Python as SystemExit."""
 
 _ROUNDING = 1e-9  # Relative rounding error of decimal numbers.
 
@@ -47,7 +47,7 @@ def check_directives(directives: Sequence[ModelDirective]) -> None:
 
 
 def check_simulator(config: SimulatorConfig) -> None:
-    """Checks values that Drake checks only when the simulation starts, or not at all."""
+    """Checks settings that Drake checks only when the simulation starts, or not at all."""
     path = "simulator_config"
     require_positive(f"{path}.max_step_size", config.max_step_size)
     require_positive(f"{path}.accuracy", config.accuracy)
@@ -61,13 +61,13 @@ def check_simulator(config: SimulatorConfig) -> None:
         )
     if config.start_time != 0.0:
         raise ScenarioError(
-            f"{path}.start_time is {config.start_time} s, but every run starts at 0.",
-            remedy="Remove it.",
+            f"{path}.start_time is {config.start_time} s, but every run starts at 0 s.",
+            remedy="Remove simulator_config.start_time.",
         )
 
 
 def check_time_step(config: MultibodyPlantConfig, poil: PoilConfig) -> None:
-    """Checks that the two keys for the plant's period do not contradict each other."""
+    """Checks that `plant_config.time_step` does not contradict `poil.rates.plant`."""
     # An omitted key has Drake's default.
     if config.time_step not in (poil.rates.plant, MultibodyPlantConfig().time_step):
         raise ScenarioError(
@@ -82,16 +82,16 @@ def check_safety(poil: PoilConfig) -> None:
     height = poil.safety.posture.table_height
     if height not in (poil.table_height, PostureGuardConfig().table_height):
         raise ScenarioError(
-            f"poil.safety.posture.table_height is {height}, but poil.table_height is "
-            f"{poil.table_height}.",
-            remedy="Remove the first; only poil.table_height is used. The arm's distance from the "
-            "table is set by poil.safety.posture.table_margin.",
+            f"poil.safety.posture.table_height is {height} m, but poil.table_height is "
+            f"{poil.table_height} m.",
+            remedy="Remove poil.safety.posture.table_height; only poil.table_height is used. "
+            "To keep the arm farther from the table, raise poil.safety.posture.table_margin.",
         )
     stall, expiry = poil.safety.stall_limit, poil.hardware.command_expiry
     if not stall < expiry:
         raise ScenarioError(
-            f"poil.safety.stall_limit is {stall} s and poil.hardware.command_expiry is {expiry} "
-            "s, so the driver would stop the arm before the supervisor detects the stall.",
+            f"poil.safety.stall_limit is {stall} s, not less than poil.hardware.command_expiry, "
+            f"{expiry} s: the driver would stop the arm before the supervisor notices a stall.",
             remedy="Lower stall_limit, or raise command_expiry and the driver's --expire_sec.",
         )
 
@@ -101,7 +101,7 @@ def check_delays(
     lcm_buses: Mapping[str, DrakeLcmParams],
     poil: PoilConfig,
 ) -> None:
-    """Checks that delayed images are not published, and that the latency covers the delay."""
+    """Checks that no delayed images are published, and that `poil.latency` covers all delays."""
     for name, camera in cameras.items():
         if not camera.output_delay > 0.0:
             continue
@@ -111,14 +111,14 @@ def check_delays(
             raise ScenarioError(
                 f"cameras.{name} has an output_delay, so its images cannot be published on "
                 f"lcm_buses.{camera.lcm_bus}.",
-                remedy="Either set its rgb, depth and label to false, or its output_delay to 0.",
+                remedy="Set the camera's rgb, depth and label to false, or its output_delay to 0.",
             )
         # The tracker reads the images one control period after they appear.
         least = camera.output_delay + poil.rates.control
         if poil.tracker != GROUND_TRUTH and poil.latency < least * (1.0 - _ROUNDING):
             raise ScenarioError(
-                f"poil.latency is {poil.latency} s, but cameras.{name}.output_delay and "
-                f"poil.rates.control add up to {least:.6g} s.",
+                f"poil.latency is {poil.latency} s, less than the sum of "
+                f"cameras.{name}.output_delay and poil.rates.control, {least:.6g} s.",
                 remedy=f"Set poil.latency to at least {least:.6g} s, or reduce the output_delay.",
             )
 
@@ -128,7 +128,7 @@ def check_buses(
     cameras: Mapping[str, CameraConfig],
     visualization: VisualizationConfig,
 ) -> None:
-    """Checks that LCM can use the addresses of the buses, and that the buses in use exist."""
+    """Checks that LCM can use every bus's address, and that every bus in use is defined."""
     for name, params in lcm_buses.items():
         if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
@@ -146,7 +146,7 @@ def check_buses(
 
 
 def _is_lcm_url(url: str) -> bool:
-    """Returns whether LCM can use an address; LCM itself only prints that it cannot."""
+    """Returns whether LCM can use an address. LCM itself would only print an error."""
     parts = urlsplit(url)
     if parts.scheme not in ("udpm", "mpudpm"):
         return parts.scheme in ("memq", "tcpq", "file")

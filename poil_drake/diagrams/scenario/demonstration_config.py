@@ -37,21 +37,20 @@ class HangingMotionConfig:
     """The motion that hangs a mug on a rod.
 
     Attributes:
-        rod: Link of the fixture, or regular expression for names of its geometries; the longest
-            of these geometries is the rod. The object hangs when it touches one of them; touching
-            the rest of the fixture does not count.
-        start: Initial position of the object [m].
-        start_yaw: Initial angle of the handle from the world's x axis [deg]. At 0 both cameras see
-            the handle from the side.
-        tilt: Final elevation of the handle [deg]. At 45, an arm that grips the rim from above and
-            hangs the mug reaches forward and down, in a comfortable posture.
-        seat: Final place of the handle on the rod: 0 is the rod's base, 1 its tip. The default is
-            deep enough to stay on the rod, but clear of the post.
-        clearance: Final distance between rod and handle [m]; they nearly touch, as when a hand is
-            about to let go.
+        rod: A link of the fixture, or a regular expression for names of its collision geometries.
+            The object is hung on the longest geometry selected. It counts as hanging only while
+            it touches a selected geometry.
+        start: Initial position of the object's frame in the world [m].
+        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, both
+            cameras see the handle from the side.
+        tilt: Final elevation of the handle above the horizontal [deg]. At 45, an arm that grips
+            the rim from above hangs the mug in a comfortable posture, reaching forward and down.
+        seat: Final place of the handle along the rod, from 0 (base) to 1 (tip). At the default,
+            the handle stays on the rod, and the object is clear of the rack's post.
+        clearance: Final gap between rod and handle [m]; small, as just before a hand lets go.
         lift: Height by which the object is lifted first [m].
-        approach: Distance from the rod's tip at which the handle is aligned with the rod [m];
-            greater than half of the object's width, so that the object clears the tip.
+        approach: Distance from the rod's tip at which the handle is lined up with the rod [m].
+            More than half of the object's width lets the object clear the tip.
     """
 
     rod: str = "rod"
@@ -69,8 +68,8 @@ class HangingMotionConfig:
             require_positive(f"{place}.{name}", getattr(self, name))
         if not 0.0 <= self.seat <= 1.0:
             raise ScenarioError(
-                f"{place}.seat is {self.seat}.",
-                remedy="It must lie between 0, the rod's base, and 1, its tip.",
+                f"{place}.seat is {self.seat}, which is not on the rod.",
+                remedy="Choose a value from 0 (the rod's base) to 1 (its tip).",
             )
 
 
@@ -79,10 +78,11 @@ class DemonstrationMotionConfig:
     """The `poil.demonstration_motion` section: the motion of the built-in demonstration.
 
     Attributes:
-        keyframes: Poses of the object, at least two, the first at 0 s. Without keyframes, the
-            object is hung on the fixture's rod.
-        blend: Time by which movements start before and end after their keyframes [s].
-        hanging: The motion that hangs the object, used if there are no keyframes.
+        keyframes: Poses of the object at increasing times: at least two, the first at 0 s. If
+            there are none, the object is hung on the fixture's rod.
+        blend: Time by which each movement between two keyframes starts before the first and ends
+            after the second [s].
+        hanging: The motion that hangs the object if there are no keyframes.
     """
 
     keyframes: tuple[Keyframe, ...] = ()
@@ -94,7 +94,7 @@ class DemonstrationMotionConfig:
         rising = len(times) > 1 and times[0] == 0.0 and all(a < b for a, b in pairwise(times))
         if times and not rising:
             raise ScenarioError(
-                f"poil.demonstration_motion.keyframes are at {times} s.",
-                remedy="Define at least two at increasing times, the first at 0.",
+                f"The times of poil.demonstration_motion.keyframes are not valid: {times} s.",
+                remedy="Define at least two keyframes at increasing times, the first at 0 s.",
             )
         require_not_negative("poil.demonstration_motion.blend", self.blend)

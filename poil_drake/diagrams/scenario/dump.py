@@ -12,21 +12,22 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 
 
 def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
-    """Returns a scenario as a YAML document under its name.
+    """Returns a scenario as YAML text.
 
     The text holds every value, including defaults and randomized values, so that loading it gives
     the same scenario even if defaults change. It refers to the models' files by their paths.
 
     Args:
         scenario: The scenario.
-        named: False omits the name, so that `LoadScenario` accepts the text as `data`.
+        named: Whether the scenario's name is the text's only top-level key, as in a scenario file.
+            Without the name, `LoadScenario` accepts the text as `data`.
     """
     node = _node(scenario)
     return yaml_dump({scenario.source.name or "Scenario": node} if named else node)
 
 
 def _node(value: Any) -> Any:
-    """Converts a value to mappings, lists and scalars."""
+    """Converts a scenario's value to mappings, lists and scalars, which `yaml_dump` can write."""
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
         node = {field.name: _node(getattr(value, field.name)) for field in written}

@@ -20,16 +20,17 @@ _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 def CheckScenarioFits(
     plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: Scenario
 ) -> None:
-    """Checks names and positions that a run would otherwise use only minutes later, or never.
+    """Checks a scenario's names and initial positions against its models before a run starts.
 
     Args:
         plant: The finalized plant with the scenario's models.
-        inspector: Its scene graph's inspector.
+        inspector: The inspector of the plant's scene graph.
         scenario: The scenario.
 
     Raises:
-        ScenarioError: The object is welded, the robot's base is not, the fixture or its rod does
-            not exist, a driver belongs to no robot, or a joint starts outside its limits.
+        ScenarioError: The object cannot move freely; the robot's base is not fixed to the world;
+            the fixture or its rod does not exist; `model_drivers` names another model than the
+            robot; or a joint starts outside its limits.
     """
     poil = scenario.poil
     RequireModel(plant, poil.fixture, "fixture")
@@ -47,10 +48,10 @@ def CheckScenarioFits(
 
 
 def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
-    """Checks that a model of a finalized plant is free to move.
+    """Checks that the model `name` of a finalized plant can move freely.
 
     Raises:
-        ScenarioError: It is welded or joined to something.
+        ScenarioError: The model is welded or joined to something.
     """
     bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
     if not plant.get_body(bodies[0]).is_floating_base_body():
@@ -81,11 +82,10 @@ def _require_holder(
     links = sorted({name.split("::")[1] for name in names})
     geometries = sorted(name.split("::")[2] for name in names)
     raise ScenarioError(
-        f"The fixture '{poil.fixture}' has no link or geometry named '{rod}' on which the object "
-        "can hang.",
-        remedy="Set poil.demonstration_motion.hanging.rod to one of the links "
-        f"({', '.join(links)}) or to a regular expression for names of collision geometries "
-        f"({', '.join(geometries)}).",
+        f"poil.demonstration_motion.hanging.rod is '{rod}', but the fixture '{poil.fixture}' has "
+        "no such link or collision geometry.",
+        remedy=f"Set it to one of the links ({', '.join(links)}), or to a regular expression for "
+        f"names of collision geometries ({', '.join(geometries)}).",
     )
 
 

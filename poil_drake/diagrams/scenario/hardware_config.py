@@ -11,21 +11,21 @@ from poil_drake.systems.lcm.network import check_channel
 from poil_drake.systems.lcm.panda_messages import PandaChannels
 
 ROBOT_BUS_URL = "udpm://239.255.76.67:7667?ttl=0"
-"""LCM's default address, restricted to this machine."""
+"""The robot bus's default address: that of LCM itself, restricted to this machine."""
 
 IMAGE_BUS_URL = "udpm://239.255.76.67:7668?ttl=0&recv_buf_size=4194304"
-"""Images use a separate port, so that they cannot crowd out the robot's messages."""
+"""The image bus's default address. Its own port keeps images from delaying the robot's messages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LcmImages:
-    """A camera whose images another process captures or simulates, and sends over LCM.
+    """A camera whose images arrive over LCM from another process.
 
     Attributes:
-        channel: LCM channel; empty means Drake's DRAKE_RGBD_CAMERA_IMAGES_<camera>.
-        labels: Whether the messages include label images, as from a segmentation node or a
-            simulation; not every message needs one. Label numbers follow the order of the
-            scenario's models (see `AssignLabels`).
+        channel: LCM channel; empty means Drake's default, DRAKE_RGBD_CAMERA_IMAGES_<camera>.
+        labels: Whether messages may include label images, e.g. from a segmentation node or a
+            simulation. Label numbers follow the order of the scenario's models (see
+            `AssignLabels`).
     """
 
     channel: str = ""
@@ -45,21 +45,22 @@ class HardwareConfig:
     """The `poil.hardware` section: the real robot and cameras, or a simulated driver.
 
     Attributes:
-        robot_bus: The entry of `lcm_buses` for the Franka driver. If the scenario does not define
-            it, LCM's default address on this machine is used.
-        image_bus: The entry of `lcm_buses` for cameras of type `LcmImages`. If the scenario does
-            not define it, a separate port on this machine is used.
+        robot_bus: The key in `lcm_buses` of the Franka driver's network. If `lcm_buses` lacks the
+            key, LCM's default address on this machine is used.
+        image_bus: The key in `lcm_buses` of the network of `LcmImages` cameras. If `lcm_buses`
+            lacks the key, a separate port on this machine is used.
         channels: LCM channels of the Franka driver.
         cameras: Name of one of the scenario's `cameras` -> source of its images; cameras that are
             not listed use `LcmImages`.
-        speed: Factor on all speeds, and on the joints' speed limits, relative to simulation; a
-            fifth leaves time to press the stop button.
-        command_expiry: The driver's --expire_sec: how long it follows one command [s].
-        ready_timeout: Longest wait for the first status and the first images [s].
-        realtime_priority: Priority of the loop's thread, from 1 to 99, if the kernel permits it;
-            it must be lower than the Franka driver's. 0 keeps ordinary scheduling.
-        time_scale: Seconds of robot time per second of real time. 1 for real robots; less for a
-            simulated driver on a slow machine, which needs the same value.
+        speed: Factor on all speeds and on the joints' speed limits; 1 is the speed in simulation.
+            The default leaves time to press the stop button.
+        command_expiry: How long the driver follows one command [s]. It must equal the driver's
+            option --expire_sec.
+        ready_timeout: Longest wait for the robot's first status and the first images [s].
+        realtime_priority: Real-time priority of the loop's thread, from 1 to 99, if the kernel
+            permits it. It must be lower than the Franka driver's. 0 keeps ordinary scheduling.
+        time_scale: Seconds of robot time per second of real time: 1 for real robots. A simulated
+            driver on a slow machine may use less; the loop then needs the same value.
     """
 
     robot_bus: str = "robot"
@@ -79,15 +80,15 @@ class HardwareConfig:
         require_positive("poil.hardware.time_scale", self.time_scale, largest=1.0)
         if not 0 <= self.realtime_priority <= 99:
             raise ScenarioError(
-                f"poil.hardware.realtime_priority is {self.realtime_priority}.",
+                f"poil.hardware.realtime_priority is {self.realtime_priority}, out of range.",
                 remedy="It must be from 1 to 99, or 0 for ordinary scheduling.",
             )
 
     def clock(self) -> Callable[[], float]:
-        """Returns the clock shared with the driver [s since the epoch, times `time_scale`]."""
+        """Returns the clock shared with the driver: Unix time [s] times `time_scale`."""
         return lambda: self.time_scale * time.time()
 
     def steady_clock(self) -> Callable[[], float]:
-        """Returns a clock that agrees with `clock()` now but ignores changes of the system time."""
+        """Returns a clock that starts at `clock()` and ignores later changes of the system time."""
         scale, offset = self.time_scale, time.time() - time.monotonic()
         return lambda: scale * (time.monotonic() + offset)

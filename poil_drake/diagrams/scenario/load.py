@@ -1,4 +1,4 @@
-"""Finds, reads and chooses scenarios, from YAML files, text and options."""
+"""Reads scenarios from YAML files and text, and applies a user's options to them."""
 
 import copy
 import dataclasses
@@ -17,10 +17,10 @@ from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
 
 _LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
-"""Limits on characters, and on values with all aliases expanded; no scenario needs as many."""
+"""Limits on the characters of a YAML text, and on its values with all aliases expanded."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
-"""The scenario that runs when a file holds several and none is named."""
+"""The scenario that is chosen from a file with several if the caller gives no name."""
 
 # Where a scenario holds paths relative to its file; "*" matches every key and every item.
 _URLS = (
@@ -51,12 +51,12 @@ def LoadScenario(
         filename: A YAML file whose top-level keys are names of scenarios. None uses only
             `defaults` and `data`.
         data: YAML text that changes single values of the scenario, e.g.
-            "{poil: {eta: 2.0}, random_seed: 3}". Directives are replaced, not appended.
+            "{poil: {eta: 2.0}, random_seed: 3}". A list, such as `directives`, is replaced whole.
         scenario_name: The scenario's name in the file. It may be omitted if the file has only one
             scenario, or one named "HangMug".
-        defaults: The scenario that the file and the text change.
-        unknown: Receives the paths of the file's unknown keys, which are then skipped, e.g. for
-            files of other versions. If None, unknown keys are errors.
+        defaults: The scenario that the file and the text change. None starts from `Scenario()`.
+        unknown: A list that receives the paths of the file's unknown keys. They are then skipped,
+            e.g. in files of other versions. If None, an unknown key raises an error.
 
     Raises:
         ScenarioError: The file cannot be read, or a key or value is wrong. The message states in
@@ -67,12 +67,12 @@ def LoadScenario(
         path = Path(filename)
         name, node = _named_scenario(_read(path), scenario_name, path)
         node = _with_absolute_paths(node, path.resolve().parent)
-        scenario = merge_yaml(node=node, schema=Scenario, default=scenario, unknown=unknown)
+        scenario = merge_yaml(node, Scenario, scenario, unknown=unknown)
         source = ScenarioSource(name=name, file=str(path))
         scenario = dataclasses.replace(scenario, source=source)
     if data is not None:
         node = _with_absolute_paths(_parse(data, "The scenario text"), Path.cwd())
-        scenario = merge_yaml(node=node, schema=Scenario, default=scenario)
+        scenario = merge_yaml(node, Scenario, scenario)
     return scenario
 
 
@@ -87,13 +87,13 @@ def ChooseScenario(
     speed: float | None = None,
     time_scale: float | None = None,
 ) -> Scenario:
-    """Returns a scenario with the values that a user chose; None keeps the scenario's value.
+    """Reads a scenario and applies a user's options; None keeps the scenario's value.
 
     Args:
         filename: The scenario file; None stands for the package's.
         scenario_name: The scenario's name in the file.
         data: YAML text merged over the file.
-        seed: Draws object, pose and noise from the scenario's `randomization`; None draws nothing.
+        seed: Seed of a trial, in which object, pose and noise are drawn; see `ApplyRandomization`.
         tracker: Name of the tracker.
         detector: Name of the detector.
         speed: Speed on hardware, see `HardwareConfig`.
@@ -113,7 +113,7 @@ def ChooseScenario(
 
 
 def _changed(config: Any, **values: Any) -> Any:
-    """Returns a copy of a config with those of the given values that are not None."""
+    """Returns a copy of a config, changed by each of the values that is not None."""
     return dataclasses.replace(config, **{k: v for k, v in values.items() if v is not None})
 
 
@@ -131,7 +131,7 @@ def _read(path: Path) -> Any:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Requires that keys are text and unique; YAML silently keeps the last of duplicate keys."""
+    """Rejects duplicate keys, of which PyYAML would keep the last, and keys that are not text."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -139,7 +139,7 @@ class _StrictLoader(yaml.SafeLoader):
         for key, _ in node.value:
             problem = None
             if not key.tag.endswith((":str", ":merge")):
-                problem = "a key is not text; put it in quotation marks"
+                problem = "a key that is not text needs quotation marks"
             elif key.value in keys:
                 problem = f"the key '{key.value}' occurs twice"
             if problem is not None:
@@ -168,7 +168,7 @@ def _parse(text: str, source: str) -> Any:
 
 
 def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
-    """Returns a node's number of values with all aliases expanded; inf if it contains itself."""
+    """Returns the number of values in a node, with aliases expanded; inf if it contains itself."""
     if not isinstance(node, yaml.CollectionNode):
         return 1.0
     if id(node) not in known:
@@ -180,7 +180,7 @@ def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
 
 
 def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, Any]:
-    """Returns the name and the node of a scenario in a file."""
+    """Returns the name and the node of the scenario that is chosen from a file's document."""
     if not isinstance(document, dict) or not document:
         raise ScenarioError(
             f"'{path}' holds no scenarios.",
@@ -189,7 +189,7 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
     if "directives" in document:
         raise ScenarioError(
             f"'{path}' begins with the keys of a scenario, not with its name.",
-            remedy="Put a line with a name above them, e.g. 'HangMug:', and indent the rest.",
+            remedy="Put a line with a name at the top, e.g. 'HangMug:', and indent all others.",
         )
     if name is None:
         name = next(iter(document)) if len(document) == 1 else DEFAULT_SCENARIO_NAME
@@ -204,13 +204,11 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
 def _with_absolute_paths(node: Any, directory: Path) -> Any:
     """Returns a scenario's node with its relative file paths resolved against a directory."""
 
-    def url(path: str) -> str:
-        return (
-            path if "://" in path else f"file://{(directory / Path(path).expanduser()).resolve()}"
-        )
-
     def file(path: str) -> str:
-        return str(directory / Path(path).expanduser()) if path else path
+        return str(directory / Path(path).expanduser())
+
+    def url(path: str) -> str:
+        return path if "://" in path else f"file://{Path(file(path)).resolve()}"
 
     for places, change in ((_URLS, url), (_FILES, file)):
         for place in places:
@@ -219,7 +217,7 @@ def _with_absolute_paths(node: Any, directory: Path) -> Any:
 
 
 def _replaced(node: Any, place: Sequence[str], change: Callable[[str], str]) -> Any:
-    """Returns a node with `change` applied to each text at a place; all else stays the same."""
+    """Returns a node with `change` applied to each text at `place`, its keys from the root down."""
     if not place:
         return change(node) if node and isinstance(node, str) else node
     head, *rest = place

@@ -28,10 +28,10 @@ from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
 def AddScenarioPlant(
     builder: DiagramBuilder, scenario: Scenario
 ) -> tuple[MultibodyPlant, SceneGraph]:
-    """Adds an empty plant with the scenario's settings and time step.
+    """Adds an empty plant with the scenario's settings, and its scene graph; returns both.
 
     Raises:
-        ScenarioError: Drake rejects the settings.
+        ScenarioError: Drake rejects `plant_config`.
     """
     config = copy.deepcopy(scenario.plant_config)
     config.time_step = scenario.poil.rates.plant
@@ -40,12 +40,12 @@ def AddScenarioPlant(
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"plant_config cannot be used: {drake_reason(error)}.",
-            remedy="Correct the value; Drake's MultibodyPlantConfig documents valid values.",
+            remedy="Use values that the documentation of Drake's MultibodyPlantConfig allows.",
         ) from error
 
 
 def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
-    """Adds the packages of poil_drake's models, the Panda and `package.xml` files to a parser.
+    """Adds packages to a parser: poil_drake's models, the Panda, and those of `package_xmls`.
 
     Raises:
         MissingDependencyError: The Panda's description is not installed.
@@ -58,7 +58,7 @@ def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None
 
 
 def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
-    """Adds the models of directives to the parser's plant.
+    """Adds the models, frames and welds of directives to the parser's plant.
 
     Raises:
         ScenarioError: A file, model, link or frame does not exist.
@@ -80,7 +80,7 @@ def SetInitialPositions(
     Args:
         plant: The plant with all models.
         scenario: The scenario.
-        without: Models to ignore.
+        without: Names of models whose positions are not set.
 
     Raises:
         ScenarioError: A model or joint does not exist, or a value does not fit its joint.
@@ -100,10 +100,10 @@ def SetInitialPositions(
 
 
 def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
-    """Checks that the model that `poil` names for a role, e.g. "object" or "robot", exists.
+    """Checks that the plant has the model `name`, which `poil.<role>` gives, e.g. `poil.object`.
 
     Raises:
-        ScenarioError: It does not exist. The text names the existing models.
+        ScenarioError: There is no such model. The text lists the plant's models.
     """
     if not plant.HasModelInstanceNamed(name):
         raise ScenarioError(
@@ -119,10 +119,10 @@ def CollisionGeometries(
 
     Args:
         plant: The plant.
-        inspector: Its scene graph's inspector.
+        inspector: The inspector of the plant's scene graph.
         model: The model instance.
-        part: A link or, if no link has that name, a regular expression that matches the whole
-            name of a geometry (without the model's scope).
+        part: A link of the model or, if no link has this name, a regular expression that matches
+            the whole name of a geometry, without its scope.
 
     Returns:
         The geometries; empty if there is no such part.

@@ -15,13 +15,13 @@ from poil_drake.systems.safety.faults import SafetyConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Randomization:
-    """The `poil.randomization` section: what each trial draws. An empty range draws nothing.
+    """The `poil.randomization` section: ranges from which each trial draws; empty ones are ignored.
 
     Attributes:
-        models: Model files, one of which becomes the object; paths as in directives.
+        models: Model files, one of which is drawn as the object; paths are as in directives.
         x: Lowest and highest position of the object along the world's x axis [m].
         y: Lowest and highest position of the object along the world's y axis [m].
-        yaw: Lowest and highest rotation of the object about the world's z axis [deg].
+        yaw: Lowest and highest angle of the object about the world's z axis [deg].
     """
 
     models: tuple[str, ...] = ()
@@ -34,7 +34,7 @@ class Randomization:
             value = getattr(self, name)
             if value and not (len(value) == 2 and -math.inf < value[0] <= value[1] < math.inf):
                 raise ScenarioError(
-                    f"poil.randomization.{name} is {list(value)}.",
+                    f"poil.randomization.{name} is {list(value)}, which is not a range.",
                     remedy="Use [lowest, highest], or [] for no randomization.",
                 )
 
@@ -45,29 +45,30 @@ class PoilConfig:
 
     Attributes:
         object: Model instance of the manipulated object.
-        part: Name of the functional part.
-        parts: Part name -> the object's link, or a regular expression for names of its geometries.
-            A part that is not listed is the link of the same name.
+        part: Name of the object's functional part.
+        parts: Part name -> a link of the object, or a regular expression for names of its
+            geometries. A part that is not listed is the link of the same name.
         fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
-        demonstration_object_label: The object's name in a recording; None means `object`.
+        demonstration_object_label: The object's name in the recording; None means that in `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
-        demonstration_motion: The motion of that object.
+        demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
         num_points: Number of points on the functional part, N_k in the paper.
-        num_support_points: Number of points spread over the object, at least 4. They show the
-            tracker how much of the object is visible (40 in the paper).
-        eta: Attraction to the reference trajectory, η in the paper [1/s].
-        max_angular_speed: Limit on the gripper's angular speed [rad/s]; the wrist can follow it.
-        max_linear_speed: Limit on the gripper's linear speed [m/s]; the default is a human pace.
-        latency: Time from the capture of images to the tracked points [s], including the cameras'
-            output_delay.
+        num_support_points: Number of points, spread over the object, with which the tracker
+            measures how much of it is visible: at least 4 (40 in the paper).
+        eta: Gain of the attraction to the reference trajectory, η in the paper [1/s].
+        max_angular_speed: Limit on the gripper's angular speed [rad/s]. The wrist can follow the
+            default.
+        max_linear_speed: Limit on the gripper's linear speed [m/s]. The default is a human pace.
+        latency: Time from the capture of images to the release of the points tracked in them [s],
+            including the cameras' output_delay.
         depth_noise: Errors of the simulated depth cameras.
-        rates: All periods.
-        randomization: What benchmark trials draw.
+        rates: Periods of the plant, the control, the tracker and the logger.
+        randomization: Ranges from which randomized trials draw.
         safety: When the supervisor stops the arm, and how it limits motion.
         hardware: Connections to the real robot and cameras, and the speed on hardware.
     """
@@ -102,7 +103,7 @@ class PoilConfig:
         for name, lowest in (("num_points", 3), ("num_support_points", 4)):
             if getattr(self, name) < lowest:
                 raise ScenarioError(
-                    f"poil.{name} is {getattr(self, name)}.",
+                    f"poil.{name} is {getattr(self, name)}, which is too few.",
                     remedy=f"It must be at least {lowest}.",
                 )
         for name in ("eta", "max_angular_speed", "max_linear_speed"):

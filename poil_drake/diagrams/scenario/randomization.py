@@ -17,16 +17,16 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
     """Returns a scenario with a random object, object pose and camera noise.
 
     `scenario.poil.randomization` gives the models and ranges. The object keeps the height of its
-    default pose, and its x, y or yaw if that has no range. If all ranges are empty, it needs no
-    default pose; if there are no models either, only the noise is drawn.
+    default pose, and each of x, y and yaw whose range is empty. If all ranges are empty, the object
+    needs no default pose. If there are no models either, only the noise is drawn.
 
     Args:
         scenario: The scenario; it is not changed.
         seed: The seed, not negative; the same seed draws the same trial.
 
     Raises:
-        ScenarioError: A model or pose is to be drawn, but no directive adds the object; or a pose
-            is to be drawn, but the object has no single, deterministic default pose.
+        ScenarioError: A model or pose is drawn, but no directive adds the object. Or a pose is
+            drawn, but the object does not have exactly one default pose, or that pose is random.
     """
     rng = np.random.default_rng(seed)
     ranges = scenario.poil.randomization
@@ -60,10 +60,10 @@ def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, flo
 
 
 def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
-    """Returns the directive that adds a model, by reference.
+    """Returns the item of `directives` that adds the model `name`, not a copy of it.
 
     Raises:
-        ScenarioError: There is none.
+        ScenarioError: No directive adds the model.
     """
     models = [d.add_model for d in directives if d.add_model is not None]
     for model in models:
@@ -76,13 +76,14 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
 
 
 def _default_pose(model: AddModel) -> tuple[str, Transform]:
-    """Returns the body and the pose of a model's only default pose."""
+    """Returns a model's only default pose, after the name of the body that has it."""
     poses = list(model.default_free_body_pose.items())
     if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
         kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"
         raise ScenarioError(
-            f"The directive that adds '{model.name}' has {kind}, but ranges need one fixed pose.",
-            remedy="Define one default_free_body_pose there, that of the base link, with a "
-            "deterministic translation, or remove the ranges of poil.randomization.",
+            f"The directive that adds '{model.name}' has {kind}, but randomization needs one fixed "
+            "pose.",
+            remedy="In this directive, define one default_free_body_pose, for the base link, with "
+            "a deterministic translation; or remove the ranges of poil.randomization.",
         )
     return poses[0]

@@ -1,4 +1,4 @@
-"""The periods of everything that runs periodically."""
+"""The `poil.rates` section of a scenario: periods."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,16 +10,17 @@ from poil_drake.systems.control_period import CONTROL_PERIOD
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    """Periods [s]. The defaults are exact in binary, so simultaneous events stay simultaneous.
+    """The `poil.rates` section: periods [s].
 
-    A scenario file may give them as fractions, e.g. `tracker: 1/8`.
+    A scenario file may give them as fractions, e.g. `tracker: 1/8`. The defaults are exact in
+    binary, so that simultaneous events stay simultaneous.
 
     Attributes:
-        plant: Time step of the simulated plant, short enough to simulate a grasped cup.
-        control: Propagator, vector field, differential inverse kinematics and sequencer; much
-            faster than the 100 Hz that the robot's driver needs.
-        tracker: Capture of images; about as often as a tracker can process them.
-        logger: Run log and Meshcat; often enough for a smooth animation.
+        plant: Time step of the simulated plant. The default is short enough for a grasped cup.
+        control: Period of the propagator, the vector field, the differential inverse kinematics
+            and the sequencer. The robot's driver needs at most 10 ms.
+        tracker: Period of image captures. The default is about the time that a tracker needs.
+        logger: Period of the run log and of Meshcat. The default gives a smooth animation.
     """
 
     plant: float = 1 / 512
@@ -40,10 +41,9 @@ class Rates:
                 )
 
     def next_report(self, time: float) -> float:
-        """Returns the time of the next log or capture after `time` [s].
+        """Returns the time of the first log sample or image capture after `time` [s].
 
-        The result is a whole multiple of a period, as for Drake's periodic events; summing periods
-        that are not exact in binary would drift from the events.
+        The result is a whole multiple of a period, like the times of Drake's periodic events.
         """
         return min(_next_multiple(period, time) for period in (self.logger, self.tracker))
 

@@ -18,30 +18,6 @@ from poil_drake.diagrams.scenario.value_ranges import require_not_negative, requ
 from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
-def _null_lcm() -> dict[str, DrakeLcmParams]:
-    return {"default": DrakeLcmParams(lcm_url=checks.NO_NETWORK)}
-
-
-def _simulator_config() -> SimulatorConfig:
-    return SimulatorConfig(max_step_size=0.01, use_error_control=False, accuracy=1e-2)
-
-
-def _plant_config() -> MultibodyPlantConfig:
-    # "sap" softens the contact of the light fingers so much that a held mug tilts.
-    return MultibodyPlantConfig(
-        contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
-    )
-
-
-def _visualization_config() -> VisualizationConfig:
-    return VisualizationConfig(
-        publish_period=1 / 32,
-        publish_contacts=False,
-        publish_inertia=False,
-        enable_meshcat_creation=False,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class ScenarioSource:
     """Where a scenario was read from.
@@ -62,21 +38,21 @@ class Scenario:
     Attributes:
         random_seed: Seed of all noise.
         simulation_duration: Longest duration of a run [s].
-        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down; the
-            option --realtime-rate overrides it. `start_time` must be 0. Every system here is
-            discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
+        simulator_config: Drake's simulator settings. `target_realtime_rate` slows a run down to
+            that rate; the option --realtime-rate overrides it. `start_time` must be 0. All systems
+            are discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
             `use_error_control` have no effect.
         plant_config: Drake's plant settings, but `poil.rates.plant` replaces `time_step`.
         directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
-        lcm_buses: LCM networks; the default opens none.
-        model_drivers: Model instance -> driver, which sets how it follows commands.
+        lcm_buses: Name -> LCM network. The default network sends nothing.
+        model_drivers: Model instance -> driver, which sets how the model follows commands.
         cameras: Name -> camera. `rgb`, `depth`, `label` and `fps` only choose the images published
             on the camera's LCM bus; the station's ports give all images at any time. With an
-            `output_delay` [s], the same for all cameras, images are captured at the tracker's rate
-            and appear that much later; a second process renders them during the simulation, and
-            they are not published.
-        visualization: What Meshcat shows.
+            `output_delay` [s], which must be the same for all cameras, images are captured at the
+            tracker's rate and reach the ports after the delay. A second process renders them
+            during the simulation. They are not published.
+        visualization: What Meshcat shows, and how often.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task and POIL's settings.
         source: Where the scenario was read from; not a key of the file.
@@ -84,13 +60,31 @@ class Scenario:
 
     random_seed: int = 0
     simulation_duration: float = math.inf
-    simulator_config: SimulatorConfig = field(default_factory=_simulator_config)
-    plant_config: MultibodyPlantConfig = field(default_factory=_plant_config)
+    simulator_config: SimulatorConfig = field(
+        default_factory=lambda: SimulatorConfig(
+            max_step_size=0.01, use_error_control=False, accuracy=1e-2
+        )
+    )
+    # "sap" softens the contact of the light fingers so much that a held mug tilts.
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
     directives: list[ModelDirective] = field(default_factory=list)
-    lcm_buses: Mapping[str, DrakeLcmParams] = field(default_factory=_null_lcm)
+    lcm_buses: Mapping[str, DrakeLcmParams] = field(
+        default_factory=lambda: {"default": DrakeLcmParams(lcm_url=checks.NO_NETWORK)}
+    )
     model_drivers: Mapping[str, PandaDriver] = field(default_factory=dict)
     cameras: Mapping[str, CameraConfig] = field(default_factory=dict)
-    visualization: VisualizationConfig = field(default_factory=_visualization_config)
+    visualization: VisualizationConfig = field(
+        default_factory=lambda: VisualizationConfig(
+            publish_period=1 / 32,
+            publish_contacts=False,
+            publish_inertia=False,
+            enable_meshcat_creation=False,
+        )
+    )
     initial_position: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     poil: PoilConfig = field(default_factory=PoilConfig)
     source: ScenarioSource = field(default_factory=ScenarioSource, metadata={"yaml": False})

@@ -1,7 +1,7 @@
 """Merges parsed YAML into frozen dataclasses and Drake's own schema types.
 
-No library does this: `yaml_load_typed` supports neither frozen dataclasses nor tuples and does
-not locate mistakes; pydantic supports neither tags nor bound C++ types and does not merge values
+Drake's `yaml_load_typed` supports neither frozen dataclasses nor tuples, and does not say where a
+mistake is. Pydantic supports neither YAML tags nor Drake's C++ types, and does not merge values
 into defaults.
 """
 
@@ -32,24 +32,25 @@ _WANTED = {
 
 
 def merge_yaml(
-    *, node: Any, schema: Any, default: Any, path: str = "", unknown: list[str] | None = None
+    node: Any, schema: Any, default: Any, *, path: str = "", unknown: list[str] | None = None
 ) -> Any:
     """Returns `default`, changed wherever the YAML node gives a value.
 
     Structures (dataclasses and Drake's types) and mappings are merged key by key; lists and
-    scalars are replaced. A tag such as `!Rpy` chooses the member of a union; without a tag it is
-    the first member.
+    scalars are replaced. A tag such as `!Rpy` chooses a member of a union; a node without a tag
+    has the type of the first member.
 
     Args:
         node: The result of Drake's `yaml_load`: mappings, lists, scalars.
         schema: The expected type: a dataclass, one of Drake's types with `__fields__`, a scalar,
-            np.ndarray, or Optional, Union, list, tuple or Mapping[str, ...] of those.
-        default: The value that the node changes, or None if there is none.
+            np.ndarray, or an Optional, Union, list, tuple or Mapping[str, ...] of these types.
+        default: The value that the node changes. None starts from the schema's defaults.
         path: The node's place in the document, for errors, e.g. "poil.rates".
-        unknown: Receives the paths of unknown keys, which are skipped; if None, they are errors.
+        unknown: A list that receives the paths of unknown keys, which are then skipped. If None,
+            an unknown key raises an error.
 
     Raises:
-        ScenarioError: The node does not fit the schema. The text names the place, the value and
+        ScenarioError: The node does not fit the schema. The text states the place, the value and
             the valid choices.
     """
     is_union = typing.get_origin(schema) in (typing.Union, types.UnionType)
@@ -71,11 +72,7 @@ def merge_yaml(
             merged = dict(default or {})
             for key, value in node.items():
                 merged[key] = merge_yaml(
-                    node=value,
-                    schema=arguments[1],
-                    default=merged.get(key),
-                    path=f"{path}.{key}",
-                    unknown=unknown,
+                    value, arguments[1], merged.get(key), path=f"{path}.{key}", unknown=unknown
                 )
             return merged
     elif isinstance(node, list) and base in (list, tuple):
@@ -83,9 +80,7 @@ def merge_yaml(
             arguments = (arguments[0],) * len(node)
         if len(arguments) == len(node):
             return base(
-                merge_yaml(
-                    node=item, schema=argument, default=None, path=f"{path}[{i}]", unknown=unknown
-                )
+                merge_yaml(item, argument, None, path=f"{path}[{i}]", unknown=unknown)
                 for i, (item, argument) in enumerate(zip(node, arguments, strict=True))
             )
         wanted = f"a list of {len(arguments)} values"
@@ -100,7 +95,7 @@ def merge_yaml(
 
 
 def _scalar_or_array(node: Any, schema: type) -> Any:
-    """Converts a value; raises ValueError or TypeError where that would change its meaning."""
+    """Converts a node to a type; raises an error if that would change the node's meaning."""
     given = type(node)
     if schema is np.ndarray and given in (list, int, float):
         return np.array(node, dtype=float)
@@ -116,7 +111,7 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
 def _merge_structure(
     node: Mapping, fields: Mapping[str, Any], default: Any, path: str, unknown: list[str] | None
 ) -> Any:
-    """Returns a copy of a structure (a dataclass or Drake's) with the node's values."""
+    """Returns a copy of `default`, a dataclass or one of Drake's types, with the node's values."""
     values = {}
     for key, value in node.items():
         place = f"{path}.{key}" if path else key
@@ -128,11 +123,7 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            node=value,
-            schema=fields[key],
-            default=getattr(default, key),
-            path=place,
-            unknown=unknown,
+            value, fields[key], getattr(default, key), path=place, unknown=unknown
         )
     if dataclasses.is_dataclass(default) and not isinstance(default, type):
         try:
@@ -158,7 +149,7 @@ def _merge_structure(
 
 
 def _fields(schema: Any) -> dict[str, Any] | None:
-    """Returns the types of a structure's keys, or None if the schema is not a structure."""
+    """Returns key -> type of a dataclass or one of Drake's types; None for any other schema."""
     if dataclasses.is_dataclass(schema):
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
@@ -166,12 +157,12 @@ def _fields(schema: Any) -> dict[str, Any] | None:
 
 
 def _tag(member: type) -> str:
-    """Returns a structure's YAML tag; the names of Drake's templates contain their parameters."""
+    """Returns a type's YAML tag: its name, without the parameters of a C++ template."""
     return member.__name__.partition("𝓣")[0]
 
 
 def _wanted(members: Sequence[Any]) -> str:
-    """Returns what a scenario may hold where one of the types is expected."""
+    """Describes the values that a scenario may hold where one of the types is expected."""
     bases = [typing.get_origin(member) or member for member in members]
     choices = [_WANTED[base] for base in bases if base in _WANTED]
     # Drake marks members that exist only for its own error messages with an underscore.

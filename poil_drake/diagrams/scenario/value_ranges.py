@@ -11,14 +11,15 @@ def require_positive(name: str, value: float, *, largest: float = math.inf) -> N
     Args:
         name: The number's place in the scenario, e.g. "poil.eta".
         value: The number.
-        largest: The largest valid number; math.inf means the largest finite one.
+        largest: The largest valid number; math.inf allows every finite number.
 
     Raises:
         ScenarioError: The number is out of range or NaN.
     """
     if not 0.0 < value <= largest or math.isinf(value):
         limit = "finite" if math.isinf(largest) else f"at most {largest:g}"
-        raise ScenarioError(f"{name} is {value}.", remedy=f"It must be positive and {limit}.")
+        problem = f"{name} is {value}, which is out of range."
+        raise ScenarioError(problem, remedy=f"It must be positive and {limit}.")
 
 
 def require_not_negative(name: str, value: float) -> None:
@@ -32,4 +33,5 @@ def require_not_negative(name: str, value: float) -> None:
         ScenarioError: The number is out of range or NaN.
     """
     if not 0.0 <= value < math.inf:
-        raise ScenarioError(f"{name} is {value}.", remedy="It must be finite and not negative.")
+        problem = f"{name} is {value}, which is out of range."
+        raise ScenarioError(problem, remedy="It must be finite and not negative.")

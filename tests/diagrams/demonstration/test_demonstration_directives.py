@@ -48,8 +48,8 @@ def test_the_scenario_keeps_its_own_object() -> None:
 
 
 def test_models_welded_to_the_robot_are_removed(tmp_path: Path) -> None:
-    (tmp_path / "tool.urdf").write_text(GRIPPER)
     tool = tmp_path / "tool.urdf"
+    tool.write_text(GRIPPER)
     scenario = with_more(
         "[{add_frame: {name: mount, X_PF: {base_frame: 'panda::panda_hand'}}},"
         "{add_frame: {name: slanted, X_PF: {base_frame: mount, rotation: !Rpy {deg: [9, 0, 0]}}}},"
@@ -66,8 +66,8 @@ def test_models_welded_to_the_robot_are_removed(tmp_path: Path) -> None:
 
 
 def test_the_robots_base_is_kept(tmp_path: Path) -> None:
-    (tmp_path / "base.urdf").write_text(GRIPPER)
     base = tmp_path / "base.urdf"
+    base.write_text(GRIPPER)
     scenario = with_more(
         f"[{{add_model: {{name: base, file: '{base}'}}}},"
         "{add_weld: {parent: world, child: 'base::base'}},"
@@ -106,18 +106,12 @@ def _is_the_robots(directive) -> bool:
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        (
-            "{add_directives: {file: nowhere.yaml}}",
-            r"file of directives.*nowhere\.yaml.*add_directives",
-        ),
+        ("{add_directives: {file: nowhere.yaml}}", r"directives.*nowhere\.yaml.*add_directives"),
         (
             "{add_weld: {parent: 'panda::panda_hand', child: 'rack::stand'}}",
             "fixture 'rack' is welded to the robot 'panda'",
         ),
-        (
-            "{add_weld: {parent: world, child: stand}}",
-            r"'stand' without its model.*Use <model>::stand",
-        ),
+        ("{add_weld: {parent: world, child: stand}}", "'stand' without its.*Use <model>::stand"),
     ],
 )
 def test_unsuitable_directives_are_refused(more: str, says: str) -> None:

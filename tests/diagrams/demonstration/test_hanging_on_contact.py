@@ -8,8 +8,9 @@ from station_state import SetObjectPose
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.run.task_success import HangingJudge, HolderGeometries, TouchedGeometries
+from poil_drake.diagrams.run.task_success import HangingJudge, TouchedGeometries
 from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
 
@@ -37,18 +38,14 @@ def watch(
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     SetObjectPose(station, context, X_WO)
-    inspector = station.scene_graph().model_inspector()
-    holder = HolderGeometries(station.plant(), inspector, "rack", rod)
+    plant, inspector = station.plant(), station.scene_graph().model_inspector()
+    geometries = CollisionGeometries(plant, inspector, "rack", rod)
+    holder = frozenset(ScopedGeometryName(plant, inspector, g) for g in geometries)
     judge, touched = HangingJudge(fixture="rack", holder=holder), frozenset[str]()
     for time in np.arange(1, 1 + round(32 * DURATION)) / 32:
         simulator.AdvanceTo(time)
-        now = TouchedGeometries(
-            station.plant(),
-            inspector,
-            station.GetOutputPort("contact_results").Eval(context),
-            "mug",
-        )
-        judge.observe(time, now)
+        results = station.GetOutputPort("contact_results").Eval(context)
+        judge.observe(time, TouchedGeometries(plant, inspector, results, "mug"))
         touched |= judge.touched_links
     return judge, touched
 

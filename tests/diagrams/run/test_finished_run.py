@@ -200,6 +200,6 @@ def test_figures_are_written_even_if_the_picture_fails(tmp_path: Path) -> None:
     outputs = OutputPaths(json=tmp_path / "run.json", png=tmp_path / "file" / "run.png")
 
     with pytest.raises(OSError, match="file"):
-        WriteReport(make_report(Phase.DONE), outputs=outputs)
+        WriteReport(make_report(Phase.DONE), outputs=outputs, stages=Stopwatch())
 
     assert json.loads(outputs.json.read_text())["success"] is True

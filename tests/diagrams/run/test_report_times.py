@@ -29,12 +29,8 @@ def test_every_track_is_compared_with_the_truth(
     poil = f"{{latency: 1/64, rates: {{tracker: {tracker}, logger: {logger}}}}}"
     scenario = short_scenario(f"{{simulation_duration: 0.375, poil: {poil}}}")
     reports: list[FinishedRun] = []
+    monkeypatch.setattr(skill_run, "WriteReport", lambda report, **_: reports.append(report))
 
-    def keep(report: FinishedRun, **_: object) -> FinishedRun:
-        reports.append(report)
-        return report
-
-    monkeypatch.setattr(skill_run, "WriteReport", keep)
     execute(scenario)
 
     stamps, errors = reports[0].recorder.tracking_errors()

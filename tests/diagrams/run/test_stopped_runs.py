@@ -22,6 +22,7 @@ from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
@@ -46,10 +47,14 @@ def read_log(path: Path) -> dict[str, list[dict[str, Any]]]:
     return records
 
 
-def execute(folder: Path) -> tuple[RunSummary, OutputPaths]:
+def execute(
+    folder: Path, scenario: Scenario | None = None, *, check: bool = True
+) -> tuple[RunSummary, OutputPaths]:
     outputs = OutputPaths.under(folder)
-    chosen = short_scenario("{simulation_duration: 2}")
-    summary = ExecutePlan(short_plan(), chosen, outputs=outputs, show=False, show_progress=False)
+    chosen = scenario or short_scenario("{simulation_duration: 2}")
+    summary = ExecutePlan(
+        short_plan(), chosen, outputs=outputs, show=False, show_progress=False, check=check
+    )
     return summary, outputs
 
 
@@ -72,13 +77,8 @@ def test_a_signal_ends_the_run_with_its_status_and_complete_outputs(
     (tmp_path / "scenario.yaml").write_text(DumpScenario(short_scenario()))
     arguments = ["execute", "plan.npz", "scenario.yaml", "--no-meshcat"]
 
-    run = subprocess.run(
-        [sys.executable, str(SCRIPT), str(int(number)), *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, str(SCRIPT), str(int(number)), *arguments]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     assert run.returncode == status, run.stderr
     assert run.stderr.splitlines()[-1] == said
@@ -179,7 +179,7 @@ def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(tmp_path: Path) -
     outputs.mcap.touch()
 
     with pytest.raises(PoilError, match="spout"):
-        ExecutePlan(short_plan(), wrong, outputs=outputs, show=False, show_progress=False)
+        execute(tmp_path, wrong)
 
     assert not outputs.png.exists()
     assert read_log(outputs.mcap) == {}
@@ -232,15 +232,8 @@ def test_a_run_whose_camera_process_dies_reports_it_and_leaves_its_log(
         sample(self, root)
 
     monkeypatch.setattr(RunRecorder, "sample", kill_the_cameras)
-    outputs = OutputPaths.under(tmp_path)
-    summary = ExecutePlan(
-        short_plan(),
-        ChooseScenario(),
-        outputs=outputs,
-        show=False,
-        show_progress=False,
-        check=False,
-    )
+
+    summary, outputs = execute(tmp_path, ChooseScenario(), check=False)
 
     assert not summary.success
     assert "cameras' process has ended with status -9" in summary.reason

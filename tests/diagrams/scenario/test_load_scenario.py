@@ -108,7 +108,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {latency: -0.5}}", "poil.latency is -0.5.*not negative"),
         (
             "{poil: {latency: 0.1}, cameras: {left: {name: left, output_delay: 0.1}}}",
-            "poil.latency is 0.1 s, but cameras.left.output_delay and .* up to 0.1039.*at least",
+            "latency is 0.1 s, less .* cameras.left.output_delay and .*, 0.1039.*at least",
         ),
         ("{poil: {parts: handle}}", "'poil.parts' is 'handle'.*mapping"),
         ("{poil: {depth_noise: {hole_probability: 3}}}", "poil.depth_noise: .*hole_probability"),
@@ -118,21 +118,15 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("[1", "not valid YAML"),
         ("[1]", "mapping"),
         ("mug", "'the scenario' is 'mug'.*mapping"),
-        ("{3: 4}", "a key is not text.* at line 1"),
+        ("{3: 4}", "a key that is not text .* at line 1"),
         ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
         ("{random_seed: -1}", "random_seed is -1.*not negative"),
         ("{simulation_duration: 0}", "simulation_duration is 0"),
         ("{poil: {fixture: mug}}", "poil.object and poil.fixture are both 'mug'"),
         ("{poil: {randomization: {x: [0, .inf]}}}", "randomization.x is"),
-        (
-            "{model_drivers: {panda: {stiffness: [1, 2]}}}",
-            "model_drivers.panda: .*2 values.*Set 7",
-        ),
+        ("{model_drivers: {panda: {stiffness: [1, 2]}}}", "drivers.panda: .*2 values.*Set 7"),
         ("{model_drivers: {panda: {leash: -1}}}", "model_drivers.panda: .*leash is -1"),
-        (
-            "{model_drivers: {panda: !IiwaDriver {}}}",
-            "'!IiwaDriver', but a mapping .PandaDriver.",
-        ),
+        ("{model_drivers: {panda: !IiwaDriver {}}}", "IiwaDriver', but a mapping .PandaDriver."),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
@@ -170,10 +164,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
             r"left.serial' is 1, but text \(in quotes if it looks like a number\) is needed",
         ),
         ("{lcm_buses: {default: {lcm_url: 'ros://x'}}}", "lcm_url is 'ros://x'"),
-        (
-            "{lcm_buses: {lab: {lcm_url: 'udpm://hello'}}}",
-            "lcm_buses.lab.lcm_url is 'udpm://hello'",
-        ),
+        ("{lcm_buses: {lab: {lcm_url: 'udpm://hello'}}}", "buses.lab.lcm_url is 'udpm://hello'"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
         ("{poil: {parts: {'': body}}}", "A key of poil.parts is empty"),
@@ -198,7 +189,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {demonstration_motion: {keyframes: [{time: 0}]}}}", "at least two"),
         (
             "{poil: {demonstration_motion: {keyframes: [{time: 0}, {time: 2}, {time: 1}]}}}",
-            r"keyframes are at \[0.0, 2.0, 1.0\] s",
+            r"keyframes are not valid: \[0.0, 2.0, 1.0\] s",
         ),
         (
             "{poil: {demonstration_motion: {keyframes: [{time: 0.5}, {time: 1}]}}}",
@@ -283,15 +274,13 @@ def test_a_file_that_is_too_long_is_refused(tmp_path: Path) -> None:
         LoadScenario(filename=path)
 
 
-def test_aliases_that_stand_for_too_many_values_are_refused() -> None:
-    # Ten lines of ten aliases each stand for 10^10 values.
-    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
-
-    with pytest.raises(ScenarioError, match="more than 100000 values once its aliases"):
-        LoadScenario(data="\n".join(lines))
+# Ten lines of ten aliases each stand for 10^10 values.
+TENFOLD = [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
 
 
-def test_an_alias_within_its_own_value_is_refused() -> None:
+@pytest.mark.parametrize(
+    "text", ["\n".join(["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]", *TENFOLD]), "a: &a [*a]"]
+)
+def test_aliases_that_stand_for_too_many_values_are_refused(text: str) -> None:
     with pytest.raises(ScenarioError, match=r"more than 100000 values.*alias may contain itself"):
-        LoadScenario(data="directives: &a [*a]")
+        LoadScenario(data=text)
