@@ -19,7 +19,7 @@ _DESCENT_STEP = 0.005  # [m] Between the samples of the straight motion.
 def plan_descent(
     model: PandaModel, grasp: GraspCandidate, q_grasp: np.ndarray, distance: float
 ) -> JointTrajectory:
-    """Returns the straight motion of the gripper from the pre-grasp to the grasp.
+    """Returns the joint motion that takes the gripper straight from the pre-grasp to the grasp.
 
     Args:
         model: The arm.
@@ -44,19 +44,19 @@ def plan_approach(
     *,
     seed: int,
 ) -> JointTrajectory:
-    """Returns a collision-free motion to the pre-grasp.
+    """Returns a collision-free joint motion to the pre-grasp.
 
     Args:
         model: The arm.
-        checker: The collision check, against a scene with the object.
-        workspace: The boxes that the arm must stay in; None for no boxes.
+        checker: The collision checker, with the object in its scene.
+        workspace: Checks that the arm stays inside its workspace boxes; None for no boxes.
         q_start: (7,) the arm's present configuration [rad].
         q_pregrasp: (7,) the configuration at the pre-grasp [rad].
         seed: Seed of the search.
 
     Raises:
-        PlanningError: No path was found, or one of its ends is in collision or too close to a face
-            of the boxes.
+        PlanningError: No path was found, one end of the path is in collision, or the pre-grasp is
+            too close to a face of the boxes.
     """
     is_free: IsFree = checker.is_free
     if workspace is not None:

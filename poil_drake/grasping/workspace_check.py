@@ -1,4 +1,4 @@
-"""Whether planned motions stay inside the boxes of the arm's workspace."""
+"""Checks whether planned motions stay inside the boxes of the arm's workspace."""
 
 from typing import Self
 
@@ -10,27 +10,27 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""Motions to a rehearsed grasp may come this much closer than the margin [m]: their samples differ
-from those of the rehearsal, so their postures differ slightly, too."""
+"""How much less than the margin motions to a rehearsed grasp may keep [m]. Their samples, and
+therefore their postures, differ slightly from those of the rehearsal."""
 
 _SAG = 0.001
-"""The arm may start this far outside its boxes [m], as it may after a stop at one of the faces."""
+"""The arm may start this far outside its boxes [m], because a stop at a face may leave it there."""
 
 _ROUNDING = 1e-9
 
 
 class WorkspaceCheck:
-    """Checks that motions to a grasp keep a margin to the faces of the boxes.
+    """Checks that motions to a grasp keep a margin to the faces of the workspace boxes.
 
-    A motion that starts closer to a face than the margin only must not come any closer.
+    If the arm starts closer to a face than the margin, its distance from this face must not shrink.
     """
 
     def __init__(self, *, guard: PostureGuard, margin: float, q_start: np.ndarray):
         """Prepares the check.
 
         Args:
-            guard: The boxes.
-            margin: Required distance from their faces [m].
+            guard: Measures the arm's distances from the faces of its boxes.
+            margin: Required distance from the faces [m].
             q_start: (7,) the arm's present configuration [rad].
 
         Raises:
@@ -49,7 +49,12 @@ class WorkspaceCheck:
     def of(
         cls, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
     ) -> Self | None:
-        """Returns the check for motions from `q_start` (7,) [rad]; None where there are no boxes.
+        """Returns the check for motions from a configuration; None if the arm has no boxes.
+
+        Args:
+            model: The arm.
+            q_start: (7,) the arm's present configuration [rad].
+            feasibility: The boxes and the margin.
 
         Raises:
             PlanningError: The arm is outside its boxes.
@@ -64,11 +69,11 @@ class WorkspaceCheck:
         return (self._guard.face_distances(q) >= self._least).all(axis=1)
 
     def require(self, q: np.ndarray, what: str) -> None:
-        """Checks a motion.
+        """Raises an error if a motion does not keep the margin.
 
         Args:
-            q: (B, 7) its configurations [rad], B >= 1.
-            what: The motion's name, which begins a sentence.
+            q: (B, 7) the motion's configurations [rad], B >= 1.
+            what: The motion's name, with which the error message begins.
 
         Raises:
             PlanningError: The motion does not keep the margin; the message names the face.

@@ -61,7 +61,7 @@ def data(plan) -> bytes:
 
 
 def rewritten(data: bytes, in_header: dict | None = None, **changes) -> bytes:
-    """Returns the plan's file with other entries, and others in the header; None removes one."""
+    """Returns the plan's file with changed entries of file and header; None removes an entry."""
     with np.load(io.BytesIO(data)) as archive:
         entries = dict(archive)
     header = json.loads(str(entries["header"])) | (in_header or {})
@@ -159,7 +159,7 @@ def test_wrong_header_values_are_named(data, changes, says):
 
 
 def load_damaged(data: bytes) -> None:
-    """Reads a plan, which succeeds or raises the typed error with one line."""
+    """Checks that reading a plan succeeds, or raises the typed error with one line."""
     said = ""
     try:
         ExecutionPlan.from_bytes(data, name="the log")
@@ -169,7 +169,7 @@ def load_damaged(data: bytes) -> None:
 
 
 def damaged(content: bytes, flips: list[tuple[float, int]], kept: float) -> bytes:
-    """Flips bits at places given as shares of the length, and cuts the end off."""
+    """Returns the content with bits flipped at fractions of its length, and its end cut off."""
     damaged = bytearray(content)
     for place, mask in flips:
         damaged[int(place * (len(content) - 1))] ^= mask

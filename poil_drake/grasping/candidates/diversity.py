@@ -6,21 +6,22 @@ from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 
 SAME_POSITION, SAME_ANGLE = 0.008, 0.3
-"""Grasps closer than this [m] and turned by less than this [rad] are similar."""
+"""Grasps are similar if their distance [m] and the angle between them [rad] are below these."""
 
 _AZIMUTH_BINS = 12  # Sectors around the object.
 _MAX_CANDIDATES = 48
 
 
 def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[GraspCandidate]:
-    """Keeps the best of similar grasps, and interleaves the sectors around the object.
+    """Returns the best of each group of similar grasps, taking turns among sectors of the object.
 
     Args:
         candidates: Grasps of one object.
         center: (3,) the object's centre [m, world].
 
     Returns:
-        At most `_MAX_CANDIDATES` grasps: the best of each sector, then the second best, and so on.
+        At most `_MAX_CANDIDATES` grasps: first the best of each sector around the object's vertical
+        axis, then the second best of each sector, and so on.
     """
     if not candidates:
         return []
@@ -45,7 +46,7 @@ def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[G
 def dissimilar(
     poses: np.ndarray, merits: np.ndarray, same_position: float, same_angle: float
 ) -> list[int]:
-    """Returns the indices of poses, best first, without those similar to a better one.
+    """Returns the indices of poses, best first, without poses that are similar to a better one.
 
     Args:
         poses: (K, 4, 4) gripper poses [m].

@@ -35,7 +35,8 @@ class GraspScene:
             object_points: (P, 3) the whole object [m, world].
             part_points: (M, 3) its functional part [m, world].
             obstacle_points: (Q, 3) all obstacles [m, world].
-            ground_height: Height of the table [m], whose points are left out; None without a table.
+            ground_height: Height of the table [m]; None without a table. Obstacle points on the
+                table are left out.
             part_clearance: Distance that the gripper keeps from the part [m].
         """
         self._part_clearance = part_clearance
@@ -89,7 +90,7 @@ def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_closing_space(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the boxes and another one for the space between the fingertips."""
+    """Returns the corners of the boxes, and of one more for the space between the fingertips."""
     space_lower, space_upper = lower[0].copy(), upper[0].copy()
     space_lower[1], space_upper[1] = upper[2, 1], lower[0, 1]
     return np.vstack([lower, space_lower]), np.vstack([upper, space_upper])

@@ -31,14 +31,15 @@ _STEP = InverseKinematicsConfig(
 def follow_path(
     model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follows gripper paths sample by sample, as differential IK does, each from its own start.
+    """Returns the arm's configurations along gripper paths, each from its own start configuration.
 
-    Motion in the null space pulls the arm towards its nominal posture. Where the arm cannot reach a
-    sample, it gets as close as possible and continues with the next one.
+    The arm follows the samples one by one, like differential inverse kinematics. Motion in the null
+    space pulls it towards its nominal posture. Where the arm cannot reach a sample, it gets as
+    close as possible and continues with the next sample.
 
     Args:
         model: The arm.
-        q_start: (B, 7) configurations near the first samples [rad].
+        q_start: (B, 7) start configurations [rad], near the first samples.
         X_WG: (B, T, 4, 4) gripper poses to pass through, in the world.
         times: (T,) times of the poses [s], increasing or decreasing.
 
@@ -65,9 +66,9 @@ def follow_path(
 
 
 def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
-    """Returns the smallest singular value of each configuration's Jacobian: 0 at a singularity.
+    """Returns the smallest singular value (...) of the gripper's Jacobian: 0 at a singularity.
 
-    Rotations are converted to lengths with a radius of about the hand's size.
+    A radius of about the hand's size converts the Jacobian's rotations to lengths.
 
     Args:
         model: The arm.
@@ -80,11 +81,11 @@ def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
 
 
 def backed_off_poses(X_WG: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """Returns the gripper poses (B, S, 4, 4) backed off along the approach direction.
+    """Returns gripper poses (B, S, 4, 4), moved back against the approach direction.
 
     Args:
-        X_WG: (B, 4, 4) gripper poses.
-        distances: (S,) how far each returned pose is from the grasp [m].
+        X_WG: (B, 4, 4) gripper poses to move.
+        distances: (S,) how far to move each of them [m].
     """
     X = np.repeat(X_WG[:, None], len(distances), axis=1)
     X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]

@@ -33,9 +33,9 @@ _SMALLEST_SINGULAR_VALUE = 0.01
 """Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
 
 _OBJECT_CONTACT = 0.004
-"""The object collides if it falls short of its required clearance by more than this [m]; falling
-short by less only adds cost. Away from the goal 6 mm are required, so closer than 2 mm is a
-collision: two clouds with a point every 3 to 5 mm come that near where their surfaces intersect."""
+"""The object collides if it falls short of its required clearance by more than this [m]. A smaller
+shortfall only adds cost. Away from the goal 6 mm are required, so a distance below 2 mm is a
+collision: clouds with 3 to 5 mm between their points come this close where surfaces intersect."""
 
 # Exceeding these margins brings no further advantage.
 _COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
@@ -47,7 +47,7 @@ _WEIGHTS = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)  # Of the terms of `_cost`, in th
 
 
 class _Motion(NamedTuple):
-    """Configurations q (..., T, 7) [rad] and errors (..., T, 2) ([m], [rad])."""
+    """Configurations q (..., T, 7) [rad] and the gripper's errors (..., T, 2) ([m], [rad])."""
 
     q: np.ndarray
     errors: np.ndarray
@@ -75,7 +75,7 @@ class FeasibilityChecker:
         self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns arm configurations (R, 7) at the grasps [rad] and the grasps' indices (R,)."""
+        """Returns arm configurations (R, 7) [rad], and the index (R,) of the grasp each reaches."""
         return distinct_solutions(
             self._model, np.array([candidate.X_WG for candidate in candidates])
         )
@@ -157,7 +157,11 @@ class FeasibilityChecker:
     def _clearance(
         self, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
     ) -> float:
-        """Returns the robot's clearance [m]; the sampler has checked the fingers at the grasp."""
+        """Returns the robot's smallest clearance [m].
+
+        Until the lift ends it is that of the robot without fingers, because the sampler has checked
+        the fingers at the grasp.
+        """
         approach, carry, retreat = (motion.q for motion in motions)
         lifted = path.samples >= path.lift_end
         low = self._checker(None).clearance(np.concatenate([approach, carry[~lifted]]))
@@ -166,7 +170,10 @@ class FeasibilityChecker:
         return float(min(low.min(), high.min()))
 
     def _checker(self, opening: float | None) -> RobotCollisionChecker:
-        """Returns the checker for a finger opening, which is rounded up to limit their number."""
+        """Returns the collision checker for a finger opening [m]; None leaves out the fingers.
+
+        Openings are rounded up to whole centimetres, which limits the number of checkers.
+        """
         if opening is not None:
             opening = min(np.ceil(opening / 0.01) * 0.01, GRIPPER.max_width)
         if opening not in self._checkers:
@@ -187,7 +194,7 @@ class FeasibilityChecker:
         clearance: float,
         singular_value: float,
     ) -> float:
-        """Returns the weighted sum of the disadvantages of a feasible grasp."""
+        """Returns the cost of a feasible grasp, a weighted sum of its disadvantages."""
         steps = np.abs(np.diff(q_carry, axis=0))
         speeds = steps / np.diff(path.times[path.samples])[:, None]
         speed_ratio = float((speeds / self._model.velocity).max())
