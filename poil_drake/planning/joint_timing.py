@@ -22,9 +22,9 @@ class JointTimingConfig:
             feedback that tracks the trajectory.
         acceleration: (7,) joint acceleration limits [rad/s^2].
         acceleration_scale: Fraction of the acceleration limits that is used.
-        smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
-            Panda stops with a reflex when commands step.
-        path_samples: Samples of the path at which its speed is bounded.
+        smoothing_time: The motion is averaged over this time [s], which bounds the jerk. A real
+            Panda stops with a reflex error if its commands jump.
+        path_samples: Number of samples of the path at which its speed is bounded.
         sample_period: Time between the trajectory's samples [s].
     """
 
@@ -45,10 +45,10 @@ def time_joint_path(
 ) -> JointTrajectory:
     """Returns a smooth motion along a joint path, from rest to rest.
 
-    The path is interpolated by a cubic spline over its length s. The speed v along it is limited by
-    |q'| v within the velocity limits and |q''| v^2 within half of the acceleration limits; it
-    changes with |q'| dv/dt within the other half. A moving average over time then smooths the
-    motion; averages of velocities and accelerations keep their bounds.
+    A cubic spline q(s) interpolates the path over its length s. The speed v = ds/dt keeps |q'| v
+    within the velocity limits and |q''| v^2 within half of the acceleration limits, and |q'| dv/dt
+    stays within the other half. A moving average over time then smooths the motion. It keeps the
+    bounds on velocities and accelerations.
 
     Args:
         path: (K, 7) joint positions [rad], K >= 2, each different from the one before.
@@ -63,7 +63,8 @@ def time_joint_path(
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if len(path) < 2 or np.any(lengths == 0.0):
         raise InvalidValueError(
-            f"The joint path has {len(path)} samples and {sum(lengths == 0.0)} steps of length 0.",
+            f"The joint path has {len(path)} samples, {sum(lengths == 0.0)} of them equal to the "
+            "one before.",
             remedy="Pass at least two samples, each different from the one before.",
         )
     spline = CubicSpline(np.concatenate([[0.0], np.cumsum(lengths)]), path)

@@ -81,7 +81,7 @@ def rrt_connect(
         space: The space to search.
         start: (D,) start of the path.
         goal: (D,) end of the path.
-        is_free: Returns which configurations are free.
+        is_free: Returns which configurations (B, D) are free: (B,) bool.
         edge_is_free: Returns whether the straight edge between two configurations (D,) is free.
         max_edge: Longest edge of the search trees, in the space's metric.
         iterations: Largest number of rounds of tree growth.

@@ -65,5 +65,5 @@ def test_long_straight_motion_reaches_the_allowed_speed():
 
 
 def test_path_that_does_not_move_is_rejected():
-    with pytest.raises(InvalidValueError, match="steps of length 0"):
+    with pytest.raises(InvalidValueError, match="equal to the one before"):
         time_joint_path(np.zeros((3, 7)), SPEEDS)

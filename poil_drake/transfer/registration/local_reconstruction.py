@@ -19,7 +19,7 @@ def local_reconstruction_weights(
 
     Returns:
         indices: (P, k) the neighbours.
-        weights: (P, k), rows sum to 1.
+        weights: (P, k) the weights; each row adds up to 1.
     """
     k = min(neighbours, len(points) - 1)
     _, indices = cKDTree(points).query(points, k=k + 1)
