@@ -17,8 +17,8 @@ class RetimingConfig:
             advances only where the reference does.
         max_speed: Highest speed [m/s]; 0.25 is the limit for a collaborative robot near people.
         acceleration_time: Time to reach the mean speed from rest, and to stop at the end [s].
-        max_duration: Longest duration of the reference [s]; None for no limit. A longer one is sped
-            up evenly, beyond max_speed if necessary.
+        max_duration: Longest duration of the reference [s]; None for no limit. A longer reference
+            is sped up evenly, beyond max_speed if necessary.
     """
 
     speed_scale: float = 1.0
@@ -31,17 +31,17 @@ class RetimingConfig:
         positive = min(self.speed_scale, self.min_speed, self.acceleration_time) > 0.0
         if not (positive and self.min_speed <= self.max_speed):
             raise InvalidValueError(
-                f"{self} is not valid.",
+                f"{self} has a value that is not positive, or min_speed exceeds max_speed.",
                 remedy="Pass positive values, with min_speed at most max_speed.",
             )
 
 
 def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig) -> np.ndarray:
-    """Returns the times (M,) [s] at which points along a path are passed, from 0.
+    """Returns the times (M,) [s], from 0, at which a motion passes points along a path.
 
     Args:
         path_lengths: (M,) length of the path up to each point [m], increasing from 0.
-        speeds: (M,) demonstrated speeds there [m/s].
+        speeds: (M,) demonstrated speeds at these points [m/s].
         config: The limits.
     """
     v = np.clip(config.speed_scale * speeds, config.min_speed, config.max_speed)

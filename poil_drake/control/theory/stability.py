@@ -12,7 +12,10 @@ from poil_drake.geometry.rigid_transform import vee
 
 
 def moment_matrix(points: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """Returns W = sum_i w_i x_i x_i^T (3, 3) [m^2] of points (N, 3) about their centroid."""
+    """Returns W = sum_i w_i x_i x_i^T (3, 3) [m^2] of points (N, 3) about their centroid.
+
+    The weights (N,) are all 1 by default.
+    """
     w = np.ones(len(points)) if weights is None else weights
     x = points - (w / w.sum()) @ points
     return (x * w[:, None]).T @ x
@@ -47,7 +50,10 @@ def critical_rotations(W: np.ndarray) -> np.ndarray:
     """Returns the rotations (3, 3, 3) other than the goal where omega vanishes: turns by pi.
 
     The k-th turns about the k-th principal axis of W, in ascending order of the eigenvalues. For
-    distinct eigenvalues there are no others (theorem 1 of POIL); equal ones raise an error.
+    distinct eigenvalues there are no others (theorem 1 of POIL).
+
+    Raises:
+        InvalidValueError: if two eigenvalues are equal.
     """
     eigenvalues, axes = np.linalg.eigh(W)
     if np.min(np.diff(eigenvalues)) <= 1e-9 * eigenvalues[-1]:

@@ -23,7 +23,7 @@ def random_moments(rng):
 
 
 def times_to_turn(W, R, origin, angle, step=0.02, max_time=40.0):
-    """When the flow is `angle` away from `origin` [s], integrated by the midpoint rule."""
+    """Times at which the flow is `angle` away from `origin` [s], by the midpoint rule."""
     times = np.full(R.shape[:-2], np.nan)
     from_origin = np.swapaxes(origin, -1, -2)
     before = rotation_angle(from_origin @ R)

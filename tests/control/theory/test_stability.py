@@ -111,7 +111,7 @@ def test_hessian_is_the_second_difference_of_the_potential(seed):
 def critical_rotations_found(W, R):
     """Zeros of (R^T W - W R)^vee that Newton's method finds from rotations R (K, 3, 3).
 
-    A small rotation xi in the body's frame changes it by -(tr(W R) I - (W R)^T) xi.
+    A small rotation xi in the body's frame changes this vector by -(tr(W R) I - (W R)^T) xi.
     """
     for _ in range(60):
         M = W @ R
