@@ -128,12 +128,12 @@ def test_entry_without_content_is_named(data):
         ({"reference.times": None}, "has no entry 'reference.times'"),
         ({"grasp.X_WG": None}, "has no entry 'grasp.X_WG'"),
         ({"header": None}, "has no entry 'header'"),
-        ({"header": np.array("{")}, "header of 'the log' is damaged"),
+        ({"header": np.array("{")}, "header of the plan 'the log' is damaged"),
         ({"target_points": np.zeros((2, 3))}, r"ExecutionPlan.target_points has shape \(2, 3\)"),
         ({"target_points": np.array(["a"])}, "could not convert string"),
         (
             {f"descent.{name}": np.zeros((3, 6)) for name in ("positions", "velocities")},
-            "descent.positions has 6 joints",
+            "descent moves 6 joints",
         ),
     ],
 )
