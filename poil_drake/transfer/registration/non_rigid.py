@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,26 +36,13 @@ _PATIENCE = 20  # Steps without an improvement after which the optimisation ends
 _MIN_IMPROVEMENT = 1e-3  # Of the loss, relative to the initial one.
 
 
-@dataclass(frozen=True, kw_only=True)
-class NonRigidConfig:
-    """Effort of the non-rigid registration.
-
-    Attributes:
-        max_points: Largest number of points used from each cloud, spread evenly; the computing time
-            grows with the square of this number.
-        max_steps: Largest number of optimisation steps.
-    """
-
-    max_points: int = 400
-    max_steps: int = 200
-
-
 def register_non_rigid(
     source: np.ndarray,
     target: np.ndarray,
     *,
     carried: np.ndarray | None = None,
-    config: NonRigidConfig | None = None,
+    max_points: int = 400,
+    max_steps: int = 200,
     progress: Progress | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Returns the deformation of a coarsely aligned part onto another.
@@ -76,7 +62,9 @@ def register_non_rigid(
         source: (P, 3) the part to deform, coarsely aligned [m].
         target: (Q, 3) the other part [m].
         carried: (M, 3) points to be deformed with the part [m]; the regulariser includes them.
-        config: Effort; None for the defaults.
+        max_points: Largest number of points used from each cloud, spread evenly. The computing time
+            grows with its square.
+        max_steps: Largest number of optimisation steps.
         progress: Called with the current activity and its completed fraction.
 
     Returns:
@@ -85,7 +73,6 @@ def register_non_rigid(
     Raises:
         TransferError: if a cloud has fewer than 4 points, or the optimisation diverges.
     """
-    config = config or NonRigidConfig()
     for name, cloud in (("demonstrated", source), ("target", target)):
         if len(cloud) < 4:
             raise TransferError(
@@ -94,9 +81,9 @@ def register_non_rigid(
             )
     center = target.mean(axis=0)
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
-    data, goal = (_spread((c - center) / length, config.max_points) for c in (source, target))
+    data, goal = (_spread((c - center) / length, max_points) for c in (source, target))
     extra = np.empty((0, 3)) if carried is None else (carried - center) / length
-    network = _optimize(data, goal, extra, config.max_steps, progress)
+    network = _optimize(data, goal, extra, max_steps, progress)
 
     def deform(points: np.ndarray) -> np.ndarray:
         return points + length * network.displacements((points - center) / length)
