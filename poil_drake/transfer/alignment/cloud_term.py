@@ -16,6 +16,7 @@ PART_CLOUD, CONTEXT_CLOUD = 0, 1
 
 _OWN_COLUMNS = (np.r_[0:3, 3:9], np.r_[0:3, 9:15])
 _MAX_POINTS = 1500  # Of each cloud.
+_TANGENTIAL_WEIGHT = 0.3  # Of offsets along the surface, relative to offsets across it.
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,6 @@ class CloudTerm:
         *,
         cloud: int,
         normal_weight: float = 0.0,
-        tangential_weight: float = 0.3,
     ) -> "CloudTerm":
         """Returns the term of two clouds.
 
@@ -93,8 +93,6 @@ class CloudTerm:
             cloud: PART_CLOUD or CONTEXT_CLOUD.
             normal_weight: Half the distance between two points that differ only by opposite
                 normals, in units of `CloudFrame.length`; 0 ignores normals.
-            tangential_weight: Weight of offsets along the surface in the descent, relative to
-                offsets across it.
         """
         frame = CloudFrame.between(source.points, target.points)
 
@@ -108,7 +106,7 @@ class CloudTerm:
         source_points, source_normals = sampled(source, frame.source_center)
         target_points, target_normals = sampled(target, frame.target_center)
         everything = (target.points - frame.target_center) / frame.length
-        metric = _surface_metric(target_points, everything, tangential_weight)
+        metric = _surface_metric(target_points, everything)
         return cls(
             frame, source_points, target_points, source_normals, target_normals, metric, cloud
         )
@@ -183,11 +181,11 @@ class CloudTerm:
         )
 
 
-def _surface_metric(points: np.ndarray, cloud: np.ndarray, tangential: float) -> np.ndarray:
+def _surface_metric(points: np.ndarray, cloud: np.ndarray) -> np.ndarray:
     """Returns `CloudTerm.metric` (m, 3, 3) at points (m, 3) of a cloud (P, 3)."""
     _, nearest = cKDTree(cloud).query(points, k=min(20, len(cloud)))
     arms = cloud[nearest] - cloud[nearest].mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.swapaxes(arms, 1, 2) @ arms)
     share = 1.0 - spread / np.maximum(spread[:, 2:], 1e-12)
-    counted = np.sqrt(tangential + (1.0 - tangential) * share)
+    counted = np.sqrt(_TANGENTIAL_WEIGHT + (1.0 - _TANGENTIAL_WEIGHT) * share)
     return (axes * counted[:, None, :]) @ np.swapaxes(axes, 1, 2)

@@ -42,8 +42,8 @@ class JoinTerm:
     part_points: np.ndarray
     context_points: np.ndarray
     normals: np.ndarray
-    across: float
-    along: float
+    across: float = 0.1
+    along: float = 0.4
 
     @classmethod
     def between(
@@ -53,8 +53,6 @@ class JoinTerm:
         *,
         part: PointCloud,
         context: PointCloud,
-        across: float = 0.1,
-        along: float = 0.4,
     ) -> "JoinTerm | None":
         """Returns the term, or None where the part is nowhere close to the rest.
 
@@ -63,8 +61,6 @@ class JoinTerm:
             context_term: The term of the rest.
             part: The demonstrated part.
             context: The rest of the demonstrated object; without normals the result is None.
-            across: See the attribute.
-            along: See the attribute.
         """
         if context.normals is None:
             return None
@@ -84,8 +80,6 @@ class JoinTerm:
             local(part_term.frame),
             local(context_term.frame),
             context.normals[nearest[joining]],
-            across,
-            along,
         )
 
     def energy(self, state: AlignmentState) -> np.ndarray:
