@@ -8,7 +8,6 @@ from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
 from poil_drake.grasping.rehearsal.path_following import backed_off_poses, follow_path
 from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.planning.joint_timing import time_joint_path
-from poil_drake.planning.path_shortening import IsFree
 from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -38,7 +37,7 @@ def plan_descent(
 def plan_approach(
     model: PandaModel,
     checker: RobotCollisionChecker,
-    workspace: WorkspaceCheck | None,
+    workspace: WorkspaceCheck,
     q_start: np.ndarray,
     q_pregrasp: np.ndarray,
     *,
@@ -49,7 +48,7 @@ def plan_approach(
     Args:
         model: The arm.
         checker: The collision checker, with the object in its scene.
-        workspace: Checks that the arm stays inside its workspace boxes; None for no boxes.
+        workspace: Checks that the arm stays inside its workspace boxes.
         q_start: (7,) the arm's present configuration [rad].
         q_pregrasp: (7,) the configuration at the pre-grasp [rad].
         seed: Seed of the search.
@@ -58,18 +57,12 @@ def plan_approach(
         PlanningError: No path was found, one end of the path is in collision, or the pre-grasp is
             too close to a face of the boxes.
     """
-    is_free: IsFree = checker.is_free
-    if workspace is not None:
-        workspace.require(q_pregrasp[None], "The end of the approach")
-        is_free = _both(checker.is_free, workspace.is_within)
-    path = plan_joint_path(model, is_free, q_start, q_pregrasp, seed=seed)
-    return time_joint_path(path, model.velocity)
+    workspace.require(q_pregrasp[None], "The end of the approach")
 
-
-def _both(first: IsFree, second: IsFree) -> IsFree:
     def is_free(q: np.ndarray) -> np.ndarray:
-        free = first(q)
-        free[free] = second(q[free])
+        free = checker.is_free(q)
+        free[free] = workspace.is_within(q[free])
         return free
 
-    return is_free
+    path = plan_joint_path(model, is_free, q_start, q_pregrasp, seed=seed)
+    return time_joint_path(path, model.velocity)

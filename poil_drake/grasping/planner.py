@@ -116,7 +116,7 @@ def plan_execution(
     config = config or PlannerConfig()
     feasibility = config.feasibility
     q_start = np.asarray(q_start, dtype=float)
-    workspace = WorkspaceCheck.of(model, q_start, feasibility)
+    workspace = WorkspaceCheck(model=model, q_start=q_start, feasibility=feasibility)
     # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(finger_opening=GRIPPER.max_width)
@@ -201,7 +201,7 @@ def _first_reachable(
     model: PandaModel,
     scene: SceneCloud,
     q_start: np.ndarray,
-    workspace: WorkspaceCheck | None,
+    workspace: WorkspaceCheck,
     feasibility: FeasibilityConfig,
     seed: int,
     progress: Progress | None,
@@ -221,8 +221,7 @@ def _first_reachable(
             config=feasibility.collision,
         )
         try:
-            if workspace is not None:
-                workspace.require(descent.positions, "The descent to the grasp")
+            workspace.require(descent.positions, "The descent to the grasp")
             approach = plan_approach(
                 model, checker, workspace, q_start, descent.positions[0], seed=seed
             )

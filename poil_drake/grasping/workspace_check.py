@@ -1,7 +1,5 @@
 """Checks whether planned motions stay inside the boxes of the arm's workspace."""
 
-from typing import Self
-
 import numpy as np
 
 from poil_drake.errors import PlanningError
@@ -23,33 +21,11 @@ class WorkspaceCheck:
     """Checks that motions to a grasp keep a margin to the faces of the workspace boxes.
 
     If the arm starts closer to a face than the margin, its distance from this face must not shrink.
+    An arm without boxes passes every check.
     """
 
-    def __init__(self, *, guard: PostureGuard, margin: float, q_start: np.ndarray):
+    def __init__(self, *, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig):
         """Prepares the check.
-
-        Args:
-            guard: Measures the arm's distances from the faces of its boxes.
-            margin: Required distance from the faces [m].
-            q_start: (7,) the arm's present configuration [rad].
-
-        Raises:
-            PlanningError: The arm is outside its boxes.
-        """
-        self._guard = guard
-        start = guard.face_distances(q_start[None])[0]
-        if start.min() < -_SAG:
-            raise PlanningError(
-                f"The arm is outside its workspace box: {guard.tightest_face(q_start[None])}.",
-                remedy="Move the arm inside, or widen the box (poil.safety.posture).",
-            )
-        self._least = np.minimum(margin - _SLACK, start) - _ROUNDING
-
-    @classmethod
-    def of(
-        cls, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
-    ) -> Self | None:
-        """Returns the check for motions from a configuration; None if the arm has no boxes.
 
         Args:
             model: The arm.
@@ -59,13 +35,23 @@ class WorkspaceCheck:
         Raises:
             PlanningError: The arm is outside its boxes.
         """
+        self._guard = None
         if feasibility.posture is None:
-            return None
-        guard = PostureGuard(model=model, config=feasibility.posture)
-        return cls(guard=guard, margin=feasibility.workspace_margin, q_start=q_start)
+            return
+        self._guard = PostureGuard(model=model, config=feasibility.posture)
+        start = self._guard.face_distances(q_start[None])[0]
+        if start.min() < -_SAG:
+            raise PlanningError(
+                "The arm is outside its workspace box: "
+                f"{self._guard.tightest_face(q_start[None])}.",
+                remedy="Move the arm inside, or widen the box (poil.safety.posture).",
+            )
+        self._least = np.minimum(feasibility.workspace_margin - _SLACK, start) - _ROUNDING
 
     def is_within(self, q: np.ndarray) -> np.ndarray:
         """Returns whether each configuration (B, 7) [rad] keeps the margin: (B,) bool."""
+        if self._guard is None:
+            return np.ones(len(q), dtype=bool)
         return (self._guard.face_distances(q) >= self._least).all(axis=1)
 
     def require(self, q: np.ndarray, what: str) -> None:
@@ -79,7 +65,7 @@ class WorkspaceCheck:
             PlanningError: The motion does not keep the margin; the message names the face.
         """
         within = self.is_within(q)
-        if not within.all():
+        if self._guard is not None and not within.all():
             raise PlanningError(
                 f"{what} comes too close to a face of the workspace box: "
                 f"{self._guard.tightest_face(q[~within])}.",
