@@ -35,8 +35,8 @@ def test_descent_is_straight(plan, model):
     positions = model.gripper_pose(plan.descent.positions)[:, :3, 3]
 
     offsets = positions - plan.grasp.X_WG[:3, 3]
-    along = offsets @ plan.grasp.approach
-    across = offsets - along[:, None] * plan.grasp.approach
+    along = offsets @ plan.grasp.X_WG[:3, 2]
+    across = offsets - along[:, None] * plan.grasp.X_WG[:3, 2]
     assert np.linalg.norm(across, axis=1).max() < 2e-3
     assert np.all(np.diff(along) > -1e-4)
 

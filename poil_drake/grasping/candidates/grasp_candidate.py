@@ -46,16 +46,6 @@ class GraspCandidate(SharedOnCopy):
                 remedy="Pass 0 <= width <= pregrasp_width.",
             )
 
-    @property
-    def approach(self) -> np.ndarray:
-        """The approach direction (3,) in the world."""
-        return self.X_WG[:3, 2]
-
-    @property
-    def closing_axis(self) -> np.ndarray:
-        """The axis (3,) along which the fingers close, in the world."""
-        return self.X_WG[:3, 1]
-
 
 @dataclass(frozen=True, kw_only=True)
 class GraspSamplingConfig:
