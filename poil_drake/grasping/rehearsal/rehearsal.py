@@ -1,7 +1,7 @@
 """Rehearses grasps: the approach, the object's motion along its path, the retreat at the goal."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import compress
 
 import numpy as np
 
@@ -44,16 +44,6 @@ _COMFORTABLE_SINGULAR_VALUE = 0.05
 _TRAVEL_SCALE = 12.0  # [rad] Joint travel that costs as much as reaching a joint limit.
 _SPEED_SCALE = 0.8  # Fraction of the joint speed limits that can be used without slowing down.
 _WEIGHTS = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)  # Of the terms of `_cost`, in their order.
-
-
-class _Motion(NamedTuple):
-    """Configurations q (..., T, 7) [rad] and the gripper's errors (..., T, 2) ([m], [rad])."""
-
-    q: np.ndarray
-    errors: np.ndarray
-
-    def row(self, index: int) -> "_Motion":
-        return _Motion(self.q[index], self.errors[index])
 
 
 class FeasibilityChecker:
@@ -103,32 +93,42 @@ class FeasibilityChecker:
         X_carry = path.X_W[path.samples] @ X_WG[:, None]
         ratios = np.linspace(0.0, 1.0, _STRAIGHT_STEPS + 1)
         pregrasp, retreat = self._config.pregrasp_distance, self._config.retreat_distance
-        back = self._follow(
-            q_grasp, backed_off_poses(X_WG, ratios * pregrasp), ratios * pregrasp / STRAIGHT_SPEED
+        q_back, back_errors = follow_path(
+            self._model,
+            q_grasp,
+            backed_off_poses(X_WG, ratios * pregrasp),
+            ratios * pregrasp / STRAIGHT_SPEED,
         )
-        carry = self._follow(q_grasp, X_carry, path.times[path.samples])
-        away = self._follow(
-            carry.q[:, -1],
+        q_carry, carry_errors = follow_path(self._model, q_grasp, X_carry, path.times[path.samples])
+        q_away, away_errors = follow_path(
+            self._model,
+            q_carry[:, -1],
             backed_off_poses(X_carry[:, -1], ratios * retreat),
             ratios * retreat / STRAIGHT_SPEED,
         )
-        motions = (_Motion(back.q[:, ::-1], back.errors[:, ::-1]), carry, away)
+        missed = [
+            (errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]).any(axis=(1, 2))
+            for errors in (back_errors, carry_errors, away_errors)
+        ]
+        motions = zip(q_back[:, ::-1], q_carry, q_away, strict=True)
         return [
-            self._judge(int(index), candidates[index], [m.row(row) for m in motions], path)
-            for row, index in enumerate(owner)
+            self._judge(int(index), candidates[index], q, failed, path)
+            for index, q, failed in zip(owner, motions, np.transpose(missed), strict=True)
         ]
 
-    def _follow(self, q: np.ndarray, X: np.ndarray, times: np.ndarray) -> _Motion:
-        return _Motion(*follow_path(self._model, q, X, times))
-
     def _judge(
-        self, index: int, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
+        self,
+        index: int,
+        candidate: GraspCandidate,
+        motions: tuple[np.ndarray, ...],
+        missed: np.ndarray,
+        path: ObjectPath,
     ) -> Feasibility:
-        approach, carry, retreat = (motion.q for motion in motions)
+        approach, carry, retreat = motions
         everything = np.concatenate([approach, carry, retreat])
         singular_value = float(manipulability(self._model, carry).min())
         limit_margin = float(self._model.limit_margin(everything).min())
-        failure = _path_failure(path) or _kinematic_failure(motions, singular_value)
+        failure = _path_failure(path) or _kinematic_failure(missed, singular_value)
         clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
         if failure is None and self._guard is not None:
             inside = float(self._guard.face_distances(everything).min())
@@ -155,14 +155,14 @@ class FeasibilityChecker:
         )
 
     def _clearance(
-        self, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
+        self, candidate: GraspCandidate, motions: tuple[np.ndarray, ...], path: ObjectPath
     ) -> float:
         """Returns the robot's smallest clearance [m].
 
         Until the lift ends it is that of the robot without fingers, because the sampler has checked
         the fingers at the grasp.
         """
-        approach, carry, retreat = (motion.q for motion in motions)
+        approach, carry, retreat = motions
         lifted = path.samples >= path.lift_end
         low = self._checker(None).clearance(np.concatenate([approach, carry[~lifted]]))
         open_fingers = self._checker(candidate.pregrasp_width)
@@ -216,9 +216,7 @@ def _path_failure(path: ObjectPath) -> Failure | None:
     return Failure.OBJECT_COLLISION if path.excess > _OBJECT_CONTACT else None
 
 
-def _kinematic_failure(motions: list[_Motion], singular_value: float) -> Failure | None:
-    reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
-    for motion, reason in zip(motions, reasons, strict=True):
-        if np.any(motion.errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]):
-            return reason
+def _kinematic_failure(missed: np.ndarray, singular_value: float) -> Failure | None:
+    for reason in compress((Failure.APPROACH, Failure.PATH, Failure.RETREAT), missed):
+        return reason
     return Failure.SINGULAR if singular_value < _SMALLEST_SINGULAR_VALUE else None
