@@ -77,8 +77,8 @@ def find_grips(
         normals: (P, 3) surface normals up to their sign.
     """
     R_WG = np.stack([np.cross(closing_axis, approach), closing_axis, approach], axis=1)
-    X_GW = inverse(make_transform(R_WG, seed))
-    own = transform_points(X_GW, points)
+    X_WSeed = make_transform(R_WG, seed)
+    own = transform_points(inverse(X_WSeed), points)
     column = np.abs(own[:, 0]) < 0.5 * _PAD_WIDTH
     if np.count_nonzero(column) < MIN_POINTS:
         return []
@@ -97,7 +97,7 @@ def find_grips(
             alignment = _alignment(own[held][run], column_normals[held][run] @ closing_axis)
             if alignment >= FRICTION_COSINE:
                 y = own[held][run][:, 1]
-                grips.append(_grip(y, edge + depth, R_WG, seed, alignment))
+                grips.append(_grip(y, edge + depth, X_WSeed, alignment))
     return grips
 
 
@@ -174,21 +174,14 @@ def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
     return worst
 
 
-def _grip(
-    y: np.ndarray,
-    tip: float,
-    R_WG: np.ndarray,
-    seed: np.ndarray,
-    alignment: float,
-) -> Grip:
+def _grip(y: np.ndarray, tip: float, X_WSeed: np.ndarray, alignment: float) -> Grip:
     """Returns the grip on points at increasing y (K,) [m], with the fingertips at z = `tip`."""
-    X_WSeed = make_transform(R_WG, seed)
     low, high = y[0], y[-1]
     origin = np.array([0.0, 0.5 * (low + high), tip - GRIPPER.tip_end])
     contact_z = tip - 0.5 * _INSERTION_DEPTHS[0]
     contacts = np.array([[0.0, high, contact_z], [0.0, low, contact_z]])
     return Grip(
-        make_transform(R_WG, transform_points(X_WSeed, origin)),
+        make_transform(X_WSeed[:3, :3], transform_points(X_WSeed, origin)),
         float(high - low),
         transform_points(X_WSeed, contacts),
         alignment,

@@ -1,5 +1,7 @@
 """Reduces grasps to a diverse set from all around the object."""
 
+from collections import Counter
+
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import rotation_angle
@@ -32,15 +34,16 @@ def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[G
         SAME_ANGLE,
     )
     kept = [candidates[i] for i in best]
-    ranks: dict[int, int] = {}
-    order: list[tuple[int, float, int]] = []
+    taken: Counter[int] = Counter()
+    ranks = []
     for candidate in kept:
         offset = candidate.X_WG[:3, 3] - center
         turn = np.arctan2(offset[1], offset[0]) / (2.0 * np.pi)
         sector = int(turn * _AZIMUTH_BINS) % _AZIMUTH_BINS
-        ranks[sector] = ranks.get(sector, -1) + 1
-        order.append((ranks[sector], -candidate.score, len(order)))
-    return [kept[i] for *_, i in sorted(order)[:_MAX_CANDIDATES]]
+        ranks.append(taken[sector])
+        taken[sector] += 1
+    # Within a rank, the best come first, as in `kept`.
+    return [kept[i] for i in np.argsort(ranks, kind="stable")[:_MAX_CANDIDATES]]
 
 
 def dissimilar(
