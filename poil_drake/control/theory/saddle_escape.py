@@ -4,8 +4,11 @@ The setting is that of `stability`: target R = I, R' = R [omega(R)], eta = 1. Fo
 are multiplied and times divided by it.
 """
 
+from itertools import permutations
+
 import numpy as np
 
+from poil_drake.control.theory.stability import regular_eigenvalues
 from poil_drake.errors import InvalidValueError
 
 
@@ -28,21 +31,13 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     So the fastest escape from every saddle has rate 1 for all points.
 
     Raises:
-        InvalidValueError: if the points are collinear, so that a rotation is not determined.
+        InvalidValueError: if W is that of collinear points.
     """
-    eigenvalues = np.linalg.eigvalsh(W)
-    if not eigenvalues[1] > 1e-12 * eigenvalues[2]:
-        raise InvalidValueError(
-            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
-            remedy="Pass the moments of points that are not collinear.",
-        )
+    eigenvalues = regular_eigenvalues(W)
     rates = np.eye(3)
-    for k in range(3):
-        for i in range(3):
-            if i != k:
-                j = 3 - i - k
-                total = eigenvalues[j] + eigenvalues[k]
-                rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / total
+    for k, i, j in permutations(range(3)):
+        total = eigenvalues[j] + eigenvalues[k]
+        rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / total
     return rates
 
 

@@ -8,8 +8,11 @@ offset e becomes (1 - h) e. The setting is that of `stability`.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poil_drake.control.theory.stability import point_inertia, rotation_velocity
-from poil_drake.errors import InvalidValueError
+from poil_drake.control.theory.stability import (
+    point_inertia,
+    regular_eigenvalues,
+    rotation_velocity,
+)
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 WORST_SAMPLING_GAIN = np.pi / 2.0
@@ -58,7 +61,7 @@ def largest_speed(W: np.ndarray) -> float:
     Raises:
         InvalidValueError: if W is that of collinear points.
     """
-    low, middle, high = _regular_eigenvalues(W)
+    low, middle, high = regular_eigenvalues(W)
     excess = middle * (high - low) ** 2
     excess /= (low + 2.0 * middle + high) * (2.0 * low * high + middle * (low + high))
     return float(np.sqrt(1.0 + excess))
@@ -88,7 +91,7 @@ def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
         W: (3, 3) moments of points that are not collinear [m^2].
         starts: Number of random rotations at the start.
     """
-    _regular_eigenvalues(W)
+    regular_eigenvalues(W)
     rng = np.random.default_rng(0)
     R = Rotation.random(starts, rng=rng).as_matrix()
     limits = sampling_gain_limit(W, R)
@@ -105,13 +108,3 @@ def largest_sampling_gain(W: np.ndarray, *, starts: int = 4000) -> float:
         R = np.where(better[:, None, None], tried[rows, winners], R)
     # For translation the limit is 2: |1 - eta dt| < 1.
     return float(min(np.min(best), 2.0))
-
-
-def _regular_eigenvalues(W: np.ndarray) -> np.ndarray:
-    eigenvalues = np.linalg.eigvalsh(W)
-    if eigenvalues[0] + eigenvalues[1] <= 1e-12 * eigenvalues[2]:
-        raise InvalidValueError(
-            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
-            remedy="Pass the moments of points that are not collinear.",
-        )
-    return np.maximum(eigenvalues, 0.0)

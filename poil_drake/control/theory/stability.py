@@ -26,6 +26,21 @@ def point_inertia(W: np.ndarray) -> np.ndarray:
     return np.trace(W) * np.eye(3) - W
 
 
+def regular_eigenvalues(W: np.ndarray) -> np.ndarray:
+    """Returns the eigenvalues (3,) of W [m^2], in ascending order and not negative.
+
+    Raises:
+        InvalidValueError: if W is that of collinear points, which do not determine a rotation.
+    """
+    eigenvalues = np.linalg.eigvalsh(W)
+    if eigenvalues[0] + eigenvalues[1] <= 1e-12 * eigenvalues[2]:
+        raise InvalidValueError(
+            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
+            remedy="Pass the moments of points that are not collinear.",
+        )
+    return np.maximum(eigenvalues, 0.0)
+
+
 def rotation_potential(W: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Returns D(R) = tr(W) - tr(W R) [m^2] of rotations (..., 3, 3)."""
     return np.trace(W) - np.einsum("ij,...ji->...", W, R)
