@@ -55,12 +55,6 @@ def rotation_velocity(W: np.ndarray, R: np.ndarray) -> np.ndarray:
     return np.linalg.solve(point_inertia(W), skew_part[..., None])[..., 0]
 
 
-def potential_rate(W: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Returns D' = -omega^T A omega [m^2/s] at rotations (..., 3, 3): never positive."""
-    omega = rotation_velocity(W, R)
-    return -np.einsum("...i,ij,...j->...", omega, point_inertia(W), omega)
-
-
 def critical_rotations(W: np.ndarray) -> np.ndarray:
     """Returns the rotations (3, 3, 3) other than the goal where omega vanishes: turns by pi.
 
@@ -79,12 +73,3 @@ def critical_rotations(W: np.ndarray) -> np.ndarray:
         )
     outer = np.einsum("ik,jk->kij", axes, axes)
     return 2.0 * outer - np.eye(3)
-
-
-def potential_hessian(W: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Returns H(R) = tr(W R) I - W R (3, 3) [m^2], the Hessian of D at a critical rotation R.
-
-    D(R exp([xi])) = D(R) + xi^T H xi / 2 to second order. At a critical rotation W R is symmetric.
-    """
-    WR = W @ R
-    return np.trace(WR) * np.eye(3) - WR

@@ -12,7 +12,7 @@ from point_references import (
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.control.theory.stability import moment_matrix, potential_rate, rotation_velocity
+from poil_drake.control.theory.stability import moment_matrix, point_inertia, rotation_velocity
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
@@ -108,9 +108,10 @@ def test_at_rest_the_field_is_the_gradient_flow_of_the_potential(seed):
     moved = body @ (turn @ R).T + offset + step * output.v
     after = dut(moved, resting_reference(body), CONFIG)
 
-    np.testing.assert_allclose(output.omega, 3.0 * R @ rotation_velocity(W, R), atol=1e-10)
+    omega = rotation_velocity(W, R)
+    np.testing.assert_allclose(output.omega, 3.0 * R @ omega, atol=1e-10)
     np.testing.assert_allclose(output.v, -3.0 * offset, atol=1e-12)
-    rate = 3.0 * (potential_rate(W, R) - 10 * offset @ offset)
+    rate = -3.0 * (omega @ point_inertia(W) @ omega + 10 * offset @ offset)
     assert (after.potential - output.potential) / step == pytest.approx(rate, rel=1e-3)
 
 
