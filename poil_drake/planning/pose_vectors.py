@@ -8,7 +8,7 @@ from ompl import base
 from scipy.spatial.transform import Rotation
 
 from poil_drake.geometry.rigid_transform import make_transform, quaternion
-from poil_drake.planning.rrt_connect import State, make_bounds
+from poil_drake.planning.rrt_connect import State, VectorSpace, make_bounds
 
 
 def poses_of(vectors: np.ndarray) -> np.ndarray:
@@ -42,17 +42,13 @@ def same_side(vectors: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSpace:
-    """OMPL's space of the poses with positions in a box, read and written as vectors (7,).
+class PoseSpace(VectorSpace):
+    """OMPL's space of the poses with positions in a box [m], read and written as vectors (7,).
 
     Attributes:
-        lower: (3,) lowest position [m].
-        upper: (3,) highest position [m].
         radius: Radius of the body [m], which scales the quaternions as in `vectors_of`.
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
     radius: float
 
     def make(self) -> Any:
