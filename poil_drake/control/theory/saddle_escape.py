@@ -36,8 +36,7 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     eigenvalues = regular_eigenvalues(W)
     rates = np.eye(3)
     for k, i, j in permutations(range(3)):
-        total = eigenvalues[j] + eigenvalues[k]
-        rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / total
+        rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / (eigenvalues[j] + eigenvalues[k])
     return rates
 
 
