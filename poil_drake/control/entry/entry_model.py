@@ -53,6 +53,8 @@ class EntryModel:
         free: (T,) bool, where the reference keeps the margin.
         contact: First sample of the last stretch that does not keep the margin; T if the end keeps
             it.
+        contact_left: Time left until the reference's end at `contact` [s]; negative if there is no
+            contact at the end.
         reach: Distance to the scene's points that guarantees the margin to their surface [m].
     """
 
@@ -96,15 +98,8 @@ class EntryModel:
         self.free = (self.clearances >= self.reach) & (self.heights >= config.margin)
         (free,) = np.nonzero(self.free)
         self.contact = int(free[-1]) + 1 if free.size else 0
-
-    def is_contact(self, remaining: float) -> bool:
-        """Returns whether a motion along the reference has reached the sample `contact`.
-
-        Args:
-            remaining: Time left until the end of the motion, which is that of the reference [s].
-        """
-        times = self.reference.times
-        return self.contact < len(times) and remaining <= times[-1] - times[self.contact]
+        left = reference.times[-1] - reference.times[self.contact :]
+        self.contact_left = float(left[0]) if left.size else -1.0
 
     def pose(self, points: np.ndarray) -> np.ndarray:
         """Returns the pose X_WB (4, 4) of the object, fitted to its points.

@@ -81,7 +81,7 @@ def roll_out_entry(
         tau = output.tau
         X_target = kabsch(model.points, output.target_points)
         apart = float(model.displacement(X[None], X_target[None])[0, 0])
-        if model.is_contact(reference.times[-1] - tau) and apart > _CONTACT_TUBE:
+        if reference.times[-1] - tau <= model.contact_left and apart > _CONTACT_TUBE:
             break
         joined = output.status is BcsdmStatus.GOAL or max(output.mean_error, apart) < _JOINED
         if joined or len(poses) - checked >= _BATCH:

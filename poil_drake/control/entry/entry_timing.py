@@ -45,10 +45,9 @@ def extended_reference(
     lengths = _lengths(motions, shape)
     kept = np.r_[True, lengths > 1e-9]
     motions, along = motions[kept], np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
-    last = index == len(reference.times) - 1
     if len(along) < 2:
         # A reference needs two samples, so at the goal it begins one sample earlier.
-        index -= int(last)
+        index = min(index, len(reference.times) - 2)
         times = reference.times[index:] - reference.times[index]
         return PointTrajectory(times, reference.positions[index:], reference.velocities[index:])
     velocity = reference.velocities[index]
