@@ -14,11 +14,6 @@ from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
 
 
-@pytest.fixture(scope="module")
-def plan(planned):
-    return planned.plan
-
-
 def test_motions_join_home_pregrasp_and_grasp(plan, model, home):
     pregrasp = model.gripper_pose(plan.descent.positions[0])
     grasp = model.gripper_pose(plan.descent.positions[-1])
