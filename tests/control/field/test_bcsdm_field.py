@@ -54,23 +54,15 @@ def test_points_beside_the_reference_are_drawn_to_it():
     np.testing.assert_allclose(output.centroid, [SPEED, 0.02, 0.0], atol=1e-12)
 
 
-def test_the_closest_configuration_may_lie_between_samples():
+@pytest.mark.parametrize(("interpolate", "tau"), [(True, 1.1), (False, 1.0)])
+def test_the_closest_configuration_may_lie_between_samples_or_not(interpolate, tau):
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, STRAIGHT, CONFIG)
+    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=interpolate))
 
-    assert output.tau == pytest.approx(1.1)
-    assert output.mean_error == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(output.v, [SPEED, 0.0, 0.0], atol=1e-12)
-
-
-def test_without_interpolation_the_closest_sample_is_used():
-    points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
-
-    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=False))
-
-    assert output.tau == 1.0
-    np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * 0.1, 0.0, 0.0], atol=1e-12)
+    assert output.tau == pytest.approx(tau)
+    assert output.mean_error == pytest.approx(SPEED * (1.1 - tau), abs=1e-12)
+    np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * (1.1 - tau), 0, 0], atol=1e-12)
 
 
 @given(seeds)
