@@ -48,14 +48,11 @@ def assert_each_is_the_single_field(
     """Compares all outputs and returns the statuses."""
     field = dut(points, reference, config, confidence, previous_tau)
 
-    for b in range(len(points)):
-        expected = dut(
-            points[b],
-            reference,
-            config,
-            None if confidence is None else confidence[b],
-            None if previous_tau is None else previous_tau[b],
-        )
+    count = len(points)
+    weights = [None] * count if confidence is None else confidence
+    taus = [None] * count if previous_tau is None else previous_tau
+    for b in range(count):
+        expected = dut(points[b], reference, config, weights[b], taus[b])
         assert field.status[b] is expected.status
         for values, one in zip(field[:-1], expected[:-1], strict=True):
             np.testing.assert_allclose(values[b], one, rtol=0.0, atol=1e-9)
