@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from point_references import (
     moving_reference,
     resting_reference,
+    seeds,
     still_reference,
     straight_reference,
 )
@@ -17,7 +17,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=50)
-seeds = st.integers(0, 2**32 - 1)
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
 SPEED = 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from point_references import moving_reference, resting_reference
+from point_references import moving_reference, resting_reference, seeds
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
@@ -13,7 +13,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 
 SAMPLES, COUNT, PERIOD = 40, 8, 0.1
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from point_references import seeds
 
 from poil_drake.control.theory import saddle_escape as dut
 from poil_drake.control.theory.stability import (
@@ -13,7 +13,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp, rotation_log
 
 property_test = settings(derandomize=True, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def random_moments(rng):

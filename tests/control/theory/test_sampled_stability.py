@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from point_references import resting_reference
+from point_references import resting_reference, seeds
 from scipy.spatial.transform import Rotation
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
@@ -13,7 +12,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def random_moments(rng):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import seeds
 
 from poil_drake.control.field.twist_fit import fit_twist
 from poil_drake.control.theory import stability as dut
@@ -9,7 +10,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
 property_test = settings(derandomize=True, max_examples=100)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def centred_points(rng):
