@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
-from poil_drake.control.field.twist_fit import scale_twist, shift_twist
+from poil_drake.control.field.twist_fit import scale_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
@@ -50,7 +50,6 @@ def rollouts(
     *,
     max_angular_speed: float = np.inf,
     max_linear_speed: float = np.inf,
-    limited_points: np.ndarray | None = None,
 ) -> list[Rollout]:
     """Returns rollouts of the field from many starts, until the reference's end or `max_time`.
 
@@ -64,9 +63,7 @@ def rollouts(
         time_step: Length of a step [s].
         max_time: Longest simulated time [s].
         max_angular_speed: Limit on |omega| [rad/s].
-        max_linear_speed: Limit on the speed of `limited_points` [m/s].
-        limited_points: (B, 3) points at the starts that move with the objects, such as the
-            gripper's origin [m, world]; None for the centroids of the points.
+        max_linear_speed: Limit on the centroid's speed [m/s].
 
     Raises:
         InvalidValueError: if a time is out of range.
@@ -99,13 +96,9 @@ def rollouts(
         taus[rows], potentials[rows] = field.tau, field.potential
         lengths[rows] += 1
         history.append((X.copy(), potentials.copy(), taus.copy()))
-        arms = np.zeros((len(rows), 3))
-        if limited_points is not None:
-            limited = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
-            arms = limited - field.centroid
-        V = scale_twist(shift_twist(field.twist, arms), max_angular_speed, max_linear_speed)
+        V = scale_twist(field.twist, max_angular_speed, max_linear_speed)
         moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
-        stepped = moved_by_twist(X[rows], shift_twist(V, -arms), field.centroid, time_step)
+        stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
         X[rows[unfinished]] = stepped[unfinished]
     if not history:
         return []
