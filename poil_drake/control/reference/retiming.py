@@ -17,15 +17,12 @@ class RetimingConfig:
             advances only where the reference does.
         max_speed: Highest speed [m/s]; 0.25 is the limit for a collaborative robot near people.
         acceleration_time: Time to reach the mean speed from rest, and to stop at the end [s].
-        max_duration: Longest duration of the reference [s]; None for no limit. A longer reference
-            is sped up evenly, beyond max_speed if necessary.
     """
 
     speed_scale: float = 1.0
     min_speed: float = 0.02
     max_speed: float = 0.25
     acceleration_time: float = 0.5
-    max_duration: float | None = None
 
     def __post_init__(self) -> None:
         positive = min(self.speed_scale, self.min_speed, self.acceleration_time) > 0.0
@@ -57,7 +54,4 @@ def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig)
         squares[k] = min(squares[k], squares[k + 1] + 2.0 * acceleration * steps[k])
     v = np.sqrt(squares)
     # Exact for constant acceleration over a step, even if it ends at rest.
-    times = np.concatenate([[0.0], np.cumsum(2.0 * steps / (v[1:] + v[:-1]))])
-    if config.max_duration is not None and times[-1] > config.max_duration:
-        times *= config.max_duration / times[-1]
-    return times
+    return np.concatenate([[0.0], np.cumsum(2.0 * steps / (v[1:] + v[:-1]))])
