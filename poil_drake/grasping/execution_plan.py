@@ -183,10 +183,7 @@ class ExecutionPlan(SharedOnCopy):
 def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the values of a dataclass's fields, after checking their types.
 
-    Args:
-        kind: The dataclass. Fields of a plan that are in `_PARTS` are left out.
-        values: The values, by their names in a plan file.
-        prefix: What precedes the fields' names in the plan file; empty for the plan itself.
+    In `values` a prefix precedes the names of the fields. Without a prefix, `_PARTS` are left out.
     """
     found = {}
     for entry in fields(kind):
@@ -194,7 +191,7 @@ def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str
             continue
         name = prefix + entry.name
         value = values[name]
-        if entry.type is float and not (_is_number(value) and math.isfinite(value)):
+        if entry.type is float and not (type(value) in (int, float) and math.isfinite(value)):
             raise TypeError(f"{name} is {value!r}, but a finite number is needed.")
         if entry.type is str and not isinstance(value, str):
             raise TypeError(f"{name} is {value!r}, but a string is needed.")
@@ -202,7 +199,3 @@ def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str
             raise TypeError(f"{name} is {value!r}, but a mapping is needed.")
         found[entry.name] = value
     return found
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -16,8 +16,6 @@ class GraspScene:
     Attributes:
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        obstacle_points: (Q, 3) all obstacles near the object [m, world].
-        ground_height: Height of the table [m]; None without a table.
     """
 
     def __init__(
@@ -42,14 +40,14 @@ class GraspScene:
         self._part_clearance = part_clearance
         self.object_points = object_points
         self.part_points = part_points
-        self.ground_height = ground_height
+        self._ground_height = ground_height
         center = object_points.mean(axis=0)
         radius = np.linalg.norm(object_points - center, axis=1).max()
         reach = radius + _APPROACH_LENGTH + np.linalg.norm(GRIPPER.hand_size)
         near = np.linalg.norm(obstacle_points - center, axis=1) < reach
         if ground_height is not None:
             near &= obstacle_points[:, 2] > ground_height + _GROUND_CLEARANCE
-        self.obstacle_points = obstacle_points[near]
+        self._obstacle_points = obstacle_points[near]
 
     def is_clear(self, X_WG: np.ndarray, opening: float) -> bool:
         """Returns whether the open gripper is free of collisions at a grasp and on its approach.
@@ -64,7 +62,7 @@ class GraspScene:
         X_GW = inverse(X_WG)
         swept = lower.copy()
         swept[:, 2] -= _APPROACH_LENGTH
-        for points in (self.object_points, self.obstacle_points):
+        for points in (self.object_points, self._obstacle_points):
             points_G = transform_points(X_GW, points)
             if _count_inside(points_G, swept, upper) > _MAX_STRAY_POINTS:
                 return False
@@ -76,11 +74,11 @@ class GraspScene:
         return True
 
     def _is_above_ground(self, X_WG: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-        if self.ground_height is None:
+        if self._ground_height is None:
             return True
         corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
         lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
-        return bool(lowest > self.ground_height + _GROUND_CLEARANCE)
+        return bool(lowest > self._ground_height + _GROUND_CLEARANCE)
 
 
 def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:

@@ -113,14 +113,8 @@ class CloudTerm:
 
     def thinned(self, count: int) -> "CloudTerm":
         """Returns the term with at most `count` evenly spread points of each cloud."""
-        return replace(
-            self,
-            source=self.source[:count],
-            target=self.target[:count],
-            source_normals=self.source_normals[:count],
-            target_normals=self.target_normals[:count],
-            metric=self.metric[:count],
-        )
+        thinned = ("source", "target", "source_normals", "target_normals", "metric")
+        return replace(self, **{name: getattr(self, name)[:count] for name in thinned})
 
     def place(self, state: AlignmentState, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns where each of K candidates places demonstrated points.
