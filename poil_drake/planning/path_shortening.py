@@ -93,13 +93,9 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
 
 
 def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
-    """Returns the path (K, D), averaged over windows of a width that shrinks near the ends.
+    """Returns the path (K, D), averaged over windows about the lengths `even` (K,).
 
-    Args:
-        corners: (C, D) corners of the path.
-        along: (C,) length of the path up to each corner.
-        even: (K,) lengths of the path at the middle of the windows.
-        width: Length of the windows.
+    The windows have the length `width`, and are shorter near the ends.
     """
     halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
     offsets = np.linspace(-1.0, 1.0, 21)

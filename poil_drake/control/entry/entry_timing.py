@@ -83,10 +83,6 @@ def _passing_times(along: np.ndarray, end_speed: float) -> np.ndarray:
 
     With the acceleration a, v^2 grows by at most 2 a s over a length s, forwards from the start and
     backwards from the end.
-
-    Args:
-        along: (M,) lengths, increasing from 0.
-        end_speed: Speed at the end, if the cruising speed is not lower [m/s].
     """
     growth = 2.0 * ACCELERATION
     squares = np.minimum(_INITIAL_SPEED**2 + growth * along, SPEED**2)

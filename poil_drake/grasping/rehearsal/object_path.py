@@ -137,13 +137,7 @@ def predict_object_path(
 
 
 def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> float:
-    """Returns `ObjectPath.excess`.
-
-    Args:
-        clearance: (T, P) each point's distance from the scene [m]; changed in place.
-        required: (T,) the clearance that the object must keep [m].
-        lift_steps: Number of steps of the lift.
-    """
+    """Returns `ObjectPath.excess`, given clearances (T, P) of points and required ones (T,) [m]."""
     if clearance.shape[1] <= _STRAY_POINTS:
         return 0.0
     # During the lift, only clearances that shrink count: the object starts on a surface.

@@ -94,10 +94,6 @@ class NormalEquations:
         self.g[:, columns] += (weighted @ residual.reshape(K, -1, 1))[..., 0]
 
     def solve(self, damping: float) -> np.ndarray:
-        """Returns the steps (K, UNKNOWNS).
-
-        Args:
-            damping: Added to the diagonal of H, so that undetermined unknowns do not change.
-        """
+        """Returns the steps (K, UNKNOWNS), with `damping` added to the diagonal of H."""
         H = self.H + damping * np.eye(UNKNOWNS)
         return -np.linalg.solve(H, self.g[..., None])[..., 0]

@@ -146,12 +146,7 @@ def _optimize(
 
 
 def _data_term(y: "torch.Tensor", target: "torch.Tensor") -> "torch.Tensor":
-    """Returns the negative correntropy of truncated nearest-neighbour distances, both ways.
-
-    Args:
-        y: (P, 3) the deformed points.
-        target: (Q, 3) the target's points.
-    """
+    """Returns the negative correntropy of truncated nearest-neighbour distances, both ways."""
     import torch
 
     with torch.no_grad():
