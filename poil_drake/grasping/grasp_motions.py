@@ -5,7 +5,7 @@ import numpy as np
 from poil_drake.grasping.approach import plan_joint_path
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
-from poil_drake.grasping.rehearsal.path_following import backed_off_poses, follow_path
+from poil_drake.grasping.rehearsal.path_following import back_off
 from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.planning.joint_timing import time_joint_path
 from poil_drake.robots.collision import RobotCollisionChecker
@@ -28,9 +28,7 @@ def plan_descent(
     """
     steps = max(int(np.ceil(distance / _DESCENT_STEP)), 1)
     away = np.linspace(0.0, distance, steps + 1)
-    q, _ = follow_path(
-        model, q_grasp[None], backed_off_poses(grasp.X_WG[None], away), away / STRAIGHT_SPEED
-    )
+    q, _ = back_off(model, q_grasp[None], grasp.X_WG[None], away)
     return time_joint_path(q[0, ::-1], model.velocity, min_duration=distance / STRAIGHT_SPEED)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
 from poil_drake.robots.inverse_kinematics import (
     ROTATION_SCALE,
     InverseKinematicsConfig,
@@ -65,6 +66,22 @@ def follow_path(
     return path, errors
 
 
+def back_off(
+    model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, distances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follows straight gripper paths against the approach direction, as `follow_path` does.
+
+    Args:
+        model: The arm.
+        q_start: (B, 7) start configurations [rad].
+        X_WG: (B, 4, 4) gripper poses from which to back off, in the world.
+        distances: (T,) distances from these poses [m], covered at `STRAIGHT_SPEED`.
+    """
+    X = np.repeat(X_WG[:, None], len(distances), axis=1)
+    X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]
+    return follow_path(model, q_start, X, distances / STRAIGHT_SPEED)
+
+
 def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
     """Returns the smallest singular value (...) of the gripper's Jacobian: 0 at a singularity.
 
@@ -78,18 +95,6 @@ def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
     scale = np.array([ROTATION_SCALE] * 3 + [1.0] * 3)[:, None]
     gram = (scale * jacobian) @ np.swapaxes(scale * jacobian, -1, -2)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[..., 0], 0.0))
-
-
-def backed_off_poses(X_WG: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """Returns gripper poses (B, S, 4, 4), moved back against the approach direction.
-
-    Args:
-        X_WG: (B, 4, 4) gripper poses to move.
-        distances: (S,) how far to move each of them [m].
-    """
-    X = np.repeat(X_WG[:, None], len(distances), axis=1)
-    X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]
-    return X
 
 
 def _pull(offset: np.ndarray, duration: float) -> np.ndarray:

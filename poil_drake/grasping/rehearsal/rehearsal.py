@@ -8,7 +8,6 @@ import numpy as np
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import (
-    STRAIGHT_SPEED,
     Failure,
     Feasibility,
     FeasibilityConfig,
@@ -17,7 +16,7 @@ from poil_drake.grasping.rehearsal.object_path import ObjectPath
 from poil_drake.grasping.rehearsal.path_following import (
     POSITION_TOLERANCE,
     ROTATION_TOLERANCE,
-    backed_off_poses,
+    back_off,
     follow_path,
     manipulability,
 )
@@ -93,18 +92,10 @@ class FeasibilityChecker:
         X_carry = path.X_W[path.samples] @ X_WG[:, None]
         ratios = np.linspace(0.0, 1.0, _STRAIGHT_STEPS + 1)
         pregrasp, retreat = self._config.pregrasp_distance, self._config.retreat_distance
-        q_back, back_errors = follow_path(
-            self._model,
-            q_grasp,
-            backed_off_poses(X_WG, ratios * pregrasp),
-            ratios * pregrasp / STRAIGHT_SPEED,
-        )
+        q_back, back_errors = back_off(self._model, q_grasp, X_WG, ratios * pregrasp)
         q_carry, carry_errors = follow_path(self._model, q_grasp, X_carry, path.times[path.samples])
-        q_away, away_errors = follow_path(
-            self._model,
-            q_carry[:, -1],
-            backed_off_poses(X_carry[:, -1], ratios * retreat),
-            ratios * retreat / STRAIGHT_SPEED,
+        q_away, away_errors = back_off(
+            self._model, q_carry[:, -1], X_carry[:, -1], ratios * retreat
         )
         missed = [
             (errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]).any(axis=(1, 2))
