@@ -77,7 +77,7 @@ def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float
 
 
 def _value_and_slope_weights(offsets: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns weights (Q, 2, M) of samples in a fit's value and slope at 0, from times (Q, M) [s]."""
+    """Returns weights (Q, 2, M) of samples at times (Q, M) [s] in a fit's value and slope at 0."""
     # Relative to the nearest sample, so that not all weights underflow in a gap.
     squares = (offsets / bandwidth) ** 2
     gaussian = np.exp(-0.5 * (squares - squares.min(axis=1, keepdims=True)))
