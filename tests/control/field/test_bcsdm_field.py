@@ -256,6 +256,8 @@ def test_progress_window_needs_the_last_ticks_time():
     # The last sample in the window is at 1.25 s, and the closest configuration at the next.
     assert dut(points, STRAIGHT, config, previous_tau=1.0).tau == 1.5
     assert dut(points, STRAIGHT, config, previous_tau=np.nan).tau == 2.5
+    # The first is at 1.25 s, and the closest configuration at the one before.
+    assert dut(STRAIGHT.positions[2], STRAIGHT, config, previous_tau=1.5).tau == pytest.approx(1.0)
 
 
 def test_invalid_input_is_rejected():

@@ -44,16 +44,6 @@ def test_limit_separates_steps_that_lower_the_potential_from_those_that_raise_it
     assert np.all(held_potential_change(W, R, 1.01 * limits) > 0.0)
 
 
-def test_limit_of_evenly_spread_points_by_hand():
-    angles = np.array([0.1, 1.0, 2.0, 3.0])
-    R = rotation_exp(angles[:, None] * np.array([0.0, 0.6, 0.8]))
-
-    # omega = -sin t about the axis, and D = 2 l (1 - cos t) is back after a turn by 2 t.
-    np.testing.assert_allclose(
-        dut.sampling_gain_limit(5.0 * np.eye(3), R), 2.0 * angles / np.sin(angles)
-    )
-
-
 def test_a_step_without_motion_has_no_limit():
     assert dut.sampling_gain_limit(np.diag([1.0, 2.0, 3.0]), np.eye(3)) == np.inf
 
