@@ -119,7 +119,10 @@ class FeasibilityChecker:
         everything = np.concatenate([approach, carry, retreat])
         singular_value = float(manipulability(self._model, carry).min())
         limit_margin = float(self._model.limit_margin(everything).min())
-        failure = _path_failure(path) or _kinematic_failure(missed, singular_value)
+        reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
+        failure = _path_failure(path) or next(compress(reasons, missed), None)
+        if failure is None and singular_value < _SMALLEST_SINGULAR_VALUE:
+            failure = Failure.SINGULAR
         clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
         if failure is None and self._guard is not None:
             inside = float(self._guard.face_distances(everything).min())
@@ -205,9 +208,3 @@ def _path_failure(path: ObjectPath) -> Failure | None:
     if not path.converged:
         return Failure.NOT_CONVERGED
     return Failure.OBJECT_COLLISION if path.excess > _OBJECT_CONTACT else None
-
-
-def _kinematic_failure(missed: np.ndarray, singular_value: float) -> Failure | None:
-    for reason in compress((Failure.APPROACH, Failure.PATH, Failure.RETREAT), missed):
-        return reason
-    return Failure.SINGULAR if singular_value < _SMALLEST_SINGULAR_VALUE else None
