@@ -24,7 +24,7 @@ class TransferConfig:
 
     Attributes:
         num_points: N_k, the number of points that represent the part (POIL: 10).
-        alignment: The coarse alignment.
+        alignment: Parameters of the coarse alignment.
         pose_by_deformed_points: Whether to align the deformed points with the tracks, as the paper
             does. By default the coarsely aligned points are used, and the deformed ones move along
             rigidly, because the deformation turns the part towards its visible side.

@@ -185,7 +185,7 @@ def _without_points(state: EntryState) -> EntryState:
 
 
 def _without_path(state: EntryState, now: _Inputs) -> EntryState:
-    """Returns the state after an attempt that found no path."""
+    """Returns the state after an attempt to plan that found no path."""
     attempts = state.attempts + 1
     failed = attempts >= now.config.max_attempts
     points = frozen_array(

@@ -68,10 +68,9 @@ def extended_reference(
 
 
 def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Returns the length (K - 1,) [m] of each step: that of the points' motion or of the turn.
+    """Returns the length (K - 1,) [m] of each step: of the points' path, or of the turn if longer.
 
-    The larger one counts. The length of a turn is the distance that the cruising speed covers in
-    the time that the turn takes at the limit of the angular speed.
+    The length of a turn is the distance that the cruising speed covers while the turn lasts.
     """
     moved = rms_length(np.diff(transform_points(motions, shape), axis=0))
     turns = rotation_log(motions[1:, :3, :3] @ motions[:-1, :3, :3].swapaxes(-1, -2))

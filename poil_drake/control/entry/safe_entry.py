@@ -50,7 +50,7 @@ class SafeEntryConfig:
     """How the reference is entered.
 
     Attributes:
-        enabled: False uses the paper's field alone.
+        enabled: Whether to plan the entry. If False, the paper's field is used alone.
         on_way: An object within this distance of the planned path counts as on the path [m,
             farthest point]. Noise of 3 mm in the points moves the far side of an object of 10 cm by
             about this distance.

@@ -19,7 +19,7 @@ def closest_configuration(
     escape_ratio: float = 0.0,
     previous_tau: np.ndarray | float | None = None,
 ) -> np.ndarray:
-    """Returns the sample index (...) of the closest configuration; 2.5 is midway from 2 to 3.
+    """Returns the index (...) of the closest configuration; 2.5 is between samples 2 and 3.
 
     If several samples are equally close, the last one is chosen, so that pauses are skipped.
 
@@ -30,8 +30,8 @@ def closest_configuration(
         interpolate: Whether to search between samples, too.
         window: Search range (backward, forward) around the last tick's closest configuration [s];
             None searches the whole reference.
-        escape_ratio: The closest of all samples is used despite the window if its squared distance
-            is below this fraction of that of the closest sample in the window.
+        escape_ratio: The window is ignored if the smallest squared distance of all samples is below
+            this fraction of the smallest in the window.
         previous_tau: (...) time of the last tick's closest configuration [s]; NaN for no window.
     """
     # |x - x*|^2 / 2 without |x|^2 / 2, which is the same for all samples.

@@ -77,7 +77,7 @@ class PointTrajectory(SharedOnCopy):
         """Returns time (...) [s], positions [m] and velocities [m/s] (..., N, 3) at a sample index.
 
         Args:
-            sample: (...) index, linear between samples: 2.5 is midway from 2 to 3.
+            sample: (...) index; 2.5 is halfway between samples 2 and 3, by linear interpolation.
         """
         before = sample.astype(np.intp)
         after = np.minimum(before + 1, self.times.size - 1)

@@ -1,8 +1,8 @@
 """Stability of the field with delayed points and a sampled twist.
 
-Near the goal the field is e' = -eta e for each component e of the offset: exactly for the centroid,
-and to first order for the small rotation in the body's frame, because A^-1 H(I) = I. With delayed
-points it is a linear delay equation.
+Near the goal, the field drives each component e of the object's offset by e' = -eta e. This is
+exact for the centroid, and holds to first order for a small rotation in the body's frame. With
+delayed points it becomes a linear delay equation.
 """
 
 from collections.abc import Callable
