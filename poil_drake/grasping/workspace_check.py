@@ -8,7 +8,7 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""How much less than the margin motions to a rehearsed grasp may keep [m]. Their samples, and
+"""Motions to a rehearsed grasp may keep this much less than the margin [m]. Their samples, and
 therefore their postures, differ slightly from those of the rehearsal."""
 
 _SAG = 0.001

@@ -93,7 +93,7 @@ def point_set_bcsdm(
         reference: The reference of the same N points.
         config: Parameters of the field.
         confidence: (..., N) weights in [0, 1]; 0 excludes a point, None weights all equally.
-        previous_tau: (...) the last tick's tau [s], about which the progress window lies; None or
+        previous_tau: (...) the last tick's tau [s], around which the progress window lies; None or
             NaN searches the whole reference.
 
     Raises:

@@ -25,7 +25,7 @@ _ROUNDING_STEP = 1e-3
 """Spacing of the samples of a path whose hooks and corners are smoothed along its length [m]."""
 
 _ROUNDING = 3
-"""Standard deviation of the Gaussian filter that smooths them [samples]."""
+"""Standard deviation of the Gaussian filter that smooths such a path [samples]."""
 
 _MAX_ROUNDS = 6
 """How often the filter is applied at most. Six times shorten a hook by 1.5 cm."""
