@@ -57,8 +57,11 @@ class GraspScene:
             opening: Distance between the pads [m].
         """
         lower, upper = _gripper_boxes(opening)
-        if not self._is_above_ground(X_WG, lower, upper):
-            return False
+        if self._ground_height is not None:
+            corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
+            lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
+            if lowest <= self._ground_height + _GROUND_CLEARANCE:
+                return False
         X_GW = inverse(X_WG)
         swept = lower.copy()
         swept[:, 2] -= _APPROACH_LENGTH
@@ -72,13 +75,6 @@ class GraspScene:
             distance = _distance_to_boxes(part_G, *_with_closing_space(lower, upper))
             return distance >= self._part_clearance
         return True
-
-    def _is_above_ground(self, X_WG: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-        if self._ground_height is None:
-            return True
-        corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
-        lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
-        return bool(lowest > self._ground_height + _GROUND_CLEARANCE)
 
 
 def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
