@@ -8,8 +8,9 @@ from poil_drake.planning.rrt_connect import VectorSpace, rrt_connect
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _RESOLUTION = 0.05
-"""Distance between the configurations checked along an edge [rad]: at full reach 0.05 rad moves the
-hand by 3 cm, which the spheres' bulge and the margin cover."""
+"""Distance between the configurations checked along an edge [rad]. At full reach 0.05 rad moves the
+hand by 3 cm. The collision margin and the robot's spheres, which are larger than its links, allow
+for that."""
 
 _LIMIT_MARGIN = 0.03  # [rad] Distance kept from the joint limits.
 _LONGEST_EDGE = 0.6  # [rad] Of the search tree.
@@ -32,8 +33,8 @@ def plan_joint_path(
     shortened and rounded off.
 
     Args:
-        model: The arm, for its joint limits.
-        is_free: The collision check.
+        model: The arm, whose joint limits bound the search.
+        is_free: Returns which configurations (B, 7) [rad] are free of collisions: (B,) bool.
         q_start: (7,) first configuration [rad].
         q_goal: (7,) last configuration [rad].
         iterations: Largest number of rounds of tree growth. A limit on time would make the result
@@ -41,14 +42,14 @@ def plan_joint_path(
         seed: Seed of the search and the shortcuts.
 
     Raises:
-        PlanningError: An end is in collision, or no path was found.
+        PlanningError: One end of the path is in collision, or no path was found.
     """
     edges = EdgeChecker(is_free, _RESOLUTION)
     for q, name in ((q_start, "start"), (q_goal, "end")):
         if not is_free(q[None])[0]:
             raise PlanningError(
-                f"The {name} of the approach, q = {np.round(q, 3).tolist()}, is in collision with "
-                "the scene or with the robot itself.",
+                f"At the {name} of the approach, q = {np.round(q, 3).tolist()} rad, the robot is "
+                "in collision with the scene or with itself.",
                 remedy="Clear the space around the robot, and check the cameras' poses.",
             )
     if edges.is_free(q_start, q_goal):

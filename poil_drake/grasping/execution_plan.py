@@ -1,4 +1,4 @@
-"""The plan of an execution: everything that an execution needs, which one file can store."""
+"""The plan of an execution: all data that the execution needs, stored in one file."""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ _PARTS = {
     "descent": JointTrajectory,
     "grasp": GraspCandidate,
 }
-"""The fields that are dataclasses themselves."""
+"""The fields of a plan that are dataclasses themselves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,19 +33,21 @@ class ExecutionPlan(SharedOnCopy):
     Attributes:
         object_label: The object's label.
         part_label: The functional part's label.
-        target_points: (N, 3) the part's points at planning time [m, world].
-        object_points: (P, 3) the object's surface at planning time [m, world], from which support
-            points are drawn.
+        target_points: (N, 3) points that represent the functional part, at planning time
+            [m, world].
+        object_points: (P, 3) the object's surface at planning time [m, world]. Support points are
+            drawn from it.
         part_points: (M, 3) the functional part's surface at planning time [m, world].
-        reference: The reference of the target points.
+        reference: The trajectory that the target points should follow.
         grasp: The grasp.
         approach: Joint motion from the robot's configuration at planning time to the pre-grasp.
         descent: Joint motion from the pre-grasp to the grasp.
         lift_height: Height of the lift before the field takes over [m].
         retreat_distance: Length of the retreat after release [m].
-        nominal_posture: (7,) posture towards which the rehearsal pulled in the null space [rad].
-        metadata: Origin of the plan: versions, seed, scenario, costs. JSON must be able to
-            represent all values.
+        nominal_posture: (7,) posture towards which the rehearsal pulled the arm in the null space
+            of the gripper's motion [rad].
+        metadata: Origin of the plan, such as versions, seed, scenario and costs. JSON must be able
+            to represent all values.
     """
 
     object_label: str
@@ -75,15 +77,15 @@ class ExecutionPlan(SharedOnCopy):
             joints = getattr(self, name).positions.shape[1]
             if joints != self.nominal_posture.size:
                 raise InvalidValueError(
-                    f"{name}.positions has {joints} joints, but nominal_posture has "
+                    f"ExecutionPlan.{name} moves {joints} joints, but nominal_posture has "
                     f"{self.nominal_posture.size}.",
-                    remedy="Pass both for the same arm.",
+                    remedy="Pass a motion and a posture of the same arm.",
                 )
         gap = np.abs(self.approach.positions[-1] - self.descent.positions[0]).max()
         if gap > 1e-6:
             raise InvalidValueError(
-                f"ExecutionPlan.descent begins {gap} rad away from the end of the approach.",
-                remedy="Plan the approach to, and the descent from, the same configuration.",
+                f"ExecutionPlan.descent begins {gap:.3g} rad away from the end of the approach.",
+                remedy="End the approach at the configuration at which the descent begins.",
             )
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
@@ -98,7 +100,7 @@ class ExecutionPlan(SharedOnCopy):
         return self.grasp.pregrasp_width
 
     def save(self, path: Path | str) -> None:
-        """Writes the plan to a file, whole or not at all.
+        """Writes the plan to a file. If writing fails, an existing file stays as it was.
 
         Args:
             path: The file, by convention with the suffix ".npz".
@@ -112,10 +114,14 @@ class ExecutionPlan(SharedOnCopy):
 
     @classmethod
     def load(cls, path: Path | str) -> "ExecutionPlan":
-        """Reads a plan that `save` wrote.
+        """Reads a plan from a file that `save` wrote.
+
+        Args:
+            path: The file.
 
         Raises:
-            PlanFileError: The file is missing, damaged, incomplete or of another format version.
+            PlanFileError: The file is missing, unreadable, damaged, incomplete or of another format
+                version.
         """
         if not Path(path).is_file():
             raise PlanFileError(f"There is no plan '{path}'.", remedy=MAKE_ANOTHER)
@@ -129,7 +135,7 @@ class ExecutionPlan(SharedOnCopy):
         return cls.from_bytes(data, name=str(path))
 
     def to_bytes(self) -> bytes:
-        """Returns the content of the plan's file.
+        """Returns the content of the file that `save` writes.
 
         Raises:
             PlanFileError: JSON cannot represent the metadata.
@@ -145,11 +151,11 @@ class ExecutionPlan(SharedOnCopy):
 
     @classmethod
     def from_bytes(cls, data: bytes, *, name: str) -> "ExecutionPlan":
-        """Returns the plan from the content of its file.
+        """Returns the plan that a file's content describes.
 
         Args:
-            data: The content.
-            name: Name of the plan for errors.
+            data: The content, as returned by `to_bytes`.
+            name: The plan's name in error messages.
 
         Raises:
             PlanFileError: The data is damaged, incomplete or of another format version.
@@ -175,14 +181,17 @@ class ExecutionPlan(SharedOnCopy):
 
 
 def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns the fields of a dataclass, except its parts, after checking their types."""
+    """Returns the values of a dataclass's fields, after checking their types.
+
+    In `values` a prefix precedes the names of the fields. Without a prefix, `_PARTS` are left out.
+    """
     found = {}
     for entry in fields(kind):
         if not prefix and entry.name in _PARTS:
             continue
         name = prefix + entry.name
         value = values[name]
-        if entry.type is float and not (_is_number(value) and math.isfinite(value)):
+        if entry.type is float and not (type(value) in (int, float) and math.isfinite(value)):
             raise TypeError(f"{name} is {value!r}, but a finite number is needed.")
         if entry.type is str and not isinstance(value, str):
             raise TypeError(f"{name} is {value!r}, but a string is needed.")
@@ -190,7 +199,3 @@ def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str
             raise TypeError(f"{name} is {value!r}, but a mapping is needed.")
         found[entry.name] = value
     return found
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -5,10 +5,9 @@ import numpy as np
 from poil_drake.grasping.approach import plan_joint_path
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
-from poil_drake.grasping.rehearsal.path_following import backed_off_poses, follow_path
+from poil_drake.grasping.rehearsal.path_following import back_off
 from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.planning.joint_timing import time_joint_path
-from poil_drake.planning.path_shortening import IsFree
 from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -19,7 +18,7 @@ _DESCENT_STEP = 0.005  # [m] Between the samples of the straight motion.
 def plan_descent(
     model: PandaModel, grasp: GraspCandidate, q_grasp: np.ndarray, distance: float
 ) -> JointTrajectory:
-    """Returns the straight motion of the gripper from the pre-grasp to the grasp.
+    """Returns the joint motion that takes the gripper straight from the pre-grasp to the grasp.
 
     Args:
         model: The arm.
@@ -29,47 +28,39 @@ def plan_descent(
     """
     steps = max(int(np.ceil(distance / _DESCENT_STEP)), 1)
     away = np.linspace(0.0, distance, steps + 1)
-    q, _ = follow_path(
-        model, q_grasp[None], backed_off_poses(grasp.X_WG[None], away), away / STRAIGHT_SPEED
-    )
+    q, _ = back_off(model, q_grasp[None], grasp.X_WG[None], away)
     return time_joint_path(q[0, ::-1], model.velocity, min_duration=distance / STRAIGHT_SPEED)
 
 
 def plan_approach(
     model: PandaModel,
     checker: RobotCollisionChecker,
-    workspace: WorkspaceCheck | None,
+    workspace: WorkspaceCheck,
     q_start: np.ndarray,
     q_pregrasp: np.ndarray,
     *,
     seed: int,
 ) -> JointTrajectory:
-    """Returns a collision-free motion to the pre-grasp.
+    """Returns a collision-free joint motion to the pre-grasp.
 
     Args:
         model: The arm.
-        checker: The collision check, against a scene with the object.
-        workspace: The boxes that the arm must stay in; None for no boxes.
+        checker: The collision checker, with the object in its scene.
+        workspace: Checks that the arm stays inside its workspace boxes.
         q_start: (7,) the arm's present configuration [rad].
         q_pregrasp: (7,) the configuration at the pre-grasp [rad].
         seed: Seed of the search.
 
     Raises:
-        PlanningError: No path was found, or one of its ends is in collision or too close to a face
-            of the boxes.
+        PlanningError: No path was found, one end of the path is in collision, or the pre-grasp is
+            too close to a face of the boxes.
     """
-    is_free: IsFree = checker.is_free
-    if workspace is not None:
-        workspace.require(q_pregrasp[None], "The end of the approach")
-        is_free = _both(checker.is_free, workspace.is_within)
-    path = plan_joint_path(model, is_free, q_start, q_pregrasp, seed=seed)
-    return time_joint_path(path, model.velocity)
+    workspace.require(q_pregrasp[None], "The end of the approach")
 
-
-def _both(first: IsFree, second: IsFree) -> IsFree:
     def is_free(q: np.ndarray) -> np.ndarray:
-        free = first(q)
-        free[free] = second(q[free])
+        free = checker.is_free(q)
+        free[free] = workspace.is_within(q[free])
         return free
 
-    return is_free
+    path = plan_joint_path(model, is_free, q_start, q_pregrasp, seed=seed)
+    return time_joint_path(path, model.velocity)

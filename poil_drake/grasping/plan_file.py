@@ -26,7 +26,10 @@ class PlanFileError(PoilError):
 
 
 def pack(values: Mapping[str, Any]) -> bytes:
-    """Packs named arrays and named values that JSON can represent.
+    """Returns the content of a plan file.
+
+    Args:
+        values: Arrays, and values that JSON can represent, by name.
 
     Raises:
         PlanFileError: A value is neither an array nor representable in JSON.
@@ -46,11 +49,11 @@ def pack(values: Mapping[str, Any]) -> bytes:
 
 
 def unpack(data: bytes, *, name: str) -> dict[str, Any]:
-    """Returns the values that `pack` packed.
+    """Returns the values in the content of a plan file, by name; the inverse of `pack`.
 
     Args:
-        data: The packed bytes.
-        name: Name of the plan for errors.
+        data: The content.
+        name: The plan's name in error messages.
 
     Raises:
         PlanFileError: The data is damaged or of another format version.
@@ -82,7 +85,7 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
         version = header.pop("format_version")
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise PlanFileError(
-            f"The header of '{name}' is damaged: {error}.", remedy=MAKE_ANOTHER
+            f"The header of the plan '{name}' is damaged: {error}.", remedy=MAKE_ANOTHER
         ) from error
     if version != FORMAT_VERSION:
         raise PlanFileError(

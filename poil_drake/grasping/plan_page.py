@@ -22,20 +22,20 @@ from poil_drake.runtime.output_files import whole_file
 
 
 class _Window(list[str]):
-    """Collects drawing commands in place of meshcat's window, which starts a server for them."""
+    """Collects drawing commands in a list, whereas meshcat's own window sends them to a server."""
 
     def send(self, command: Any) -> None:
         self.append(base64.b64encode(umsgpack.packb(command.lower())).decode())
 
 
 def write_plan_page(path: Path | str, result: PlanningResult, *, X_WB: np.ndarray) -> None:
-    """Writes a page that shows a plan; viewing it needs neither a server nor a network.
+    """Writes an HTML page that shows a plan, for a browser without a server or a network.
 
     The page opens with the arm at the grasp. Its time slider moves the arm along the approach, the
     rehearsed path and the retreat.
 
     Args:
-        path: Where the HTML file goes.
+        path: The HTML file to write.
         result: The plan and the data that it was chosen from.
         X_WB: (4, 4) pose of the robot's base in the world.
     """
@@ -82,14 +82,14 @@ def _draw(
 
 
 def _gripper_lines(opening: float) -> np.ndarray:
-    """Returns segments (4, 2, 3) in the gripper frame [m]: fingers, hand, approach direction."""
+    """Returns segments (4, 2, 3) that draw a gripper [m, gripper frame] with an opening [m]."""
     y, z = 0.5 * opening, -0.04
     corners = np.array([[0, y, 0], [0, y, z], [0, -y, z], [0, -y, 0], [0, 0, z], [0, 0, 2 * z]])
     return corners[[[0, 1], [1, 2], [2, 3], [4, 5]]]
 
 
 def _animate(scene: meshcat.Visualizer, result: PlanningResult) -> None:
-    """Adds the Panda, and animates it and the object."""
+    """Adds the Panda to the scene, and animates the arm and the object."""
     description = panda_description_directory()
     # The collision meshes take 130 kB, the visual ones 11 MB.
     model, meshes = pinocchio.buildModelsFromUrdf(

@@ -29,14 +29,15 @@ from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
 
 _OBJECT_PADDING = 0.012
-"""Scene points this close to the object's cloud belong to it [m]: its mask missed their pixels."""
+"""Scene points within this distance of the object's cloud belong to the object [m], because its
+mask misses some pixels."""
 
 _TABLE_THICKNESS = 0.008
-"""Scene points less than this above the table belong to it [m]."""
+"""Scene points less than this above the table's surface belong to the table [m]."""
 
 _ROBOT_PADDING = 0.03
-"""Scene points this close to the robot's spheres belong to it [m]: errors of calibration and depth
-are that large."""
+"""Scene points within this distance of the robot's spheres belong to the robot [m], because
+calibration and depth have errors of this size."""
 
 _APPROACH_ATTEMPTS = 4  # How many of the best grasps to plan an approach for.
 
@@ -62,10 +63,10 @@ class PlanningResult:
 
     Attributes:
         plan: The plan.
-        choice: The pair of grasp and matching that it executes.
+        choice: The grasp and the matching that the plan executes.
         feasible: The sampled grasps that are feasible under at least one matching.
         rejected: The other sampled grasps.
-        scene_points: (Q, 3) the obstacles, without table, object and robot [m, world].
+        scene_points: (Q, 3) the obstacles, without the table, the object and the robot [m, world].
     """
 
     plan: ExecutionPlan
@@ -93,28 +94,29 @@ def plan_execution(
     """Samples grasps, selects a grasp and a matching, and plans the motion to the grasp.
 
     Args:
-        matchings: The ways in which the part matches.
+        matchings: The ways in which the demonstrated part matches the object's part.
         object_label: The object's label, for the plan.
         part_label: The functional part's label, for the plan.
         object_cloud: The whole object [m, world].
         part_points: (M, 3) the visible surface of the object's functional part [m, world].
-        scene_points: (Q, 3) all points that the cameras see [m, world]; those on the object and on
-            the robot are removed here.
+        scene_points: (Q, 3) all points that the cameras see [m, world]. Points on the table, the
+            object and the robot do not count as obstacles.
         q_start: (7,) the arm's present configuration [rad].
         model: The arm.
         config: Parameters; None for the defaults.
         seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
 
     Raises:
         NoFeasibleGraspError: No grasp is feasible; the message says how many fail for each reason.
-        PlanningError: No approach to the best grasps was found, or the arm is outside its boxes.
+        PlanningError: No approach to any of the best grasps was found, or the arm starts outside
+            its workspace boxes.
     """
     config = config or PlannerConfig()
     feasibility = config.feasibility
     q_start = np.asarray(q_start, dtype=float)
-    workspace = WorkspaceCheck.of(model, q_start, feasibility)
+    workspace = WorkspaceCheck(model=model, q_start=q_start, feasibility=feasibility)
     # The transferred points complete the visible surface of the part.
     part_points = np.concatenate([part_points, *(m.target_points for m in matchings)])
     spheres = make_robot_spheres(finger_opening=GRIPPER.max_width)
@@ -199,12 +201,12 @@ def _first_reachable(
     model: PandaModel,
     scene: SceneCloud,
     q_start: np.ndarray,
-    workspace: WorkspaceCheck | None,
+    workspace: WorkspaceCheck,
     feasibility: FeasibilityConfig,
     seed: int,
     progress: Progress | None,
 ) -> tuple[GraspChoice, JointTrajectory, JointTrajectory]:
-    """Returns the first choice for which an approach is found, the approach and the descent."""
+    """Returns the first choice for which an approach is found, with its approach and descent."""
     failure: PlanningError | None = None
     for number, choice in enumerate(choices):
         if progress:
@@ -219,8 +221,7 @@ def _first_reachable(
             config=feasibility.collision,
         )
         try:
-            if workspace is not None:
-                workspace.require(descent.positions, "The descent to the grasp")
+            workspace.require(descent.positions, "The descent to the grasp")
             approach = plan_approach(
                 model, checker, workspace, q_start, descent.positions[0], seed=seed
             )

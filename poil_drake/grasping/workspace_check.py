@@ -1,6 +1,4 @@
-"""Whether planned motions stay inside the boxes of the arm's workspace."""
-
-from typing import Self
+"""Checks whether planned motions stay inside the boxes of the arm's workspace."""
 
 import numpy as np
 
@@ -10,71 +8,64 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""Motions to a rehearsed grasp may come this much closer than the margin [m]: their samples differ
-from those of the rehearsal, so their postures differ slightly, too."""
+"""Motions to a rehearsed grasp may keep this much less than the margin [m]. Their samples, and
+therefore their postures, differ slightly from those of the rehearsal."""
 
 _SAG = 0.001
-"""The arm may start this far outside its boxes [m], as it may after a stop at one of the faces."""
+"""The arm may start this far outside its boxes [m], because a stop at a face may leave it there."""
 
 _ROUNDING = 1e-9
 
 
 class WorkspaceCheck:
-    """Checks that motions to a grasp keep a margin to the faces of the boxes.
+    """Checks that motions to a grasp keep a margin to the faces of the workspace boxes.
 
-    A motion that starts closer to a face than the margin only must not come any closer.
+    If the arm starts closer to a face than the margin, its distance from this face must not shrink.
+    An arm without boxes passes every check.
     """
 
-    def __init__(self, *, guard: PostureGuard, margin: float, q_start: np.ndarray):
+    def __init__(self, *, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig):
         """Prepares the check.
 
         Args:
-            guard: The boxes.
-            margin: Required distance from their faces [m].
+            model: The arm.
             q_start: (7,) the arm's present configuration [rad].
+            feasibility: The boxes and the margin.
 
         Raises:
             PlanningError: The arm is outside its boxes.
         """
-        self._guard = guard
-        start = guard.face_distances(q_start[None])[0]
+        self._guard = None
+        if feasibility.posture is None:
+            return
+        self._guard = PostureGuard(model=model, config=feasibility.posture)
+        start = self._guard.face_distances(q_start[None])[0]
         if start.min() < -_SAG:
             raise PlanningError(
-                f"The arm is outside its workspace box: {guard.tightest_face(q_start[None])}.",
+                "The arm is outside its workspace box: "
+                f"{self._guard.tightest_face(q_start[None])}.",
                 remedy="Move the arm inside, or widen the box (poil.safety.posture).",
             )
-        self._least = np.minimum(margin - _SLACK, start) - _ROUNDING
-
-    @classmethod
-    def of(
-        cls, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig
-    ) -> Self | None:
-        """Returns the check for motions from `q_start` (7,) [rad]; None where there are no boxes.
-
-        Raises:
-            PlanningError: The arm is outside its boxes.
-        """
-        if feasibility.posture is None:
-            return None
-        guard = PostureGuard(model=model, config=feasibility.posture)
-        return cls(guard=guard, margin=feasibility.workspace_margin, q_start=q_start)
+        self._least = np.minimum(feasibility.workspace_margin - _SLACK, start) - _ROUNDING
 
     def is_within(self, q: np.ndarray) -> np.ndarray:
         """Returns whether each configuration (B, 7) [rad] keeps the margin: (B,) bool."""
+        if self._guard is None:
+            return np.ones(len(q), dtype=bool)
         return (self._guard.face_distances(q) >= self._least).all(axis=1)
 
     def require(self, q: np.ndarray, what: str) -> None:
-        """Checks a motion.
+        """Raises an error if a motion does not keep the margin.
 
         Args:
-            q: (B, 7) its configurations [rad], B >= 1.
-            what: The motion's name, which begins a sentence.
+            q: (B, 7) the motion's configurations [rad], B >= 1.
+            what: The motion's name, with which the error message begins.
 
         Raises:
             PlanningError: The motion does not keep the margin; the message names the face.
         """
         within = self.is_within(q)
-        if not within.all():
+        if self._guard is not None and not within.all():
             raise PlanningError(
                 f"{what} comes too close to a face of the workspace box: "
                 f"{self._guard.tightest_face(q[~within])}.",

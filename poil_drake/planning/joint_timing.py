@@ -1,7 +1,5 @@
 """Time parameterization of joint paths."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -9,77 +7,63 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda import ACCELERATION_LIMITS
 
-_FINE = 1e-3
-"""Time step of the motion before smoothing [s]; far below any joint's time constant."""
+VELOCITY_SCALE = 0.4
+"""Fraction of the joint velocity limits that is used. The rest is left for the feedback that tracks
+the trajectory."""
 
+ACCELERATION_SCALE = 0.3  # Fraction of the joint acceleration limits that is used.
 
-@dataclass(frozen=True, kw_only=True)
-class JointTimingConfig:
-    """Speed limits of motions along joint paths.
+_SMOOTHING_TIME = 0.2
+"""The motion is averaged over this time [s], which bounds the jerk. A real Panda stops with a
+reflex error if its commands jump."""
 
-    Attributes:
-        velocity_scale: Fraction of the joint velocity limits that is used; the rest is left for the
-            feedback that tracks the trajectory.
-        acceleration: (7,) joint acceleration limits [rad/s^2].
-        acceleration_scale: Fraction of the acceleration limits that is used.
-        smoothing_time: The motion is averaged over this time [s], which bounds the jerk: a real
-            Panda stops with a reflex when commands step.
-        path_samples: Samples of the path at which its speed is bounded.
-        sample_period: Time between the trajectory's samples [s].
-    """
-
-    velocity_scale: float = 0.4
-    acceleration: tuple[float, ...] = ACCELERATION_LIMITS
-    acceleration_scale: float = 0.3
-    smoothing_time: float = 0.2
-    path_samples: int = 400
-    sample_period: float = 1.0 / 64.0
+_PATH_SAMPLES = 400  # Samples of the path at which its speed is bounded.
+_SAMPLE_PERIOD = 1.0 / 64.0  # [s] Between the samples of the trajectory.
+_FINE = 1e-3  # [s] Time step before the smoothing, far below any joint's time constant.
 
 
 def time_joint_path(
     path: np.ndarray,
     velocity_limits: np.ndarray,
     *,
-    config: JointTimingConfig | None = None,
     min_duration: float = 0.0,
 ) -> JointTrajectory:
     """Returns a smooth motion along a joint path, from rest to rest.
 
-    The path is interpolated by a cubic spline over its length s. The speed v along it is limited by
-    |q'| v within the velocity limits and |q''| v^2 within half of the acceleration limits; it
-    changes with |q'| dv/dt within the other half. A moving average over time then smooths the
-    motion; averages of velocities and accelerations keep their bounds.
+    A cubic spline q(s) interpolates the path over its length s. The speed v = ds/dt keeps |q'| v
+    within the velocity limits and |q''| v^2 within half of the acceleration limits, and |q'| dv/dt
+    stays within the other half. A moving average over time then smooths the motion. It keeps the
+    bounds on velocities and accelerations.
 
     Args:
         path: (K, 7) joint positions [rad], K >= 2, each different from the one before.
         velocity_limits: (7,) joint velocity limits [rad/s].
-        config: Fractions of the limits to use.
         min_duration: Shortest duration of the motion [s].
 
     Raises:
         InvalidValueError: if the path has fewer than two samples, or two successive equal ones.
     """
-    config = config or JointTimingConfig()
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     if len(path) < 2 or np.any(lengths == 0.0):
         raise InvalidValueError(
-            f"The joint path has {len(path)} samples and {sum(lengths == 0.0)} steps of length 0.",
+            f"The joint path has {len(path)} samples, {sum(lengths == 0.0)} of them equal to the "
+            "one before.",
             remedy="Pass at least two samples, each different from the one before.",
         )
     spline = CubicSpline(np.concatenate([[0.0], np.cumsum(lengths)]), path)
-    s = np.linspace(0.0, lengths.sum(), config.path_samples)
-    when = _passing_times(s, spline, velocity_limits, config)
-    stretch = max((min_duration - config.smoothing_time) / when[-1], 1.0)
-    half = 0.5 * config.smoothing_time
+    s = np.linspace(0.0, lengths.sum(), _PATH_SAMPLES)
+    when = _passing_times(s, spline, velocity_limits)
+    stretch = max((min_duration - _SMOOTHING_TIME) / when[-1], 1.0)
+    half = 0.5 * _SMOOTHING_TIME
     duration = when[-1] * stretch + 2.0 * half
-    count = max(int(np.ceil(duration / config.sample_period)), 1)
+    count = max(int(np.ceil(duration / _SAMPLE_PERIOD)), 1)
     times = np.linspace(0.0, duration, count + 1)
     # A moving average is a difference of the unsmoothed motion's integral.
     fine = np.arange(-2.0 * half - _FINE, duration + 2.0 * half + _FINE, _FINE)
     motion = spline(np.interp(fine - half, when * stretch, s))
     integral = np.vstack([np.zeros(7), np.cumsum(0.5 * (motion[1:] + motion[:-1]), axis=0) * _FINE])
     positions, velocities = (
-        (_at(times + half, fine, values) - _at(times - half, fine, values)) / config.smoothing_time
+        (_at(times + half, fine, values) - _at(times - half, fine, values)) / _SMOOTHING_TIME
         for values in (integral, motion)
     )
     positions[0], positions[-1] = path[0], path[-1]
@@ -87,15 +71,13 @@ def time_joint_path(
     return JointTrajectory(times, positions, velocities)
 
 
-def _passing_times(
-    s: np.ndarray, spline: CubicSpline, velocity_limits: np.ndarray, config: JointTimingConfig
-) -> np.ndarray:
+def _passing_times(s: np.ndarray, spline: CubicSpline, velocity_limits: np.ndarray) -> np.ndarray:
     """Returns the times (M,) [s] at which the motion passes the path lengths s (M,) [rad]."""
     tiny = 1e-9
     first, second = np.abs(spline(s, 1)) + tiny, np.abs(spline(s, 2)) + tiny
-    half = 0.5 * config.acceleration_scale * np.array(config.acceleration)
+    half = 0.5 * ACCELERATION_SCALE * np.array(ACCELERATION_LIMITS)
     squares = np.minimum(
-        (config.velocity_scale * velocity_limits / first).min(axis=1) ** 2,
+        (VELOCITY_SCALE * velocity_limits / first).min(axis=1) ** 2,
         (half / second).min(axis=1),
     )
     gains = 2.0 * (half / first).min(axis=1)  # bounds d(v^2) / ds

@@ -21,12 +21,15 @@ class EdgeChecker:
         self.resolution = resolution
 
     def samples(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Returns configurations (K, D), K >= 2, along an edge, including both ends."""
+        """Returns configurations (K, D), K >= 2, from one end (D,) of an edge to the other."""
         count = max(int(np.ceil(np.linalg.norm(last - first) / self.resolution)), 1)
         return first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
 
     def is_free(self, first: np.ndarray, last: np.ndarray) -> bool:
-        """Returns whether an edge is free. The middle, where most collisions are, comes first."""
+        """Returns whether the straight edge between two configurations (D,) is free.
+
+        Its middle is checked first, because most collisions are there.
+        """
         samples = self.samples(first, last)
         middle = len(samples) // 2
         return bool(self._is_free(samples[middle : middle + 1])[0] and self._is_free(samples).all())
@@ -90,7 +93,10 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
 
 
 def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
-    """Returns the path's means over windows about the lengths `even`, narrower near the ends."""
+    """Returns the path (K, D), averaged over windows about the lengths `even` (K,).
+
+    The windows have the length `width`, and are shorter near the ends.
+    """
     halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
     offsets = np.linspace(-1.0, 1.0, 21)
     at = np.clip(even[:, None] + halves[:, None] * offsets, 0.0, along[-1])

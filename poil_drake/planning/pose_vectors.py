@@ -1,4 +1,4 @@
-"""Poses as vectors whose straight lines are rigid motions, for planners on vector spaces."""
+"""Represents poses as vectors, so that planners can connect them by straight lines."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,7 @@ from ompl import base
 from scipy.spatial.transform import Rotation
 
 from poil_drake.geometry.rigid_transform import make_transform, quaternion
-from poil_drake.planning.rrt_connect import State, make_bounds
+from poil_drake.planning.rrt_connect import State, VectorSpace, make_bounds
 
 
 def poses_of(vectors: np.ndarray) -> np.ndarray:
@@ -22,10 +22,10 @@ def poses_of(vectors: np.ndarray) -> np.ndarray:
 
 
 def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
-    """Returns the vectors (B, 7) of poses (B, 4, 4), with signs as in `same_side`.
+    """Returns the vectors (B, 7) of poses (B, 4, 4), with the quaternions' signs of `same_side`.
 
-    Each quaternion is twice the radius [m] long. A small distance between vectors then approximates
-    the motion of a point at that radius, and is at least 1 / sqrt(2) of that motion.
+    Each quaternion has twice the length of the radius [m]. A small distance between vectors then
+    approximates the motion of a point at this radius, and is at least 1 / sqrt(2) of this motion.
     """
     q = quaternion(X[:, :3, :3])
     q *= 2.0 * radius / np.linalg.norm(q, axis=1)[:, None]
@@ -33,7 +33,7 @@ def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
 
 
 def same_side(vectors: np.ndarray) -> np.ndarray:
-    """Returns the vectors (B, 7) with each quaternion's sign chosen nearest to its predecessor."""
+    """Returns the vectors (B, 7), each with the quaternion's sign nearest to the vector before."""
     products = np.einsum("bi,bi->b", vectors[1:, 3:], vectors[:-1, 3:])
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
     vectors = vectors.copy()
@@ -42,21 +42,20 @@ def same_side(vectors: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSpace:
-    """OMPL's space of the poses with positions in a box, read and written as vectors (7,).
+class PoseSpace(VectorSpace):
+    """OMPL's space of the poses with positions in a box [m], read and written as vectors (7,).
 
     Attributes:
-        lower: (3,) lowest position [m].
-        upper: (3,) highest position [m].
-        radius: Radius of the body [m]; see `vectors_of`.
+        radius: Radius of the body [m], which scales the quaternions as in `vectors_of`.
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
     radius: float
 
     def make(self) -> Any:
-        """Returns SE(3) with angles weighted by the motion of a point at the radius."""
+        """Returns the OMPL space SE(3), where an angle counts as the motion of a point at `radius`.
+
+        Positions count in metres.
+        """
         space = base.SE3StateSpace()
         space.setBounds(make_bounds(self.lower, self.upper))
         # OMPL's distance between rotations is half the angle.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from ompl import base, geometric, util
@@ -12,22 +12,9 @@ from poil_drake.planning.path_shortening import IsFree
 State = Any  # An OMPL state; the bindings have no types.
 
 
-class SearchSpace(Protocol):
-    """Conversion between configurations and OMPL states."""
-
-    def make(self) -> Any:
-        """Returns the OMPL state space."""
-
-    def read(self, state: State) -> np.ndarray:
-        """Returns the configuration (D,) of a state."""
-
-    def write(self, state: State, values: np.ndarray) -> None:
-        """Sets a state to a configuration (D,)."""
-
-
 @dataclass(frozen=True, eq=False)
 class VectorSpace:
-    """Vectors in a box, such as joint positions.
+    """Vectors in a box, such as joint positions, and their conversion to and from OMPL states.
 
     Attributes:
         lower: (D,) lowest values.
@@ -38,7 +25,7 @@ class VectorSpace:
     upper: np.ndarray
 
     def make(self) -> Any:
-        """Returns a real vector space."""
+        """Returns the OMPL state space."""
         space = base.RealVectorStateSpace(len(self.lower))
         space.setBounds(make_bounds(self.lower, self.upper))
         return space
@@ -63,7 +50,7 @@ def make_bounds(lower: np.ndarray, upper: np.ndarray) -> Any:
 
 
 def rrt_connect(
-    space: SearchSpace,
+    space: VectorSpace,
     start: np.ndarray,
     goal: np.ndarray,
     *,
@@ -81,7 +68,7 @@ def rrt_connect(
         space: The space to search.
         start: (D,) start of the path.
         goal: (D,) end of the path.
-        is_free: Returns which configurations are free.
+        is_free: Returns which configurations (B, D) are free: (B,) bool.
         edge_is_free: Returns whether the straight edge between two configurations (D,) is free.
         max_edge: Longest edge of the search trees, in the space's metric.
         iterations: Largest number of rounds of tree growth.

@@ -15,8 +15,8 @@ from poil_drake.transfer.progress import Progress
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
 
 _INLIER_DISTANCE = 0.01
-"""Largest distance of a point from where the object's motion since the first frame puts it [m]. A
-point beyond it has drifted, or has changed places with another."""
+"""Largest distance of a point from where the object's motion since the first frame puts it [m].
+Farther points have drifted, or were confused with others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +53,11 @@ def track_demonstration(
         tracker: Tracks the points.
         max_gap: Longest time for which the tracker may lose the object [s]. In the last frame the
             object must not be lost.
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
 
     Raises:
-        TrackingError: if the tracker cannot start, or loses the object; the message says when.
+        TrackingError: if the tracker cannot start, or loses the object for longer than `max_gap` or
+            in the last frame; the message says when.
     """
     first = frames[0]
     output = tracker.start(first, query_points, object_masks)
@@ -86,9 +87,9 @@ def track_demonstration(
 
 
 def _rigid_confidence(first: np.ndarray, points: TrackedPoints) -> np.ndarray:
-    """Returns the confidence (N,), 0 for points that did not move with the others.
+    """Returns the confidence (N,), which is 0 for points that did not move with the others.
 
-    It is 0 for all points if most of them did not.
+    All confidences are 0 if no more than half of the points moved together.
 
     Args:
         first: (N, 3) the points in the first frame [m, world].

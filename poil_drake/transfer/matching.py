@@ -38,8 +38,8 @@ def transferred_positions(
     Args:
         target_points: (N, 3) [m, world].
         tracks: Motion of the N demonstrated points.
-        posed_by: (N, 3) points that are aligned in place of the target's own [m, world]; the
-            target's points move along rigidly.
+        posed_by: (N, 3) points that are aligned instead of the target's own [m, world], which then
+            move along rigidly; None aligns the target's own points.
 
     Returns:
         (T, N, 3) [m, world]; NaN at times at which fewer than 3 points were observed.
@@ -58,7 +58,9 @@ def transferred_positions(
 def make_matching_reference(
     target_points: np.ndarray, tracks: DemonstrationTracks, *, posed_by: np.ndarray | None = None
 ) -> PointTrajectory:
-    """Returns the reference of the target's points; see `transferred_positions`.
+    """Returns the reference that takes the target's points along the demonstrated motion.
+
+    The arguments are those of `transferred_positions`.
 
     Raises:
         TransferError: if too little of the demonstration was tracked, or nothing moves in it.
@@ -68,7 +70,7 @@ def make_matching_reference(
     if np.count_nonzero(usable) < 2:
         raise TransferError(
             f"Only {np.count_nonzero(usable)} of {len(usable)} frames of the demonstration have at "
-            "least three tracked points; two such frames are needed.",
+            "least three tracked points; two frames are needed.",
             remedy="Record the demonstration with the part in view, or change poil.tracker.",
         )
     return make_reference(tracks.times[usable], positions[usable])

@@ -25,7 +25,7 @@ class PartView(SharedOnCopy):
         masks: Masks of the part and the object in the images.
         part: The part's cloud [m, world].
         whole: The whole object's cloud [m, world].
-        context: The cloud of the object without the part; None where too little of it is seen.
+        context: The cloud of the object without the part [m, world]; None if too little is seen.
     """
 
     masks: PartMasks
@@ -37,9 +37,15 @@ class PartView(SharedOnCopy):
 def view_part(
     frame: MultiViewFrame, *, detector: Detector, object_label: str, part_label: str
 ) -> PartView:
-    """Detects the part and its object in one frame and fuses all views of each.
+    """Detects a part and its object in one frame, and fuses all views of each into a cloud.
 
-    Masks are eroded and pixels near depth edges dropped before the views are unprojected.
+    Before the fusion, masks are eroded and pixels near depth edges are dropped.
+
+    Args:
+        frame: The frame.
+        detector: Finds the object and the part.
+        object_label: The object's label.
+        part_label: The part's label.
 
     Raises:
         DetectionError: if the object or the part is not found, or has no reliable depth.

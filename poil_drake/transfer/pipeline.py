@@ -24,10 +24,10 @@ class TransferConfig:
 
     Attributes:
         num_points: N_k, the number of points that represent the part (POIL: 10).
-        alignment: The coarse alignment.
+        alignment: Parameters of the coarse alignment.
         pose_by_deformed_points: Whether to align the deformed points with the tracks, as the paper
             does. By default the coarsely aligned points are used, and the deformed ones move along
-            rigidly: the deformation fits the part alone, and turns it towards the visible side.
+            rigidly, because the deformation turns the part towards its visible side.
     """
 
     num_points: int = 10
@@ -37,7 +37,7 @@ class TransferConfig:
     def __post_init__(self) -> None:
         if self.num_points < 3:
             raise InvalidValueError(
-                f"TransferConfig.num_points is {self.num_points}, which does not determine a pose.",
+                f"TransferConfig.num_points is {self.num_points}, but a pose needs three points.",
                 remedy="Use at least 3 points; POIL uses 10.",
             )
 
@@ -71,10 +71,10 @@ def transfer(
 ) -> TransferResult:
     """Transfers a demonstrated motion to another object with the same functional part.
 
-    The part is detected in both scenes, and points are sampled on the demonstrated one. Coarse
-    alignment and non-rigid registration map them to the target's part; the tracker follows them
-    through the demonstration; and in each of its frames the target's points are rigidly aligned
-    with the tracked ones.
+    The part is detected in both scenes, and points are sampled on the demonstrated part. Coarse
+    alignment and non-rigid registration map these points to the target's part. The tracker follows
+    the points through the demonstration. In each frame of the demonstration, the target's points
+    are rigidly aligned with the tracked points.
 
     Args:
         demonstration: The demonstration. The detector must find the part in its first frame.
@@ -85,7 +85,7 @@ def transfer(
         part_label: Label of the functional part of both objects.
         demonstration_object_label: Label of the demonstrated object; if None, `object_label`.
         config: Parameters; None for the defaults.
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
 
     Raises:
         DetectionError: if an object or a part is not found.

@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 SYMMETRY_TOLERANCE = 0.15
-"""Largest Chamfer distance between a symmetric part and its turned copy, relative to its root mean
-square radius. A handle seen from one side only, 25 mm large and 8 mm thick, has about 0.15."""
+"""Largest Chamfer distance between a symmetric part and its turned copy, relative to the part's
+root mean square radius. It is about 0.15 for a handle of 25 mm by 8 mm seen from one side only."""
 
 _KEPT = 0.8  # Fraction of the points that count, nearest first; the rest may have no counterpart.
 

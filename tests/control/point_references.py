@@ -1,8 +1,11 @@
-"""References of point sets for tests of the field."""
+"""References of point sets, and seeds of random ones, for tests of the field."""
 
 import numpy as np
+from hypothesis import strategies as st
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
+
+seeds = st.integers(0, 2**32 - 1)
 
 
 def still_reference(positions, period=1.0):

@@ -11,6 +11,7 @@ from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate, GraspSamplingConfig
 from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
+from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, PlanningResult, plan_execution
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.matching import Matching
@@ -141,3 +142,8 @@ def seen(screen: np.ndarray, mug: PointMug, model: PandaModel, home: np.ndarray)
 def planned(make_plan: MakePlan, seen: np.ndarray) -> PlanningResult:
     """A plan for the mug behind the screen."""
     return make_plan(seen, metadata={"scenario": "test"})
+
+
+@pytest.fixture(scope="session")
+def plan(planned: PlanningResult) -> ExecutionPlan:
+    return planned.plan

@@ -76,7 +76,7 @@ def test_rejects_an_end_in_collision(model: PandaModel, blocked: int, name: str)
     def is_free(q: np.ndarray) -> np.ndarray:
         return np.abs(q - ends[blocked]).max(axis=1) > 1e-6
 
-    with pytest.raises(PlanningError, match=f"The {name} of the approach"):
+    with pytest.raises(PlanningError, match=f"At the {name} of the approach"):
         plan_joint_path(model, is_free, *ends)
 
 

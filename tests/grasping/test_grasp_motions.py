@@ -24,7 +24,7 @@ def approach(model: PandaModel, **box) -> JointTrajectory:
         scene=SceneCloud(np.zeros((0, 3)), ground_height=0.0),
     )
     boxes = FeasibilityConfig(posture=PostureGuardConfig(**box))
-    workspace = WorkspaceCheck.of(model, RIGHT, boxes)
+    workspace = WorkspaceCheck(model=model, q_start=RIGHT, feasibility=boxes)
     return plan_approach(model, checker, workspace, RIGHT, LEFT, seed=0)
 
 

@@ -61,7 +61,7 @@ def test_grasps_are_drawn_by_group(commands, planned):
         lines = drawn_points(commands, f"grasps/{group}").reshape(-1, 8, 3)
         assert len(lines) == len(grasps)
         for line, grasp in zip(lines, grasps, strict=True):
-            back = grasp.X_WG[:3, 3] - 0.08 * grasp.approach
+            back = grasp.X_WG[:3, 3] - 0.08 * grasp.X_WG[:3, 2]
             assert np.linalg.norm(line - back, axis=1).min() < 1e-6
 
 

@@ -22,28 +22,34 @@ def frames(count: int) -> list[MultiViewFrame]:
 
 
 @dataclass(frozen=True)
-class ShiftingTracker:
-    """Moves the points by 1 along x per frame; loses or misses points in some frames."""
+class GivenTracks:
+    """Returns given positions (T, N, 3), NaN where not observed; loses them in some frames."""
 
+    positions: np.ndarray
     lost: tuple[int, ...] = ()
-    missing: tuple[int, ...] = ()
 
     def start(self, frame, query_points, object_masks) -> TrackerOutput:
         assert object_masks is MASKS
-        return TrackerOutput(0, TrackedPoints(query_points, np.ones(4), frame.stamp), False)
+        return self.step(-1, frame)
 
     def step(self, state, frame, motion_prior=None) -> TrackerOutput:
-        k = state + 1
+        k, positions = state + 1, self.positions[state + 1]
         if k in self.lost:
-            return TrackerOutput(k, TrackedPoints.lost(4, frame.stamp), True)
-        positions, confidence = QUERY + k * X, np.full(4, 0.8)
-        if k in self.missing:
-            positions[0], confidence[0] = np.nan, 0.0
+            return TrackerOutput(k, TrackedPoints.lost(len(positions), frame.stamp), True)
+        confidence = np.where(np.isfinite(positions).all(axis=1), 0.8, 0.0)
         return TrackerOutput(k, TrackedPoints(positions, confidence, frame.stamp), False)
 
 
+def shifted(count: int) -> np.ndarray:
+    """Positions (count, 4, 3) of points that move by 1 along x per frame."""
+    return QUERY + np.arange(count)[:, None, None] * X
+
+
 def test_tracks_start_at_time_zero_and_cover_every_frame() -> None:
-    tracks = track_demonstration(frames(4), QUERY, MASKS, tracker=ShiftingTracker(missing=(2,)))
+    positions = shifted(4)
+    positions[2, 0] = np.nan
+
+    tracks = track_demonstration(frames(4), QUERY, MASKS, tracker=GivenTracks(positions))
 
     np.testing.assert_allclose(tracks.times, [0.0, 0.5, 1.0, 1.5])
     np.testing.assert_allclose(tracks.positions[3], QUERY + 3.0 * X)
@@ -53,7 +59,7 @@ def test_tracks_start_at_time_zero_and_cover_every_frame() -> None:
 
 def test_a_short_gap_is_tolerated() -> None:
     tracks = track_demonstration(
-        frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost=(2, 3)), max_gap=1.1
+        frames(6), QUERY, MASKS, tracker=GivenTracks(shifted(6), lost=(2, 3)), max_gap=1.1
     )
 
     assert np.isnan(tracks.positions[2:4]).all()
@@ -69,24 +75,12 @@ def test_a_short_gap_is_tolerated() -> None:
 )
 def test_a_loss_raises_with_its_time(lost: tuple[int, ...], says: str) -> None:
     with pytest.raises(TrackingError, match=says):
-        track_demonstration(frames(6), QUERY, MASKS, tracker=ShiftingTracker(lost), max_gap=1.1)
+        track_demonstration(
+            frames(6), QUERY, MASKS, tracker=GivenTracks(shifted(6), lost), max_gap=1.1
+        )
 
 
 BODY = 0.03 * np.random.default_rng(0).normal(size=(8, 3))
-
-
-@dataclass(frozen=True)
-class GivenTracks:
-    """Returns given positions (T, 8, 3), with full confidence."""
-
-    positions: np.ndarray
-
-    def start(self, frame, query_points, object_masks) -> TrackerOutput:
-        return TrackerOutput(0, TrackedPoints(query_points, np.ones(8), frame.stamp), False)
-
-    def step(self, state, frame, motion_prior=None) -> TrackerOutput:
-        points = TrackedPoints(self.positions[state + 1], np.ones(8), frame.stamp)
-        return TrackerOutput(state + 1, points, False)
 
 
 def turning_body(count: int) -> np.ndarray:
@@ -101,7 +95,7 @@ def test_points_that_change_places_are_left_out_from_then_on() -> None:
 
     tracks = track_demonstration(frames(10), BODY, MASKS, tracker=GivenTracks(positions))
 
-    expected = np.ones((10, 8))
+    expected = np.full((10, 8), 0.8)
     expected[6:, [2, 5]] = 0.0
     np.testing.assert_array_equal(tracks.confidence, expected)
     assert np.isnan(tracks.positions[6:, [2, 5]]).all()
@@ -117,7 +111,7 @@ def test_a_point_that_drifts_is_left_out_beyond_a_centimetre() -> None:
     kept = tracks.confidence[:, 3] > 0.0
     assert kept[:3].all()
     assert not kept[5:].any()
-    assert (np.delete(tracks.confidence, 3, axis=1) == 1.0).all()
+    assert (np.delete(tracks.confidence, 3, axis=1) == 0.8).all()
 
 
 def test_a_body_that_falls_apart_is_lost() -> None:

@@ -30,10 +30,11 @@ class EntryClearanceConfig:
         margin: Clearance kept unless the demonstration itself comes closer [m]. A tracker's noise
             of 3 mm moves the far side of an object of 10 cm by about 5 mm; this is twice that.
         tube_radius: Up to this distance from a demonstrated pose, or from the start, the clearance
-            there is enough [m, farthest point], so narrow places may be passed slightly off-path.
-        deformation: Mean distance of the points from one rigid shape because the object deforms
-            [m]. Without it, the pose of a bag that bends looks uncertain, and the bag may come
-            closer to the scene by as much.
+            of that pose is enough [m, farthest point]. The object may therefore pass narrow places
+            slightly off its path.
+        deformation: Mean distance of the points from one rigid shape that is due to the object's
+            deformation [m]. With 0, a bag that bends looks as if its pose were uncertain, and may
+            therefore come closer to the scene.
     """
 
     margin: float = 0.01
@@ -73,13 +74,14 @@ def required_clearance(
 ) -> np.ndarray:
     """Returns the clearances [m] required at given distances from poses of known clearance.
 
-    Within the tube it is the known clearance less the tolerance, or the contact floor; beyond, it
-    grows. It is infinite around poses whose clearance reaches the limit, because they allow
-    nothing less than the margin.
+    The required clearance is the known clearance less the tolerance. If that is below 3 mm, the
+    required clearance grows with the distance up to 3 mm. Beyond the tube radius it always grows.
+    Around poses whose clearance reaches the limit, it is infinite, because they allow nothing less
+    than the margin.
 
     Args:
         known: Clearances at the known poses [m], of any shape.
-        distances: Distances from these poses [m, farthest point]; broadcast against `known`.
+        distances: Distances from the known poses [m, farthest point]; broadcast against `known`.
         limit: The clearance that guarantees the margin [m].
         tolerance: How much less than the known clearance is enough [m].
         tube_radius: See `EntryClearanceConfig` [m].

@@ -24,22 +24,22 @@ from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.planning.pose_vectors import poses_of
 
 _INLIER_DISTANCE = 0.012
-"""Excludes outliers from the fit of the object's pose [m]. 12 mm exceeds 3 mm of noise on each axis
-and the bending of a bag's handle."""
+"""Points farther than this from their place on the object are left out of the fit of its pose [m].
+12 mm allows for 3 mm of noise on each axis and for the bending of a bag's handle."""
 
 _CLOUD_SPACING = 0.006
-"""The object's cloud is thinned to one point for each cell of this size [m]."""
+"""The object's cloud is thinned to one point per cube of this edge [m]."""
 
 _DEVIATIONS = 2.0
 """How many standard deviations of the object's pose to subtract from the required clearance.
-Otherwise noise in a hole narrower than the noise looks like a collision."""
+Otherwise the noise of the pose would look like a collision in a narrow hole."""
 
 
 class EntryModel:
     """The object, the scene, and the object's poses and clearances along the reference.
 
-    The body frame B has its origin in the middle of the object's cloud and the world's axes at the
-    time the cloud was observed.
+    The body frame B has its origin in the middle of the object's cloud. When the cloud was
+    observed, its axes were those of the world.
 
     Attributes:
         reference: The reference of the points.
@@ -53,7 +53,9 @@ class EntryModel:
         free: (T,) bool, where the reference keeps the margin.
         contact: First sample of the last stretch that does not keep the margin; T if the end keeps
             it.
-        reach: Distance to the scene's points that guarantees the margin [m].
+        contact_left: Time left until the reference's end at `contact` [s]; negative if there is no
+            contact at the end.
+        reach: Distance to the scene's points that guarantees the margin to their surface [m].
     """
 
     def __init__(
@@ -96,15 +98,8 @@ class EntryModel:
         self.free = (self.clearances >= self.reach) & (self.heights >= config.margin)
         (free,) = np.nonzero(self.free)
         self.contact = int(free[-1]) + 1 if free.size else 0
-
-    def is_contact(self, remaining: float) -> bool:
-        """Returns whether the reference has reached the sample `contact`.
-
-        Args:
-            remaining: Time left until the end of the reference, or of one with the same end [s].
-        """
-        times = self.reference.times
-        return self.contact < len(times) and remaining <= times[-1] - times[self.contact]
+        left = reference.times[-1] - reference.times[self.contact :]
+        self.contact_left = float(left[0]) if left.size else -1.0
 
     def pose(self, points: np.ndarray) -> np.ndarray:
         """Returns the pose X_WB (4, 4) of the object, fitted to its points.
@@ -118,7 +113,7 @@ class EntryModel:
         return _fit_pose(self.points, points, None)[0]
 
     def start(self, points: np.ndarray, confidence: np.ndarray | None = None) -> EntryStart:
-        """Returns the object's pose, clearance and uncertainty, for a motion from given points.
+        """Returns the object's pose, clearance and uncertainty at the start of a motion.
 
         With residuals of standard deviation s along each axis and the points' inertia A, the pose
         has the variances s^2 A^-1 in rotation and s^2 / N in translation (least squares).
@@ -149,9 +144,9 @@ class EntryModel:
         )
 
     def clearance(self, X_WB: np.ndarray, reach: float) -> np.ndarray:
-        """Returns the object's clearances (B,) to points and ground at poses (B, 4, 4) [m].
+        """Returns the object's clearances (B,) to scene and ground at poses (B, 4, 4) [m].
 
-        They are negative below the ground, and at most `reach`.
+        Clearances are negative below the ground, and at most `reach` [m].
         """
         return np.minimum(self._body.clearance(X_WB, reach), self._body.height(X_WB))
 
@@ -160,7 +155,7 @@ class EntryModel:
 
         Args:
             start: Start of the motion.
-            room: Space left for the object around the start, the scene and the reference [m].
+            room: Space to leave for the object around the start, the scene and the reference [m].
         """
         origins = np.concatenate([start.X_WB[None, :3, 3], self.poses[:, :3, 3]])
         known = np.concatenate([origins, self.scene.points])
@@ -171,13 +166,13 @@ class EntryModel:
         return lower, upper
 
     def displacement(self, X_WA: np.ndarray, X_WB: np.ndarray) -> np.ndarray:
-        """Returns bounds (A, B) on the motion of the object's points between poses [m].
+        """Returns bounds (A, B) on the motion of the object's points between any two poses [m].
 
-        The bound is |p| + radius * angle.
+        The bound is the distance between the origins plus `radius` times the angle of rotation.
 
         Args:
-            X_WA: (A, 4, 4).
-            X_WB: (B, 4, 4).
+            X_WA: (A, 4, 4) first poses.
+            X_WB: (B, 4, 4) second poses.
         """
         apart = X_WA[:, None, :3, 3] - X_WB[None, :, :3, 3]
         traces = X_WA[:, :3, :3].reshape(-1, 9) @ X_WB[:, :3, :3].reshape(-1, 9).T
@@ -185,11 +180,16 @@ class EntryModel:
         return np.sqrt(np.einsum("abi,abi->ab", apart, apart)) + self.radius * angles
 
     def is_free(self, X_WB: np.ndarray, start: EntryStart) -> np.ndarray:
-        """Returns which poses (B, 4, 4) keep the clearance required of a motion: (B,) bool.
+        """Returns which poses keep the required clearance: (B,) bool.
 
-        The margin is required, or less near the start and near poses of the demonstration if their
-        own clearance is less; see `required_clearance`. Above the ground, which no motion crosses
-        undetected, an object that starts low may stay low.
+        The required clearance is the margin. It is less near the start and near demonstrated poses
+        that have less clearance themselves; see `required_clearance`. An object that starts closer
+        to the ground may stay as close on the whole motion, which cannot cross the ground
+        undetected.
+
+        Args:
+            X_WB: (B, 4, 4) poses of the object.
+            start: Start of the motion.
         """
         margin = self._config.margin
         clearance, height = self._body.clearance(X_WB, self.reach), self._body.height(X_WB)
@@ -215,7 +215,7 @@ class EntryModel:
         return free
 
     def edges(self, start: EntryStart) -> EdgeChecker:
-        """Returns the checker of straight edges between pose vectors, for a motion from `start`."""
+        """Returns the collision check of straight edges between pose vectors, from `start`."""
         # A step ds along an edge shifts the origin by dp and turns the quaternion by dq, with
         # dp^2 + dq^2 <= ds^2. Where the edge cuts across, the quaternion is as short as 1 / sqrt(2)
         # of its length at the ends, so a point moves by dp + sqrt(2) dq <= sqrt(3) ds.

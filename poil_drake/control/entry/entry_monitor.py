@@ -18,7 +18,7 @@ _CHECK_PERIOD = 1.0 / 16.0
 """Time between two checks of whether the object is on its path [s]."""
 
 _PROGRESS_ADVANCE, _PROGRESS_GAIN = 0.05, 0.005
-"""An increase of tau [s], or a decrease of the mean error [m], that counts as progress."""
+"""The increase of tau [s], or the decrease of the mean error [m], that counts as progress."""
 
 
 def safe_entry_step(
@@ -32,12 +32,12 @@ def safe_entry_step(
     """Returns the next state; its `output` is the field at the points, None to stand still.
 
     A step plans when three points are first observed, when the object is blocked, and when it has
-    been off its path for longer than the patience, during which the object stands still. Other
-    steps keep the plan. If no path is found, later steps try again. Points that do not determine a
-    motion leave the plan as it is; the output is then LOST, unless the object should stand still.
+    been off its path, standing still, for longer than the patience. Other steps keep the plan. If
+    no path is found, later steps try again. Points that do not determine a motion do not change the
+    plan; the output is then LOST, or still None if the object is standing still.
 
     Args:
-        state: The last step's state, which is not changed; `EntryState()` at first.
+        state: The result of the last step, which is not modified; `EntryState()` at first.
         points: (N, 3) [m, world]; NaN where not observed.
         time: The present time [s].
         planner: The planner, which also provides the field.
@@ -95,7 +95,7 @@ def _have_moved(state: EntryState, now: _Inputs) -> bool:
 
 
 def _followed(state: EntryState, now: _Inputs) -> EntryState:
-    """Returns the state with the field at the points and the progress along the plan."""
+    """Returns the state with the field at the new points and the progress along the plan."""
     assert state.plan is not None
     output = point_set_bcsdm(
         now.points, state.plan.reference, state.plan.field, now.confidence, state.tau
@@ -185,7 +185,7 @@ def _without_points(state: EntryState) -> EntryState:
 
 
 def _without_path(state: EntryState, now: _Inputs) -> EntryState:
-    """Returns the state after an attempt that found no path."""
+    """Returns the state after an attempt to plan that found no path."""
     attempts = state.attempts + 1
     failed = attempts >= now.config.max_attempts
     points = frozen_array(

@@ -21,10 +21,9 @@ _STEP_TIME = 0.1
 """Longest step [s]; with eta = 3 / s it removes a third of the error."""
 
 _CONTACT_TUBE = 0.04
-"""Where the reference is in contact, a rollout counts as clear only if no point of the object is
-farther from the reference than this [m]. Where the demonstration touches the scene, clouds do not
-show whether a loop is around a rod or below it, or whether the rod bends a strap; only the path
-shows it."""
+"""Where the reference is in contact, a rollout is clear only if no point of the object is farther
+from the reference than this [m]. Clouds in contact do not show whether a loop is around a rod or
+below it, or whether the rod bends a strap; only the path does."""
 
 _JOINED = 0.002
 """The object has joined the reference once none of its points is farther from it than this [m]."""
@@ -34,15 +33,16 @@ _MAX_STEPS = 300
 then, for example close to a saddle, does not count as clear."""
 
 _BATCH = 12
-"""Steps between two checks for collisions."""
+"""Number of steps between two checks for collisions."""
 
 
 class EntryRollout(NamedTuple):
     """The path of the object under the field.
 
     Attributes:
-        poses: (K, 4, 4) X_WB until the object joins the reference.
-        clear: Whether the object joins it and keeps the required clearance on the whole path.
+        poses: (K, 4, 4) X_WB from the start until the object joins the reference, or the rollout
+            stops.
+        clear: Whether the object joins the reference, and keeps the required clearance until then.
     """
 
     poses: np.ndarray
@@ -57,7 +57,10 @@ def roll_out_entry(
     *,
     tau: float | None = None,
 ) -> EntryRollout:
-    """Follows the field from a pose until it joins the reference, collides, or takes a shortcut.
+    """Returns the object's path under the field until it joins the reference.
+
+    The rollout stops earlier if the object collides, or if it leaves the reference where that is in
+    contact with the scene.
 
     Args:
         model: Object and scene.
@@ -78,7 +81,7 @@ def roll_out_entry(
         tau = output.tau
         X_target = kabsch(model.points, output.target_points)
         apart = float(model.displacement(X[None], X_target[None])[0, 0])
-        if model.is_contact(reference.times[-1] - tau) and apart > _CONTACT_TUBE:
+        if reference.times[-1] - tau <= model.contact_left and apart > _CONTACT_TUBE:
             break
         joined = output.status is BcsdmStatus.GOAL or max(output.mean_error, apart) < _JOINED
         if joined or len(poses) - checked >= _BATCH:
@@ -92,7 +95,7 @@ def roll_out_entry(
 
 
 def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
-    """Returns X after a step in which the body turns about the centroid, which moves straight."""
+    """Returns the pose after a step: the body turns about the centroid, which moves straight."""
     omega, arm = output.omega, X[:3, 3] - output.centroid
     speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
     duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))

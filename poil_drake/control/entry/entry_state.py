@@ -31,21 +31,21 @@ class EntryMonitorConfig:
         jump: An increase of the points' mean distance from the reference by this much triggers an
             immediate check [m]; three times a tracker's noise. After planning has failed, a motion
             of the points by this much triggers another attempt [m, median].
-        patience: Time that the object must be off its path, standing still, before another plan
-            [s]; one bad frame of a tracker is not enough.
-        patience_step: Increase of the patience with each such plan [s], so that tracking errors
-            that outlast the first patience do not trigger plans forever.
+        patience: Time for which the object must be off its path, standing still, before it gets
+            another plan [s]. One bad frame of a tracker is not enough.
+        patience_step: Increase of the patience after each of these plans [s], so that persistent
+            tracking errors do not trigger plans forever.
         max_patience: Longest patience [s].
         stall_time: The object is blocked if it makes no progress for this time [s]. Time in which
             it should stand still, or in which the points are lost, does not count.
-        stall_error: Within this distance of the reference's end the object has arrived and is not
+        stall_error: Within this distance of the reference's end the object has arrived, and is not
             blocked [m, mean].
-        max_recoveries: Largest number of new plans for a blocked object. The obstacle is not in the
-            scene's cloud, so more plans do not help.
+        max_recoveries: Largest number of new plans for a blocked object. The scene's cloud does not
+            contain the obstacle, so more plans do not help.
         retry_period: Time between attempts to plan if no path was found [s].
         max_attempts: Number of successive attempts without a path after which planning has failed.
-        failed_period: Time between attempts after that, unless the points have moved by `jump` [s].
-            An attempt that fails takes a few seconds of processor time.
+        failed_period: Time between attempts after planning has failed, unless the points have moved
+            by `jump` [s]. An attempt that fails takes a few seconds of processor time.
         fallback: Behaviour after planning has failed. "hold" stands still. "field" follows the
             paper's field, which converges from almost everywhere but ignores obstacles, and plans
             again only if the object is blocked.
@@ -66,8 +66,8 @@ class EntryMonitorConfig:
     def __post_init__(self) -> None:
         if not (0.0 <= self.patience <= self.max_patience and self.patience_step >= 0.0):
             raise InvalidValueError(
-                f"EntryMonitorConfig has patience={self.patience} s, "
-                f"patience_step={self.patience_step} s and max_patience={self.max_patience} s.",
+                f"EntryMonitorConfig has a patience of {self.patience} s, a patience_step of "
+                f"{self.patience_step} s and a max_patience of {self.max_patience} s.",
                 remedy="Pass 0 <= patience <= max_patience and a non-negative patience_step.",
             )
 
@@ -88,8 +88,9 @@ class EntryState(SharedOnCopy):
         tau: The last finite time of the closest configuration on the plan's reference [s].
         checked_error: Least mean error since the last check of whether the object is on its path
             [m].
-        next_check: Time of the next check [s].
-        off_since: Time when the object was found off its path [s]; infinite while it is on it.
+        next_check: Time of the next of these checks [s].
+        off_since: Time when the object was found off its path [s]; infinite while it is on the
+            path.
         lost_since: Time when the points were lost [s]; infinite while they are observed.
         best_tau: Largest tau on this plan [s].
         best_error: Least mean error on this plan [m].

@@ -12,41 +12,42 @@ SPEED = 0.15
 """Cruising speed [m/s]; a demonstration's is 0.1 to 0.25."""
 
 ANGULAR_SPEED = 1.0
-"""Limit of the angular speed [rad/s]. If points are close together, `SPEED` hardly bounds it."""
+"""Limit on the angular speed [rad/s], which `SPEED` hardly bounds if points are close together."""
 
 ACCELERATION = 0.3
-"""Acceleration of the points [m/s^2], which reaches the cruising speed in half a second."""
+"""Acceleration of the points [m/s^2]. They reach the cruising speed in half a second."""
 
 _INITIAL_SPEED = 0.02
 """Speed at the start [m/s]. Zero would be an equilibrium of the field."""
 
 _SAMPLE_PERIOD = 1.0 / 32.0
-"""Time between samples, as in references [s]."""
+"""Time between samples [s], the same as in demonstrated references."""
 
 
 def extended_reference(
     reference: PointTrajectory, poses: np.ndarray, index: int
 ) -> PointTrajectory:
-    """Returns the reference that follows a transit and then the demonstration from a sample on.
+    """Returns a reference that follows a transit and then the demonstration from a sample on.
 
-    The transit moves the reference's shape at that sample, so that nothing jumps there. It arrives
-    at the reference's speed, or at the cruising speed if that is less. Its velocities are those of
-    rigid motions and never zero, so the field advances everywhere up to the end, which is at rest.
+    On the transit the points keep the shape that they have at this sample, so that they do not jump
+    there. The transit arrives with the speed of the demonstration, or with the cruising speed if it
+    is lower. Its velocities are those of rigid motions and never zero, so the field advances
+    everywhere up to the reference's end.
 
     Args:
         reference: The demonstration.
-        poses: (K, 4, 4) poses of the object on the transit; the last is the sample's [m, world].
-        index: Sample of the reference at which the transit ends.
+        poses: (K, 4, 4) poses of the object on the transit [m, world]; the last is its pose at the
+            sample.
+        index: The sample of the demonstration at which the transit ends.
     """
     shape = reference.positions[index]
     motions = poses @ inverse(poses[-1])
     lengths = _lengths(motions, shape)
     kept = np.r_[True, lengths > 1e-9]
     motions, along = motions[kept], np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
-    last = index == len(reference.times) - 1
     if len(along) < 2:
         # A reference needs two samples, so at the goal it begins one sample earlier.
-        index -= int(last)
+        index = min(index, len(reference.times) - 2)
         times = reference.times[index:] - reference.times[index]
         return PointTrajectory(times, reference.positions[index:], reference.velocities[index:])
     velocity = reference.velocities[index]
@@ -67,9 +68,9 @@ def extended_reference(
 
 
 def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Returns the lengths (K - 1,) [m] of the steps: the points' motion, or the turn's if longer.
+    """Returns the length (K - 1,) [m] of each step: of the points' path, or of the turn if longer.
 
-    The length of a turn is what the cruising speed covers in the time that the turn takes.
+    The length of a turn is the distance that the cruising speed covers while the turn lasts.
     """
     moved = rms_length(np.diff(transform_points(motions, shape), axis=0))
     turns = rotation_log(motions[1:, :3, :3] @ motions[:-1, :3, :3].swapaxes(-1, -2))
@@ -79,7 +80,8 @@ def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
 def _passing_times(along: np.ndarray, end_speed: float) -> np.ndarray:
     """Returns the times (M,) [s] at which the motion passes lengths (M,) [m].
 
-    Over a length s, v^2 grows by at most 2 a s, forwards from the start and backwards from the end.
+    With the acceleration a, v^2 grows by at most 2 a s over a length s, forwards from the start and
+    backwards from the end.
     """
     growth = 2.0 * ACCELERATION
     squares = np.minimum(_INITIAL_SPEED**2 + growth * along, SPEED**2)

@@ -13,7 +13,7 @@ from poil_drake.planning.pose_vectors import PoseSpace, poses_of, same_side, vec
 from poil_drake.planning.rrt_connect import rrt_connect
 
 _CANDIDATES = 16
-"""Samples of the reference to try. Over half a metre, that is one every 3 cm."""
+"""Number of samples of the reference to try: one every 3 cm for a path of half a metre."""
 
 _MAX_EDGE = 0.3
 """Longest edge of the search trees [m, of a point at the object's radius]."""
@@ -37,7 +37,7 @@ class TransitConfig:
 
     Attributes:
         goals: Number of samples to search a path to; the last one is drawn at random. Several are
-            tried because the object may be locked in at some, such as a ring on a rod.
+            tried because the object may be trapped at some of them, like a ring on a rod.
         iterations: Number of rounds of tree growth for each goal. Rounds, unlike time, make the
             outcome independent of the machine's speed.
     """
@@ -61,9 +61,9 @@ class Transit(NamedTuple):
 def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
     """Returns samples (C,) at which the reference may be entered, the nearest to the start first.
 
-    They are spread evenly over the length of the stretches that keep the margin, and include the
-    last and the nearest sample of these. If no sample keeps the margin, they are spread over the
-    whole reference; the path then only has to keep the reference's own clearance there.
+    The samples are spread evenly over the length of the stretches that keep the margin, and include
+    the last and the nearest sample of these stretches. If no sample keeps the margin, they are
+    spread over the whole reference; the path then only has to keep the reference's own clearance.
 
     Args:
         model: Object, scene and reference.
@@ -90,10 +90,10 @@ def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
 def straight_transit(
     model: EntryModel, start: EntryStart, candidates: np.ndarray
 ) -> Transit | None:
-    """Returns the first straight path that is free; None if there is none.
+    """Returns the first straight path to the reference that is free; None if no path is free.
 
-    The nearest sample of the whole reference is tried last: an object that was pushed just before
-    its arrival returns by the shortest path, even in contact.
+    The nearest sample of the whole reference is tried last. An object that was pushed just before
+    its arrival thus returns by the shortest path, even in contact.
 
     Args:
         model: Object, scene and reference.
@@ -118,8 +118,9 @@ def searched_transit(
 ) -> Transit | None:
     """Returns a path found by RRT-Connect, shortened and with rounded corners; None without one.
 
-    Goals are tried in order of decreasing clearance, capped at that of an open one, and the nearest
-    first among equals. The last goal is drawn from all others, so that enough seeds try each.
+    Goals with more clearance are tried first, in steps of 7.5 mm up to 3 cm, and the nearest first
+    among equals. The last goal is drawn at random from the other candidates, so that every
+    candidate is tried with some seed.
 
     Args:
         model: Object, scene and reference.
@@ -157,7 +158,7 @@ def searched_transit(
 
 
 def _turned_evenly(corners: np.ndarray, edges: EdgeChecker) -> np.ndarray:
-    """Returns the same positions with the rotation spread evenly over the path, if that is free.
+    """Returns the path with its rotation spread evenly over its length, if that path is free.
 
     The search rotates the object at random, which takes time and is useless where there is room.
 

@@ -24,9 +24,9 @@ from poil_drake.geometry.scene_cloud import SceneCloud
 _NO_GUIDE = np.empty((0, 4, 4))
 
 _PROGRESS_WINDOW = (0.25, 0.25)
-"""The field's progress window on planned references, (backward, forward) [s], so that a path that
-comes near itself, even through a thin wall, is not cut short. At 0.15 m/s it is 4 cm; between two
-control ticks the closest configuration moves much less."""
+"""The field's progress window (backward, forward) on planned references [s]. It prevents shortcuts
+where a path comes near itself, even through a thin wall. At 0.15 m/s it is 4 cm long on each side;
+between two control ticks the closest configuration moves much less."""
 
 
 class EntryKind(enum.Enum):
@@ -50,11 +50,12 @@ class SafeEntryConfig:
     """How the reference is entered.
 
     Attributes:
-        enabled: False uses the paper's field alone.
-        on_way: An object within this distance of the planned path is on it [m, farthest point].
-            Noise of 3 mm in the points moves the far side of an object of 10 cm by about as much.
-        tube_radius: Within this distance the field may lead back to the path; beyond, the object
-            needs another plan [m, farthest point].
+        enabled: Whether to plan the entry. If False, the paper's field is used alone.
+        on_way: An object within this distance of the planned path counts as on the path [m,
+            farthest point]. Noise of 3 mm in the points moves the far side of an object of 10 cm by
+            about this distance.
+        tube_radius: Within this distance of the path, the field may lead the object back to it.
+            Farther away the object needs another plan [m, farthest point].
         clearance: The required clearance.
         transit: Effort of the search for a path.
     """
@@ -76,8 +77,8 @@ class EntryPlan(SharedOnCopy):
         field: The field that follows the reference: the planner's `field`, or, if the kind is OFF,
             the field that was passed to the planner.
         kind: How the demonstration is entered.
-        guide: (K, 4, 4) poses X_WB that the object passes until it is on the reference. Empty if
-            the reference begins at the object, and once the object is on the reference.
+        guide: (K, 4, 4) poses X_WB that the object passes until it is on the reference. It is empty
+            if the reference begins at the object, and once the object is on the reference.
     """
 
     reference: PointTrajectory
@@ -95,8 +96,8 @@ class SafeEntryPlanner:
     The planner uses the first of these paths that is free:
 
     1. the field itself, rolled out;
-    2. a straight motion to a sample of the reference that keeps the margin, the nearest first, or
-       to the nearest of all samples;
+    2. a straight motion, first to the samples of the reference that keep the margin, in order of
+       their distance, then to the nearest of all samples;
     3. a path found by RRT-Connect to one of the samples that keep the margin.
 
     Attributes:
@@ -118,7 +119,7 @@ class SafeEntryPlanner:
         """Measures the clearance along the reference.
 
         Args:
-            reference: The demonstration of the N tracked points.
+            reference: The demonstrated trajectory of the N tracked points.
             scene: The obstacles, without the object, the hand and the arm.
             object_cloud: (Q, 3) surface of the object at one time [m, world].
             object_points: (N, 3) the points at that time [m, world]; NaN where not observed.
@@ -143,7 +144,7 @@ class SafeEntryPlanner:
             )
 
     def unguarded(self) -> EntryPlan:
-        """Returns the plan to follow the unchanged demonstration with the unchanged field."""
+        """Returns the plan to follow the demonstration itself with the field that was passed."""
         return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NO_GUIDE)
 
     def plan(
@@ -184,7 +185,7 @@ class SafeEntryPlanner:
         if transit is None:
             raise PlanningError(
                 "No path onto the reference was found for the object at "
-                f"{np.round(start.X_WB[:3, 3], 3).tolist()} m with a clearance of "
+                f"{np.round(start.X_WB[:3, 3], 3).tolist()} m, where its clearance is "
                 f"{1e3 * min(start.clearance, start.height):.0f} mm; the search took "
                 f"{config.transit.iterations} rounds for each of {config.transit.goals} goals.",
                 remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
@@ -202,11 +203,12 @@ class SafeEntryPlanner:
     ) -> EntryPlan | None:
         """Returns the plan to continue with; None if the given plan is no longer safe.
 
-        The planned path consists of the reference's pose at tau and the rest of the guide. Within
-        `on_way` of it, or within the uncertainty of the pose, the plan is kept, less the guide's
-        poses that the object has passed; nothing is rolled out. Within `tube_radius` the field is
-        rolled out from the present pose; if it leads back without a collision, the plan is kept
-        with the rolled-out path as its guide. Farther away the plan is not safe.
+        The planned path consists of the reference's pose at tau and the rest of the guide. If the
+        object is within `on_way` of this path, or within the uncertainty of its own pose, the plan
+        is kept without the guide's poses that the object has passed. If the object is within
+        `tube_radius`, the field is rolled out from its pose. If the field leads back without a
+        collision, the plan is kept with the rolled-out path as its guide. Otherwise, and farther
+        away, the plan is no longer safe.
 
         Args:
             plan: The plan being followed.

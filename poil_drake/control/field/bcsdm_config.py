@@ -16,26 +16,27 @@ class BcsdmConfig:
         eta: Gain of the contraction towards the reference [1/s]. 3 is the paper's.
         interpolate: Whether the closest configuration may lie between samples. The paper takes the
             closest sample, which makes the field jump where the sample changes.
-        progress_window: Search range for the closest configuration around that of the last tick,
-            (backward, forward) [s]. None searches the whole reference, as in the paper; then a
-            disturbance can move the index anywhere, and so can noise where the reference comes
-            near itself. The window ends at a sample or between it and the next.
-        window_escape_ratio: With a window, the closest configuration of the whole reference is
-            used if its potential is below this fraction of the window's, because the object has
-            been moved. 0 never leaves the window.
+        progress_window: Search range (backward, forward) [s] for the closest configuration, around
+            that of the last tick. With interpolation, the result may be up to one sample outside.
+            None searches the whole reference, as in the paper. Then a disturbance can move the
+            closest configuration anywhere, and so can noise where the reference comes near itself.
+        window_escape_ratio: The search leaves the window if the potential D elsewhere is below this
+            fraction of the smallest D in the window, because then the object has been moved. 0
+            never leaves the window.
         goal_tolerance: Mean distance of the points from the reference's end below which they are
             at the goal [m]. 3 mm is about a tracker's noise over ten points plus the hand's lag.
         goal_window: At the goal the closest configuration must lie within this time of the
-            reference's end [s], so that passing the end early does not count.
+            reference's end [s], so that a motion that passes the goal earlier does not end there.
         min_spread: Smallest root mean square distance of the points from their best-fitting line
             that determines a rotation [m]. A mug's handle has 8 mm or more.
-        min_rotation_spread: Root mean square distance of the points from an axis below which a turn
-            about the axis is slowed instead of following their noise [m]. 0, the paper's, never
-            slows it; 2 mm keeps a tracker's noise of 1 mm over ten points below 10 deg.
+        min_rotation_spread: A rotation about an axis is slowed if the points' root mean square
+            distance from the axis is below this [m], because it would follow their noise. 0, as in
+            the paper, never slows it. 2 mm keeps the effect of a tracker's noise of 1 mm over ten
+            points below 10 deg.
         outlier_test: How mistracked points are found and excluded. "rigidity" excludes points that
-            neither the best twist nor a rigid motion to the closest configuration explains, see
-            `rigid_inliers`. "velocity" applies RANSAC to the velocities, as in the paper; far from
-            the reference in rotation it takes true points for outliers. "none" keeps all points.
+            do not fit a rigid motion to the closest configuration, see `rigid_inliers`. "velocity"
+            applies RANSAC to the velocities, as in the paper; after a large rotation away from the
+            reference it takes true points for outliers. "none" keeps all points.
         inlier_distance: With "rigidity", largest distance of an inlier from where the motion puts
             it [m]. 5 mm is about five standard deviations of a tracker's noise.
         inlier_speed: With "velocity", largest residual of an inlier [m/s]. With eta = 3 / s a
@@ -57,7 +58,7 @@ class BcsdmConfig:
     def __post_init__(self) -> None:
         if not self.eta > 0.0:
             raise InvalidValueError(
-                f"BcsdmConfig.eta is {self.eta} / s.",
+                f"BcsdmConfig.eta is {self.eta} 1/s.",
                 remedy="Pass a positive gain; otherwise the field does not converge.",
             )
         if self.outlier_test not in get_args(OutlierTest):

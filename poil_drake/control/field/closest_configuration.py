@@ -19,9 +19,9 @@ def closest_configuration(
     escape_ratio: float = 0.0,
     previous_tau: np.ndarray | float | None = None,
 ) -> np.ndarray:
-    """Returns where the closest configuration lies among the samples: 2.5 is between 2 and 3.
+    """Returns the index (...) of the closest configuration; 2.5 is between samples 2 and 3.
 
-    Of equal samples the last is chosen, so that a pause is passed.
+    If several samples are equally close, the last one is chosen, so that pauses are skipped.
 
     Args:
         points: (..., N, 3) [m], finite.
@@ -30,8 +30,8 @@ def closest_configuration(
         interpolate: Whether to search between samples, too.
         window: Search range (backward, forward) around the last tick's closest configuration [s];
             None searches the whole reference.
-        escape_ratio: With a window, the closest of all samples is used if its squared distance is
-            below this fraction of the closest one's within the window.
+        escape_ratio: The window is ignored if the smallest squared distance of all samples is below
+            this fraction of the smallest in the window.
         previous_tau: (...) time of the last tick's closest configuration [s]; NaN for no window.
     """
     # |x - x*|^2 / 2 without |x|^2 / 2, which is the same for all samples.
@@ -65,7 +65,7 @@ def _flat(vectors: np.ndarray) -> np.ndarray:
 
 
 def _last_minimum(costs: np.ndarray, rounding: float) -> np.ndarray:
-    """Returns the last (...) of the smallest costs (..., T), which are equal up to rounding."""
+    """Returns the index (...) of the last of the smallest costs (..., T), up to rounding."""
     smallest = costs <= costs.min(axis=-1, keepdims=True) + rounding
     return costs.shape[-1] - 1 - smallest[..., ::-1].argmax(axis=-1)
 
@@ -73,9 +73,9 @@ def _last_minimum(costs: np.ndarray, rounding: float) -> np.ndarray:
 def _outside(
     times: np.ndarray, previous_tau: np.ndarray, window: tuple[float, float]
 ) -> np.ndarray:
-    """Returns which samples (..., T) bool are outside of the progress window.
+    """Returns which samples are outside of the progress window: (..., T) bool.
 
-    A window narrower than a sample still holds the samples on both sides of the last tick.
+    Even the narrowest window contains the samples on both sides of `previous_tau`.
     """
     backward, forward = window
     tau = previous_tau[..., None]

@@ -30,7 +30,7 @@ class BcsdmStatus(enum.Enum):
 
 
 class BcsdmOutput(NamedTuple):
-    """The field at one configuration, or at many with leading axes.
+    """The field at one configuration of the points, or at many along leading axes (...).
 
     Attributes:
         omega: (..., 3) angular velocity of the object [rad/s, world]; zero when lost.
@@ -38,13 +38,13 @@ class BcsdmOutput(NamedTuple):
         centroid: (..., 3) weighted centroid of the points that the twist was fitted to [m, world];
             NaN when lost.
         tau: (...) time of the closest configuration of the reference [s]; NaN when lost.
-        potential: (...) D of POIL eq. 4 over the same points as the velocities [m^2]; NaN when
-            lost.
+        potential: (...) D of POIL eq. 4 [m^2]; NaN when lost. D and the mean distances include the
+            outliers of the "velocity" test, but not those of the "rigidity" test.
         mean_error: (...) mean distance of the points from the closest configuration [m]; NaN when
             lost.
         goal_error: (...) mean distance of the points from the reference's end [m]; NaN when lost.
         target_points: (..., N, 3) the closest configuration [m, world]; NaN when lost.
-        inliers: (..., N) bool, which points the twist was fitted to.
+        inliers: (..., N) bool, which points the twist was fitted to; none when lost.
         status: A `BcsdmStatus`, or an array (...) of them.
     """
 
@@ -66,13 +66,13 @@ class BcsdmOutput(NamedTuple):
 
 
 _MIN_SPREAD = 1e-6
-"""Fewer than three points, or collinear ones, have a smaller spread, which is rounding [m]."""
+"""A smaller spread is a rounding error: the points are fewer than three, or collinear [m]."""
 
 _STATUSES = np.array([BcsdmStatus.OK, BcsdmStatus.GOAL])
-"""By whether the points are at the goal."""
+"""The status, indexed by whether the points are at the goal."""
 
 _LOST: tuple[Any, ...] = (0.0, 0.0, *[np.nan] * 6, False, BcsdmStatus.LOST)
-"""The outputs at states that do not determine a motion."""
+"""The fields of `BcsdmOutput` where the points do not determine a motion."""
 
 
 def point_set_bcsdm(
@@ -85,15 +85,16 @@ def point_set_bcsdm(
     """Returns the rigid motion that drives the points along the reference (POIL eqs. 1 to 3).
 
     The field at each point is v_i = x*'_i(tau) + eta (x*_i(tau) - x_i), with tau the time of the
-    closest configuration; the twist fits these velocities best. The speed is not limited. Leading
-    axes hold many states, such as those of a study; the outputs have the same axes.
+    closest configuration. The twist fits these velocities best. The speed is not limited. Leading
+    axes (...) index independent states, and the outputs have the same leading axes.
 
     Args:
         points: (..., N, 3) positions [m, world]; NaN where not observed.
         reference: The reference of the same N points.
         config: Parameters of the field.
         confidence: (..., N) weights in [0, 1]; 0 excludes a point, None weights all equally.
-        previous_tau: (...) the last tick's tau [s], for the progress window; None or NaN for none.
+        previous_tau: (...) the last tick's tau [s], around which the progress window lies; None or
+            NaN searches the whole reference.
 
     Raises:
         InvalidValueError: if the number of points or confidences differs from the reference's.
@@ -103,8 +104,8 @@ def point_set_bcsdm(
     weights = np.ones(points.shape[:-1]) if confidence is None else confidence
     if points.shape[-2:] != shape or weights.shape != points.shape[:-1]:
         raise InvalidValueError(
-            f"There are points of shape {points.shape} and confidences of shape {weights.shape}, "
-            f"but the reference has points of shape {shape}.",
+            f"point_set_bcsdm() got points of shape {points.shape} and confidences of shape "
+            f"{weights.shape} for a reference with points of shape {shape}.",
             remedy="Pass the positions of the reference's points, in its order, and one confidence "
             "for each.",
         )
@@ -179,7 +180,7 @@ def _field(
 
 
 def _without(output: BcsdmOutput, lost: np.ndarray) -> BcsdmOutput:
-    """Returns the output with nothing at the lost states (...) bool."""
+    """Returns the output with the values of `_LOST` at the states where `lost` (...) is true."""
     fields = []
     for values, nothing in zip(output, _LOST, strict=True):
         more = np.ndim(values) - lost.ndim
@@ -198,13 +199,14 @@ def _inliers(
     find: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     *values: np.ndarray,
 ) -> np.ndarray:
-    """Returns which points (..., N) bool one motion explains.
+    """Returns which points one motion explains: (..., N) bool.
 
     Args:
-        above: (..., N) bool, the points that the best motion of all leaves too far off.
+        above: (..., N) bool, the points whose error is too large under the best motion of all
+            points. In states without any, all observed points are inliers.
         observed: (..., N) bool.
         find: Returns the inliers among the observed points of one state, given their values.
-        values: Arrays (..., N, 3) or (..., N).
+        values: The values, arrays (..., N, 3) or (..., N).
     """
     inliers = observed.copy()
     states = zip(*np.nonzero(above.any(axis=-1)), strict=True) if above.ndim > 1 else [()]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
-from poil_drake.control.field.twist_fit import scale_twist, shift_twist
+from poil_drake.control.field.twist_fit import scale_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
@@ -20,7 +20,7 @@ class Rollout(SharedOnCopy):
     Attributes:
         times: (T,) [s], from 0 in even steps.
         X_W: (T, 4, 4) motion of the object since the start, in the world: a point that starts at p
-            is at X_W[t] p, a body that starts at X_WB is at X_W[t] X_WB. The first is the identity.
+            is at X_W[t] p, and a body that starts at X_WB is at X_W[t] X_WB.
         potentials: (T,) D of POIL eq. 4 at each step [m^2].
         taus: (T,) time of the closest configuration of the reference at each step [s].
         converged: Whether the end of the reference was reached.
@@ -37,7 +37,7 @@ class Rollout(SharedOnCopy):
 
 
 def rollout(points: np.ndarray, *args: Any, **kwargs: Any) -> Rollout:
-    """Returns the rollout from one start (N, 3) [m, world], by the arguments of `rollouts`."""
+    """Returns the rollout from one start (N, 3) [m, world]; see `rollouts` for the arguments."""
     return rollouts(points[None], *args, **kwargs)[0]
 
 
@@ -50,12 +50,11 @@ def rollouts(
     *,
     max_angular_speed: float = np.inf,
     max_linear_speed: float = np.inf,
-    limited_points: np.ndarray | None = None,
 ) -> list[Rollout]:
-    """Integrates the field from many starts, until the reference's end or the longest time.
+    """Returns rollouts of the field from many starts, until the reference's end or `max_time`.
 
     In each step the object turns about its centroid with the field's angular velocity (exponential
-    map) while the centroid moves straight. One factor scales both to the speed limits.
+    map) while the centroid moves straight. One factor scales the whole twist to the speed limits.
 
     Args:
         points: (B, N, 3) positions at the starts [m, world].
@@ -64,17 +63,16 @@ def rollouts(
         time_step: Length of a step [s].
         max_time: Longest simulated time [s].
         max_angular_speed: Limit on |omega| [rad/s].
-        max_linear_speed: Limit on the speed of `limited_points` [m/s].
-        limited_points: (B, 3) points that move with the objects, such as the gripper's origin, at
-            the starts [m, world]; None for the centroids of the points.
+        max_linear_speed: Limit on the centroid's speed [m/s].
 
     Raises:
+        InvalidValueError: if a time is out of range.
         TrackingError: if the points of a start do not determine a motion (fewer than 3, or
             collinear).
     """
     if not (time_step > 0.0 and max_time >= 0.0):
         raise InvalidValueError(
-            f"The rollout's time_step is {time_step} s and its max_time {max_time} s.",
+            f"rollouts() got a time_step of {time_step} s and a max_time of {max_time} s.",
             remedy="Pass a positive time_step and a non-negative max_time.",
         )
     points = np.asarray(points, dtype=float)
@@ -91,20 +89,16 @@ def rollouts(
         lost = rows[field.status == BcsdmStatus.LOST]
         if len(lost) > 0:
             raise TrackingError(
-                f"The {points.shape[1]} points of the starts {lost.tolist()} do not determine a "
+                f"At the starts {lost.tolist()}, the {points.shape[1]} points do not determine a "
                 "motion.",
                 remedy="Pass at least three finite points that are not collinear.",
             )
         taus[rows], potentials[rows] = field.tau, field.potential
         lengths[rows] += 1
         history.append((X.copy(), potentials.copy(), taus.copy()))
-        arms = np.zeros((len(rows), 3))
-        if limited_points is not None:
-            limited = transform_points(X[rows], limited_points[rows][:, None])[:, 0]
-            arms = limited - field.centroid
-        V = scale_twist(shift_twist(field.twist, arms), max_angular_speed, max_linear_speed)
+        V = scale_twist(field.twist, max_angular_speed, max_linear_speed)
         moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
-        stepped = moved_by_twist(X[rows], shift_twist(V, -arms), field.centroid, time_step)
+        stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
         X[rows[unfinished]] = stepped[unfinished]
     if not history:
         return []

@@ -26,7 +26,9 @@ class StraightMotionConfig:
 def trapezoid(
     distance: float, elapsed: float, speed: float, acceleration: float
 ) -> tuple[float, float, float]:
-    """Returns distance covered [m], speed [m/s] and total duration [s] of a trapezoidal profile.
+    """Returns the distance covered [m], the speed [m/s] and the total duration [s] of a motion.
+
+    The speed has a trapezoidal profile: the motion starts and ends at rest.
 
     Args:
         distance: Distance to cover, >= 0 [m].
@@ -56,6 +58,8 @@ def straight_motion_twist(
     config: StraightMotionConfig,
 ) -> np.ndarray:
     """Returns the spatial velocity (6,) (ω [rad/s], v [m/s]) of the gripper in the world.
+
+    It is the velocity of a straight motion without rotation, plus feedback on the pose's error.
 
     Args:
         X_WStart: (4, 4) gripper pose when the motion began.

@@ -9,12 +9,13 @@ from poil_drake.geometry.rigid_consensus import choose_triples, consensus
 from poil_drake.geometry.rigid_transform import cross, skew
 
 _CURL = -skew(np.eye(3)).reshape(3, 9)
-"""(3, 9): omega @ _CURL is -[omega], and _CURL @ M for M = sum_i a_i b_i^T is sum_i a_i x b_i, both
-matrices row by row."""
+"""(3, 9) cross products as matrix products, with 3 x 3 matrices flattened row by row: omega @ _CURL
+is -[omega], and _CURL @ M is sum_i a_i x b_i for M = sum_i a_i b_i^T."""
 
 
 _ROUNDING, _TINY = 1e-14, 1e-200
-"""Relative and absolute size below which points count as collinear, squared [m^2]."""
+"""Parts of the trace of W, relative and absolute [m^2], added to the eigenvalues of A so that they
+are positive for collinear points, too."""
 
 
 class TwistFit(NamedTuple):
@@ -53,13 +54,14 @@ def fit_twist(
 
     Minimises sum_i w_i |v + omega x (x_i - c) - v_i|^2 about the weighted centroid c (POIL eq. 3),
     where the normal equations decouple: v is the mean velocity, and A omega = sum_i w_i r_i x v_i
-    with r_i = x_i - c, A = tr(W) I - W and W = sum_i w_i r_i r_i^T. About an axis on which all
-    points lie there is no turn.
+    with r_i = x_i - c, A = tr(W) I - W and W = sum_i w_i r_i r_i^T. If all points lie on one axis,
+    omega has no component along this axis.
 
     About a principal axis from which the points are a root mean square distance s away, noise in
-    the velocities is divided by s. Below s0 = `min_rotation_spread` the turn is scaled by
-    (s / s0)^2, so that noise is divided by s0 at least, and the turn fades out continuously as the
-    points approach the axis. D still falls, since each axis contributes to its rate separately.
+    the velocities is divided by s. If s is below s0 = `min_rotation_spread`, the rotation about
+    this axis is scaled by (s / s0)^2. Noise is then divided by at least s0, and the rotation fades
+    out as the points approach the axis. The potential D of POIL eq. 4 still falls, because each
+    axis contributes to its rate separately.
 
     Args:
         points: (..., N, 3) positions [m].
@@ -87,11 +89,12 @@ def fit_twist(
 def twist_consensus(
     points: np.ndarray, velocities: np.ndarray, weights: np.ndarray, inlier_speed: float
 ) -> np.ndarray:
-    """Returns which points (N,) bool have velocities that one twist explains, by `consensus`.
+    """Returns which points have velocities that one twist explains, by `consensus`: (N,) bool.
 
-    The velocities of POIL eq. 2 agree with one twist only near the reference. At an angle t from it
-    they contain a contraction of (1 - cos t) eta |r|, which looks like outliers once it exceeds the
-    limit. `rigid_inliers` has no such limit.
+    The velocities of POIL eq. 2 agree with one twist only near the reference. If the points are
+    turned away from it by an angle t, the velocities contain a contraction of (1 - cos t) eta |r|.
+    Once the contraction exceeds `inlier_speed`, true points look like outliers. `rigid_inliers`
+    works at every angle.
 
     Args:
         points: (N, 3) positions [m].
@@ -111,7 +114,7 @@ def twist_consensus(
 
 
 def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
-    """Returns the spatial velocity (..., 6) of a body at Q from that at P.
+    """Returns the spatial velocity (..., 6) of a body at Q, given its spatial velocity at P.
 
     Args:
         V_WP: (..., 6), (omega [rad/s], v [m/s]), world.
@@ -124,19 +127,21 @@ def shift_twist(V_WP: np.ndarray, p_PQ: np.ndarray) -> np.ndarray:
 def scale_twist(V: np.ndarray, max_angular_speed: float, max_linear_speed: float) -> np.ndarray:
     """Returns spatial velocities, each scaled by one factor so that it respects both limits.
 
-    The direction and so the path are kept: it is a scaling of time, under which D of POIL eq. 4
-    still falls. Limits on single axes would bend the path. A velocity that is not finite becomes
-    zero.
+    The motion becomes slower, but keeps its direction and its path, so D of POIL eq. 4 still falls.
+    Limits on single axes would bend the path. A velocity that is not finite becomes zero.
 
     Args:
         V: (..., 6), (omega [rad/s], v [m/s]).
         max_angular_speed: Largest |omega| [rad/s], positive.
         max_linear_speed: Largest |v| [m/s], positive.
+
+    Raises:
+        InvalidValueError: if a limit is not positive.
     """
     if not (max_angular_speed > 0.0 and max_linear_speed > 0.0):
         raise InvalidValueError(
-            f"The speed limits are {max_angular_speed} rad/s and {max_linear_speed} m/s.",
-            remedy="Both must be positive.",
+            f"scale_twist() got limits of {max_angular_speed} rad/s and {max_linear_speed} m/s.",
+            remedy="Pass positive speed limits.",
         )
     V = np.where(np.isfinite(V.sum(axis=-1, keepdims=True)), V, 0.0)
     parts = V.reshape(*V.shape[:-1], 2, 3)

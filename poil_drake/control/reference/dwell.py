@@ -15,19 +15,19 @@ def split_motion(
     min_pause: float,
     min_displacement: float,
 ) -> list[slice]:
-    """Returns the stretches of samples in motion, in order; between and around them it pauses.
+    """Returns the stretches of samples in which the points move, in order.
 
-    A reference must not contain pauses: the closest configuration advances only where the reference
-    does, so the field comes to rest at a pause as it does at the goal.
+    The other samples are pauses. A reference must not contain pauses: the closest configuration
+    advances only where the reference does, so the field would stop at a pause.
 
     Args:
         times: (T,) [s].
         speeds: (T,) root mean square speed of the points [m/s].
-        positions: (T, N, 3) of the points [m].
+        positions: (T, N, 3) positions of the points [m].
         dwell_speed: Slower samples are at rest [m/s].
-        min_pause: Shorter pauses within the motion are part of it [s].
-        min_displacement: A stretch whose points stay within this of its beginning is noise
-            [m, root mean square over the points].
+        min_pause: Shorter pauses belong to the motion before and after them [s].
+        min_displacement: A stretch in which the points stay within this distance of where they
+            were at its beginning is noise [m, root mean square over the points].
 
     Raises:
         TransferError: if nothing moves.
@@ -43,8 +43,8 @@ def split_motion(
         stretches.append(slice(begin, end))
     if not stretches:
         raise TransferError(
-            f"Nothing moves in the demonstration: over {times[-1] - times[0]:.1f} s the points "
-            f"stay slower than {dwell_speed} m/s or within {min_displacement} m.",
+            f"Nothing moves in the demonstration: for {times[-1] - times[0]:.1f} s the points are "
+            f"slower than {dwell_speed} m/s, or move by less than {min_displacement} m.",
             remedy="Check that the tracker followed the moving object, or lower "
             "ReferenceConfig.dwell_speed and min_displacement.",
         )

@@ -22,13 +22,13 @@ from poil_drake.geometry.rigid_transform import (
 )
 
 _ROUNDING_STEP = 1e-3
-"""Spacing of the samples of a path that is smoothed along its length [m]."""
+"""Spacing of the samples of a path whose hooks and corners are smoothed along its length [m]."""
 
 _ROUNDING = 3
-"""Standard deviation of that smoothing [samples]."""
+"""Standard deviation of the Gaussian filter that smooths such a path [samples]."""
 
 _MAX_ROUNDS = 6
-"""It is repeated this often at most, which shortens a hook by 1.5 cm."""
+"""How often the filter is applied at most. Six times shorten a hook by 1.5 cm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +41,11 @@ class ReferenceConfig:
             away. 0.25 s spans about five samples of a tracker at 8 Hz.
         dwell_speed: Slower samples are at rest [m/s, root mean square over the points]. Noise of
             1 mm at 8 Hz is about 0.003 m/s after smoothing.
-        min_pause: Shorter pauses are not cut out [s]; the lower speed limit passes them.
-        min_displacement: A stretch of motion that moves less than this is noise [m].
-        settle_time: Samples within this time after the motion stops, but at most half of the pause,
-            do not count for the pose at rest [s].
+        min_pause: Shorter pauses are not cut out [s]; the reference passes them at the lowest speed
+            of `retiming`.
+        min_displacement: A stretch of motion that is shorter than this is noise [m].
+        settle_time: Samples within this time after the motion stops are left out of the mean pose
+            at rest [s], but at most the first half of the pause.
         blend_time: Time before and after a pause in which the smoothed motion is blended into the
             pose at rest [s].
         inlier_distance: Largest distance of an inlier from its place on the rigid shape [m]. Wider
@@ -76,10 +77,11 @@ def make_reference(
 ) -> PointTrajectory:
     """Returns the reference for tracked points of one rigid object.
 
-    One rigid shape is fitted to the points, and its motion is smoothed. Pauses are cut, and the
-    motion is led through the mean pose of each; that of the last is the goal. The rest is resampled
-    evenly in time at the demonstrated speed, within limits, and comes to rest at the end. Every
-    sample is the same rigid shape, and every velocity is a rigid motion's; the last is zero.
+    One rigid shape is fitted to the points, and its motion is smoothed. Pauses are cut out, and the
+    motion is led through the mean pose of each pause. The mean pose of the last pause is the goal.
+    The motion is then resampled evenly in time, at the demonstrated speed within limits, and comes
+    to rest at the end. All samples have the same rigid shape. All velocities are those of rigid
+    motions, and the last are zero.
 
     Args:
         times: (T,) sample times [s], increasing.
@@ -87,14 +89,16 @@ def make_reference(
         config: Parameters; None for the defaults.
 
     Raises:
-        TransferError: if too few samples are usable, times do not increase, or nothing moves.
+        TransferError: if too few samples are usable, a point changes its place on the shape, times
+            do not increase, nothing moves, or the motion turns back on itself.
     """
     config = config or ReferenceConfig()
     times = frozen_array(times, name="times", shape=("T",))
     positions = frozen_array(positions, name="positions", shape=(len(times), "N", 3), finite=False)
     if np.any(np.diff(times) <= 0.0):
         raise TransferError(
-            "The times of the tracked positions do not increase.",
+            "The times of the tracked positions do not increase: the smallest step is "
+            f"{np.diff(times).min()} s.",
             remedy="Pass each sample once, in order of time.",
         )
     body, X, usable = fit_rigid_motion(positions, config.inlier_distance)
@@ -136,7 +140,7 @@ def sharp_turns(positions: np.ndarray) -> np.ndarray:
     Below 90 degrees the central difference at a sample points along the segments on both sides.
     Then the field vanishes at no configuration of the reference's shape before the goal: points at
     rest are at x = x* + x*' / eta, but x - x* points neither along the segment ahead of the closest
-    configuration nor against the one behind. The rest is a margin for the steps of the controller.
+    configuration nor against the one behind. 60 degrees leave a margin for the controller's steps.
     """
     steps = np.diff(positions.reshape(len(positions), -1), axis=0)
     steps = steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -149,13 +153,14 @@ def _rounded(
     """Returns a path smoothed along its length, which shrinks hooks and rounds corners.
 
     Args:
-        X: (T, 4, 4) poses.
-        speeds: (T,) speeds along it [m/s].
+        X: (T, 4, 4) poses on the path.
+        speeds: (T,) speeds at the poses [m/s].
         times: (T,) when the poses were demonstrated [s].
         body: (N, 3) the shape [m].
 
     Returns:
-        X, speeds, times: The same of (M,) poses, evenly spaced along the smoothed path.
+        Poses X (M, 4, 4), evenly spaced along the smoothed path, with their speeds (M,) and times
+        (M,).
     """
     points = transform_points(X, body)
     lengths = np.concatenate([[0.0], np.cumsum(rms_length(np.diff(points, axis=0)))])
@@ -184,7 +189,7 @@ def _anchored(
     X: np.ndarray,
     config: ReferenceConfig,
 ) -> np.ndarray:
-    """Returns the poses of all stretches, each blended from rest pose to rest pose."""
+    """Returns the poses of all stretches, each blended into the rest poses before and after it."""
     begins = [-np.inf] + [fine[s.stop - 1] for s in stretches]
     ends = [fine[s.start] for s in stretches] + [np.inf]
     rests = [_rest_pose(times, X, b, e, config) for b, e in zip(begins, ends, strict=True)]
@@ -210,7 +215,7 @@ def _anchored(
 def _rest_pose(
     times: np.ndarray, X: np.ndarray, begin: float, end: float, config: ReferenceConfig
 ) -> np.ndarray | None:
-    """Returns the mean pose of the settled samples in a pause, None if it has no samples."""
+    """Returns the mean pose of the settled samples in a pause; None if the pause has no samples."""
     inside = np.flatnonzero((times >= begin) & (times <= end))
     if inside.size == 0:
         return None
@@ -226,7 +231,7 @@ def _rest_pose(
 def _resample(
     X: np.ndarray, speeds: np.ndarray, body: np.ndarray, config: ReferenceConfig
 ) -> PointTrajectory:
-    """Returns the poses of a path, with the speeds along it, as a trajectory even in time."""
+    """Returns the trajectory along poses at given speeds, sampled evenly in time."""
     lengths = rms_length(np.diff(transform_points(X, body), axis=0))
     # Without coincident poses the length along the path determines the pose.
     kept = np.concatenate([[True], lengths > 1e-9])

@@ -13,14 +13,15 @@ def rms_length(vectors: np.ndarray) -> np.ndarray:
 def rigid_velocities(
     X: np.ndarray, origins: np.ndarray, positions: np.ndarray, period: float
 ) -> np.ndarray:
-    """Returns central differences of a rigid motion as rigid motions (K, N, 3) [m/s].
+    """Returns the velocities (K, N, 3) [m/s] of a rigid body's points, from differences of poses.
 
-    The first is a one-sided difference, the last is zero.
+    Each sample's velocities are those of a rigid motion: the central difference of the poses, at
+    the first sample the forward difference, and at the last sample zero.
 
     Args:
         X: (K, 4, 4) poses of the body; only the rotations are used.
         origins: (K, 3) positions of a point of the body [m], about which it turns.
-        positions: (K, N, 3) positions of its points [m].
+        positions: (K, N, 3) positions of the body's points [m].
         period: Time between the samples [s].
     """
     after = np.arange(1, len(X))

@@ -29,7 +29,8 @@ class PointTrajectory(SharedOnCopy):
         freeze_fields(self, times=("T",), positions=("T", "N", 3), velocities=("T", "N", 3))
         if len(self.times) < 2 or self.times[0] != 0.0 or np.any(np.diff(self.times) <= 0.0):
             raise InvalidValueError(
-                f"PointTrajectory.times has {len(self.times)} samples that do not increase from 0.",
+                f"PointTrajectory.times, with {len(self.times)} samples, is not a sequence of at "
+                "least two times that increase from 0.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
         if np.any(self.velocities[-1] != 0.0):
@@ -44,7 +45,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def cost_terms(self) -> np.ndarray:
-        """(4 N, T) each sample's negative positions, and half their squared lengths [m^2]."""
+        """(4 N, T) negative positions (3 N) [m] and half their squares (N) [m^2] of each sample."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
         return _constant(terms.T.copy())
@@ -56,7 +57,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """(T, 2, 3 N) from each sample to the next and to the last one [m]; 0 beyond the ends."""
+        """(T, 2, 3 N) from each sample to the next and to the one before [m]; 0 beyond the ends."""
         forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
         padded = np.pad(forward, ((1, 1), (0, 0)))
         return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))
@@ -73,10 +74,10 @@ class PointTrajectory(SharedOnCopy):
         return _constant(np.stack([self.positions, self.velocities], axis=1))
 
     def at_sample(self, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns times (...) and positions and velocities (..., N, 3), linear between samples.
+        """Returns time (...) [s], positions [m] and velocities [m/s] (..., N, 3) at a sample index.
 
         Args:
-            sample: (...) where among the samples: 2.5 is between 2 and 3.
+            sample: (...) index; 2.5 is halfway between samples 2 and 3, by linear interpolation.
         """
         before = sample.astype(np.intp)
         after = np.minimum(before + 1, self.times.size - 1)

@@ -12,19 +12,20 @@ def smooth_poses(
 
     At each query time a quadratic is fitted to nearby samples with Gaussian weights and evaluated
     there, like a Savitzky-Golay filter for uneven samples. Rotations are fitted as rotation vectors
-    relative to the estimate itself, in two rounds, so that nothing wraps around and the result is
-    an exact rotation.
+    relative to the estimate itself, in two rounds. The vectors are therefore small and do not wrap
+    around, and the result is an exact rotation.
 
     Args:
         times: (T,) sample times [s], increasing.
         X: (T, 4, 4) noisy poses.
-        query_times: (Q,) [s].
-        bandwidth: Standard deviation of the Gaussian [s]. Noise falls with its square root; motion
-            faster than about twice this time is smoothed away.
+        query_times: (Q,) times at which to evaluate the motion [s].
+        bandwidth: Standard deviation of the Gaussian [s]. Noise falls with the bandwidth's square
+            root. Motion that takes less than about twice the bandwidth is smoothed away.
 
     Returns:
-        X: (Q, 4, 4) poses.
-        V: (Q, 6) (omega [rad/s], v of the frame's origin [m/s]), in the frame of the poses' base.
+        X: (Q, 4, 4) smooth poses.
+        V: (Q, 6) spatial velocities (omega [rad/s], v of the moving frame's origin [m/s]),
+            expressed in the base frame.
     """
     times, query_times = np.asarray(times, dtype=float), np.asarray(query_times, dtype=float)
     nearby = _nearby_samples(times, query_times, bandwidth)
@@ -45,7 +46,10 @@ def smooth_poses(
 def interpolate_poses(times: np.ndarray, X: np.ndarray, query_times: np.ndarray) -> np.ndarray:
     """Returns poses (Q, 4, 4) interpolated linearly in translation and rotation.
 
-    Times outside the samples (T, 4, 4) are clamped to them.
+    Args:
+        times: (T,) sample times, increasing.
+        X: (T, 4, 4) poses at these times.
+        query_times: (Q,) times of the result; clamped to the first and the last sample time.
     """
     position = np.interp(query_times, times, np.arange(len(times), dtype=float))
     index = np.minimum(position.astype(np.intp), max(len(times) - 2, 0))
@@ -59,9 +63,9 @@ def interpolate_poses(times: np.ndarray, X: np.ndarray, query_times: np.ndarray)
 
 
 def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns the indices (Q, M) of the samples within four bandwidths, at least 7 of them.
+    """Returns the indices (Q, M) of the samples within four bandwidths of each query time.
 
-    All rows have the same number of samples, the largest that any query needs.
+    M is the largest number of samples that any query needs, and at least 7 if there are so many.
     """
     reach = 4.0 * bandwidth
     begin = np.searchsorted(times, query_times - reach)
@@ -73,7 +77,7 @@ def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float
 
 
 def _value_and_slope_weights(offsets: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns the weights (Q, 2, M) of the samples in the fit's value and slope at 0."""
+    """Returns weights (Q, 2, M) of samples at times (Q, M) [s] in a fit's value and slope at 0."""
     # Relative to the nearest sample, so that not all weights underflow in a gap.
     squares = (offsets / bandwidth) ** 2
     gaussian = np.exp(-0.5 * (squares - squares.min(axis=1, keepdims=True)))

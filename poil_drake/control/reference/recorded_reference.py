@@ -14,10 +14,10 @@ def reference_from_samples(
 ) -> PointTrajectory:
     """Returns the reference through points that were recorded without noise.
 
-    The pauses before and after the motion are cut. Velocities are central differences, and zero at
-    the end. Nothing is smoothed and no rigid shape is fitted, so an object that deforms is followed
-    as it deformed. For tracked points of a rigid object use `make_reference`, which fits one shape
-    to all samples and drops points that do not fit.
+    The pauses before and after the motion are cut off. Velocities are central differences, and zero
+    at the end. Nothing is smoothed and no rigid shape is fitted, so the reference deforms as the
+    object did. For tracked points of a rigid object use `make_reference`, which fits one shape to
+    all samples and leaves out outliers.
 
     Args:
         times: (T,) sample times [s], increasing.

@@ -17,31 +17,28 @@ class RetimingConfig:
             advances only where the reference does.
         max_speed: Highest speed [m/s]; 0.25 is the limit for a collaborative robot near people.
         acceleration_time: Time to reach the mean speed from rest, and to stop at the end [s].
-        max_duration: Longest duration of the reference [s]; None for no limit. A longer one is sped
-            up evenly, beyond max_speed if necessary.
     """
 
     speed_scale: float = 1.0
     min_speed: float = 0.02
     max_speed: float = 0.25
     acceleration_time: float = 0.5
-    max_duration: float | None = None
 
     def __post_init__(self) -> None:
         positive = min(self.speed_scale, self.min_speed, self.acceleration_time) > 0.0
         if not (positive and self.min_speed <= self.max_speed):
             raise InvalidValueError(
-                f"{self} is not valid.",
+                f"{self} has a value that is not positive, or min_speed exceeds max_speed.",
                 remedy="Pass positive values, with min_speed at most max_speed.",
             )
 
 
 def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig) -> np.ndarray:
-    """Returns the times (M,) [s] at which points along a path are passed, from 0.
+    """Returns the times (M,) [s], from 0, at which a motion passes points along a path.
 
     Args:
         path_lengths: (M,) length of the path up to each point [m], increasing from 0.
-        speeds: (M,) demonstrated speeds there [m/s].
+        speeds: (M,) demonstrated speeds at these points [m/s].
         config: The limits.
     """
     v = np.clip(config.speed_scale * speeds, config.min_speed, config.max_speed)
@@ -57,7 +54,4 @@ def retime(path_lengths: np.ndarray, speeds: np.ndarray, config: RetimingConfig)
         squares[k] = min(squares[k], squares[k + 1] + 2.0 * acceleration * steps[k])
     v = np.sqrt(squares)
     # Exact for constant acceleration over a step, even if it ends at rest.
-    times = np.concatenate([[0.0], np.cumsum(2.0 * steps / (v[1:] + v[:-1]))])
-    if config.max_duration is not None and times[-1] > config.max_duration:
-        times *= config.max_duration / times[-1]
-    return times
+    return np.concatenate([[0.0], np.cumsum(2.0 * steps / (v[1:] + v[:-1]))])

@@ -10,7 +10,8 @@ from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
 _START = 3
-"""A point that is an outlier in all of the first samples was a different one at the start."""
+"""Number of first samples. A point that is an outlier in all of them changes its place on the shape
+afterwards, because the shape is that of most samples."""
 
 
 def fit_rigid_motion(
@@ -19,10 +20,11 @@ def fit_rigid_motion(
     """Returns the rigid shape, and its poses, that fit tracked points best.
 
     Generalised Procrustes analysis: poses are fitted to the shape and the shape to the poses, in
-    turn. Outliers of a sample do not count in it.
+    turn. The outliers of a sample are left out of both.
 
-    A reference must be rigid. A rigid object cannot take another shape: D would stay above zero,
-    the goal's tolerance might never be met, and the field would follow the tracker's noise.
+    A reference must be rigid, because a rigid object cannot take another shape. Otherwise the
+    potential D would stay above zero, the object might never be within the goal's tolerance, and
+    the field would follow the tracker's noise.
 
     Args:
         positions: (T, N, 3) tracked positions [m, world]; NaN where a point was not observed.
@@ -30,21 +32,21 @@ def fit_rigid_motion(
 
     Returns:
         body: (N, 3) the shape about its centroid [m].
-        X: (U, 4, 4) its pose in each usable sample.
-        usable: (T,) bool, the samples with at least three points.
+        X: (U, 4, 4) the shape's pose in each usable sample.
+        usable: (T,) bool, the U samples with at least three points.
 
     Raises:
         TransferError: if fewer than 4 samples are usable, no sample has all points, or a point
-            leaves its place on the shape after the start for most of the time.
+            changes its place on the shape after the start.
     """
     seen = np.isfinite(positions).all(axis=2)
     usable = seen.sum(axis=1) >= 3
     complete = np.flatnonzero(seen.all(axis=1))
     if usable.sum() < 4 or complete.size == 0:
         raise TransferError(
-            f"Of {len(positions)} samples {usable.sum()} have three points, {complete.size} have "
-            "all points.",
-            remedy="Track at least 4 samples, one of them with all points.",
+            f"Of {len(positions)} samples, {usable.sum()} have three points or more, and "
+            f"{complete.size} have all points.",
+            remedy="Track at least 4 samples with three points, one of them with all points.",
         )
     body = positions[complete[0]] - positions[complete[0]].mean(axis=0)
     positions, seen = positions[usable], seen[usable]
@@ -76,7 +78,7 @@ def _procrustes(
     counted: np.ndarray,
     average: Callable[..., np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns shape and poses after three rounds, whose error is far below the noise."""
+    """Returns shape and poses after three rounds, which converge far below the points' noise."""
     weights = counted.astype(float)
     ever = counted.any(axis=0)
     for _ in range(3):

@@ -8,8 +8,8 @@ import numpy as np
 from poil_drake.control.theory.stability import moment_matrix
 
 _MIN_SPREAD = 0.001
-"""Points within this root mean square distance of a plane, a line or a point lie on it [m]; about a
-tracker's noise."""
+"""Points whose root mean square distance from a plane, a line or a point is below this count as
+lying on it [m]. It is about a tracker's noise."""
 
 _MIN_GAP = 0.05
 """Points have a rotational symmetry if the relative difference (l_j - l_i) / (l_j + l_i) of two
@@ -24,8 +24,8 @@ class PointSetShape(enum.Enum):
     """One point: no rotation is determined. The field is LOST."""
 
     COLLINEAR = enum.auto()
-    """A line: the rotation about it is not determined. The field is LOST below its `min_spread`,
-    and slows that rotation below its `min_rotation_spread`."""
+    """A line: the rotation about it is not determined. The field is LOST if the points are closer
+    to the line than `min_spread`, and slows this rotation below `min_rotation_spread`."""
 
     COPLANAR = enum.auto()
     """A plane: every rotation is determined, and the field's guarantee holds."""
@@ -45,9 +45,9 @@ class PointSetCondition(NamedTuple):
         condition: Ratio of the largest to the smallest eigenvalue of A = tr(W) I - W,
             (l_2 + l_3) / (l_1 + l_2); infinite on a line. At least 1; 2 for points spread evenly
             in a plane.
-        noise_per_error: (3,) ratio of the standard deviation of the fitted small rotation about
-            each axis to that of each coordinate of each point [rad/m]: 1 / sqrt(l_i + l_j) if all
-            weights are 1; infinite for undetermined rotations.
+        noise_per_error: (3,) standard deviation of the fitted small rotation about each axis [rad]
+            per standard deviation of the points' coordinates [m]. It is 1 / sqrt(l_i + l_j) if all
+            weights are 1, and infinite for rotations that are not determined.
         gaps: (2,) relative differences of successive eigenvalues.
         shape: See `PointSetShape`.
         symmetric: Whether two eigenvalues nearly agree, so that the critical rotations are nearly
@@ -67,11 +67,11 @@ class PointSetCondition(NamedTuple):
 def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -> PointSetCondition:
     """Returns how well points determine a rotation.
 
-    Noise of standard deviation sigma in every coordinate gives the normal equations
-    A omega = sum_i w_i r_i x v_i of POIL eq. 3 a right-hand side of covariance sigma^2 B, where
-    B = sum_i w_i^2 (|r_i|^2 I - r_i r_i^T), so omega has the covariance sigma^2 A^-1 B A^-1. The
-    velocities of the field contain eta times the points' noise, and omega eta times that of a
-    rotation fitted to the points.
+    If every coordinate of v_i has noise of standard deviation sigma, the right-hand side of the
+    normal equations A omega = sum_i w_i r_i x v_i of POIL eq. 3 has the covariance sigma^2 B, where
+    B = sum_i w_i^2 (|r_i|^2 I - r_i r_i^T). Then omega has the covariance sigma^2 A^-1 B A^-1. The
+    velocities of the field contain eta times the noise of the points, so its omega contains eta
+    times the noise of a rotation fitted to the points.
 
     Args:
         points: (N, 3) [m], finite.

@@ -1,8 +1,8 @@
 """Stability of the field with delayed points and a sampled twist.
 
-Near the goal the field is e' = -eta e for each component e of the offset: exactly for the centroid,
-and to first order for the small rotation in the body's frame, because A^-1 H(I) = I. With delayed
-points it is a linear delay equation.
+Near the goal, the field drives each component e of the object's offset by e' = -eta e. This is
+exact for the centroid, and holds to first order for a small rotation in the body's frame. With
+delayed points it becomes a linear delay equation.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 
 LARGEST_DELAY_GAIN = np.pi / 2.0
-"""The largest eta d for which e'(t) = -eta e(t - d) is stable; there, e = cos(eta t)."""
+"""The largest eta d for which e'(t) = -eta e(t - d) is stable; at this value e = cos(eta t)."""
 
 LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT = 1.0 / np.e
 """The largest eta d for which e' = -eta e(t - d) decays without overshooting the goal. Up to it,
@@ -48,9 +48,9 @@ def delayed_loop_roots(gain: float, periods: float) -> np.ndarray:
 def delayed_loop_limits(periods: float) -> tuple[float, float]:
     """Returns the largest h without overshoot and the largest stable h, by bisection.
 
-    For a whole number k of periods they are k^k / (k + 1)^(k + 1), above which every solution
-    passes the goal, and 2 sin(pi / (2 (2 k + 1))) (Levin and May 1976). docs/control.md has the
-    proofs.
+    For a whole number k of periods the first is k^k / (k + 1)^(k + 1), above which every solution
+    passes the goal. The second is 2 sin(pi / (2 (2 k + 1))) (Levin and May 1976). docs/control.md
+    has the proofs.
 
     Args:
         periods: Delay over sampling period, not negative.

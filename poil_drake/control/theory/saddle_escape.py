@@ -4,8 +4,11 @@ The setting is that of `stability`: target R = I, R' = R [omega(R)], eta = 1. Fo
 are multiplied and times divided by it.
 """
 
+from itertools import permutations
+
 import numpy as np
 
+from poil_drake.control.theory.stability import regular_eigenvalues
 from poil_drake.errors import InvalidValueError
 
 
@@ -16,34 +19,24 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     principal axis of W, both in ascending order of the eigenvalues l.
 
     With R = R*_k exp([xi]), xi in the body's frame, R' = R [omega] gives xi' = omega to first
-    order. Under a small rotation xi, D changes by -omega^T A xi, because omega is minus its
-    gradient in the metric A, and by xi^T H xi to first order of the gradient, so that
+    order. The gradient of D is -A omega, and to first order it is H xi, so that
 
         xi' = -A^-1 H(R*_k) xi,    H(R*_k) = tr(W R*_k) I - W R*_k.
 
-    Both are diagonal in the principal frame: the rate is 1 about axis k itself, where H is
-    -(l_i + l_j) and A is l_i + l_j, and (l_j - l_k) / (l_j + l_k) about another axis i, with j the
-    third. A perturbation on the left, R = exp([zeta]) R*_k, has zeta = R*_k xi, which only flips
-    signs in that frame and has the same rates.
+    A and H are diagonal in the principal frame. About axis k itself H is -(l_i + l_j) and A is
+    l_i + l_j, so the rate is 1. About another axis i the rate is (l_j - l_k) / (l_j + l_k), with j
+    the third axis. A perturbation on the left, R = exp([zeta]) R*_k, has zeta = R*_k xi, which only
+    flips signs in the principal frame and has the same rates.
 
     So the fastest escape from every saddle has rate 1 for all points.
 
     Raises:
-        InvalidValueError: if the points are collinear, so that a rotation is not determined.
+        InvalidValueError: if W is that of collinear points.
     """
-    eigenvalues = np.linalg.eigvalsh(W)
-    if not eigenvalues[1] > 1e-12 * eigenvalues[2]:
-        raise InvalidValueError(
-            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
-            remedy="Pass the moments of points that are not collinear.",
-        )
+    eigenvalues = regular_eigenvalues(W)
     rates = np.eye(3)
-    for k in range(3):
-        for i in range(3):
-            if i != k:
-                j = 3 - i - k
-                total = eigenvalues[j] + eigenvalues[k]
-                rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / total
+    for k, i, j in permutations(range(3)):
+        rates[k, i] = (eigenvalues[j] - eigenvalues[k]) / (eigenvalues[j] + eigenvalues[k])
     return rates
 
 
@@ -63,10 +56,13 @@ def escape_time(rate: float, start: float | np.ndarray, end: float) -> np.ndarra
         rate: One of `escape_rates`, positive [1/s].
         start: Angles off the saddle at the start [rad], in (0, pi).
         end: Angle off the saddle at the end [rad], in (0, pi).
+
+    Raises:
+        InvalidValueError: if the rate is not positive.
     """
     if not rate > 0.0:
         raise InvalidValueError(
-            f"escape_time() got the rate {rate} / s.",
+            f"escape_time() got a rate of {rate} 1/s.",
             remedy="Pass a positive rate; in other directions the flow does not leave the saddle.",
         )
     return np.log(np.tan(0.5 * end) / np.tan(0.5 * np.asarray(start))) / rate

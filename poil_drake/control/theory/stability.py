@@ -12,7 +12,10 @@ from poil_drake.geometry.rigid_transform import vee
 
 
 def moment_matrix(points: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """Returns W = sum_i w_i x_i x_i^T (3, 3) [m^2] of points (N, 3) about their centroid."""
+    """Returns W = sum_i w_i x_i x_i^T (3, 3) [m^2] of points (N, 3) about their centroid.
+
+    The weights (N,) are all 1 by default.
+    """
     w = np.ones(len(points)) if weights is None else weights
     x = points - (w / w.sum()) @ points
     return (x * w[:, None]).T @ x
@@ -21,6 +24,21 @@ def moment_matrix(points: np.ndarray, weights: np.ndarray | None = None) -> np.n
 def point_inertia(W: np.ndarray) -> np.ndarray:
     """Returns A = tr(W) I - W (3, 3) [m^2], the inertia of points with masses w_i."""
     return np.trace(W) * np.eye(3) - W
+
+
+def regular_eigenvalues(W: np.ndarray) -> np.ndarray:
+    """Returns the eigenvalues (3,) of W [m^2], in ascending order and not negative.
+
+    Raises:
+        InvalidValueError: if W is that of collinear points, which do not determine a rotation.
+    """
+    eigenvalues = np.linalg.eigvalsh(W)
+    if eigenvalues[0] + eigenvalues[1] <= 1e-12 * eigenvalues[2]:
+        raise InvalidValueError(
+            f"W has the eigenvalues {eigenvalues}: its points are collinear.",
+            remedy="Pass the moments of points that are not collinear.",
+        )
+    return np.maximum(eigenvalues, 0.0)
 
 
 def rotation_potential(W: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -37,17 +55,14 @@ def rotation_velocity(W: np.ndarray, R: np.ndarray) -> np.ndarray:
     return np.linalg.solve(point_inertia(W), skew_part[..., None])[..., 0]
 
 
-def potential_rate(W: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Returns D' = -omega^T A omega [m^2/s] at rotations (..., 3, 3): never positive."""
-    omega = rotation_velocity(W, R)
-    return -np.einsum("...i,ij,...j->...", omega, point_inertia(W), omega)
-
-
 def critical_rotations(W: np.ndarray) -> np.ndarray:
     """Returns the rotations (3, 3, 3) other than the goal where omega vanishes: turns by pi.
 
     The k-th turns about the k-th principal axis of W, in ascending order of the eigenvalues. For
-    distinct eigenvalues there are no others (theorem 1 of POIL); equal ones raise an error.
+    distinct eigenvalues there are no others (theorem 1 of POIL).
+
+    Raises:
+        InvalidValueError: if two eigenvalues are equal.
     """
     eigenvalues, axes = np.linalg.eigh(W)
     if np.min(np.diff(eigenvalues)) <= 1e-9 * eigenvalues[-1]:
@@ -58,12 +73,3 @@ def critical_rotations(W: np.ndarray) -> np.ndarray:
         )
     outer = np.einsum("ik,jk->kij", axes, axes)
     return 2.0 * outer - np.eye(3)
-
-
-def potential_hessian(W: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Returns H(R) = tr(W R) I - W R (3, 3) [m^2], the Hessian of D at a critical rotation R.
-
-    D(R exp([xi])) = D(R) + xi^T H xi / 2 to second order. At a critical rotation W R is symmetric.
-    """
-    WR = W @ R
-    return np.trace(WR) * np.eye(3) - WR

@@ -1,4 +1,4 @@
-"""Surfaces between the fingers: thin walls, whole bodies, and how well they are held."""
+"""Finds the surfaces that the fingers can hold: the rims of thin walls, and whole bodies."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,22 +9,23 @@ from poil_drake.geometry.rigid_transform import inverse, make_transform, transfo
 from poil_drake.grasping.candidates.grasp_candidate import GRIPPER
 
 FRICTION_COSINE = np.cos(0.4)
-"""Smallest cosine of the angle between closing axis and surface normal at a contact: 0.4 rad is the
-friction cone of a coefficient of 0.42."""
+"""Smallest cosine of the angle between the closing axis and the surface normal at a contact. The
+friction cone of a coefficient of 0.42 has a half-angle of 0.4 rad."""
 
 MIN_POINTS = 8
-"""Smallest number of points between the pads."""
+"""Smallest number of points between the pads of a grip."""
 
 OPENING_CLEARANCES = (0.012, 0.009, 0.006)
-"""Gap between each finger and the object before closing [m]; the largest that fits is used. It
-absorbs the errors of cameras and arm."""
+"""Gaps to try between each finger and the object before closing [m]; the largest that fits is used.
+The gap absorbs the errors of cameras and arm."""
 
 _INSERTION_DEPTHS = (0.016, 0.012)
 """How far the fingertips reach past the edge of a thin wall [m]. The pads are 18 mm long; less than
 12 mm holds poorly, and more than 16 mm brings the hand near the edge."""
 
 _BODY_DEPTHS = (0.036, 0.026)
-"""How far they reach past the edge of other bodies [m]: round bodies are widest deep down."""
+"""How far the fingertips reach past the edge of other bodies [m]. Round bodies are widest well
+below their top."""
 
 _THIN_WALL = 0.015  # [m] Nothing wider than this is a thin wall.
 _GAP = 0.009  # [m] Wider gaps in the points along the closing axis separate two walls.
@@ -61,12 +62,12 @@ def find_grips(
     points: np.ndarray,
     normals: np.ndarray,
 ) -> list[Grip]:
-    """Finds the grips at one place from one direction.
+    """Returns the grips at one point of the surface for one approach direction.
 
-    The points in the finger's column at the seed give the first edge along the approach: a rim, or
-    the top of a body. Behind that edge, gaps in the points along the closing axis separate walls;
-    every run of walls that contains the seed and fits into the hand is a possible grip. A wall seen
-    from one side only is a very thin run.
+    Only points that the width of the pads covers count. Along the approach, they begin at an edge:
+    a rim, or the top of a body. Behind this edge, gaps between the points along the closing axis
+    separate walls. Every run of neighbouring walls that contains the seed's wall and fits into the
+    hand is a possible grip. A wall that is seen from one side only is a very thin run.
 
     Args:
         seed: (3,) a point on the surface [m, world].
@@ -76,8 +77,8 @@ def find_grips(
         normals: (P, 3) surface normals up to their sign.
     """
     R_WG = np.stack([np.cross(closing_axis, approach), closing_axis, approach], axis=1)
-    X_GW = inverse(make_transform(R_WG, seed))
-    own = transform_points(X_GW, points)
+    X_WSeed = make_transform(R_WG, seed)
+    own = transform_points(inverse(X_WSeed), points)
     column = np.abs(own[:, 0]) < 0.5 * _PAD_WIDTH
     if np.count_nonzero(column) < MIN_POINTS:
         return []
@@ -96,18 +97,19 @@ def find_grips(
             alignment = _alignment(own[held][run], column_normals[held][run] @ closing_axis)
             if alignment >= FRICTION_COSINE:
                 y = own[held][run][:, 1]
-                grips.append(_grip(y, edge + depth, R_WG, seed, alignment))
+                grips.append(_grip(y, edge + depth, X_WSeed, alignment))
     return grips
 
 
 def _edge(own: np.ndarray) -> tuple[float, float] | None:
-    """Returns z and y of the first edge of the seed's wall along the approach, or None.
+    """Returns z and y of the first edge of the seed's wall along the approach [m, seed's frame].
 
-    A wall that is tilted from the approach direction leaves the column before its edge, so the
-    column follows the wall until the edge comes no nearer.
+    The search looks at a column about the approach direction. A tilted wall leaves this column
+    before its edge, so the column follows the wall until the edge comes no nearer. The result is
+    None if the wall has too few points.
 
     Args:
-        own: (K, 3) points of the finger's column in the seed's frame [m].
+        own: (K, 3) points that the width of the pads covers [m, seed's frame].
     """
     center, edge = 0.0, np.inf
     while True:
@@ -122,7 +124,7 @@ def _edge(own: np.ndarray) -> tuple[float, float] | None:
 
 
 def _strip_edge(wall: np.ndarray) -> float:
-    """Returns the median edge of three strips, since the edge may cross the pad askew."""
+    """Returns the median of the edge's z in three strips of the pad, because it may be tilted."""
     strips = np.linspace(-0.5, 0.5, 4) * _PAD_WIDTH
     firsts = [wall[(wall[:, 0] >= low) & (wall[:, 0] <= high), 2] for low, high in pairwise(strips)]
     return float(np.median([z.min() for z in firsts if z.size]))
@@ -157,7 +159,7 @@ def _runs(own: np.ndarray, center: float) -> list[np.ndarray]:
 def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
     """Returns the mean |cos| between closing axis and normals at the worse of the two contacts.
 
-    It is 0 for a contact at the pad's edge, where the grip would slip or turn the object.
+    The result is 0 if a contact is at the pad's edge, where the object would slip or turn.
 
     Args:
         own: (K, 3) points between the fingers, by increasing y [m].
@@ -172,21 +174,14 @@ def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
     return worst
 
 
-def _grip(
-    y: np.ndarray,
-    tip: float,
-    R_WG: np.ndarray,
-    seed: np.ndarray,
-    alignment: float,
-) -> Grip:
-    """Returns the grip on points at y (K,), increasing, with the fingertips at z = `tip`."""
-    X_WSeed = make_transform(R_WG, seed)
+def _grip(y: np.ndarray, tip: float, X_WSeed: np.ndarray, alignment: float) -> Grip:
+    """Returns the grip on points at increasing y (K,) [m], with the fingertips at z = `tip`."""
     low, high = y[0], y[-1]
     origin = np.array([0.0, 0.5 * (low + high), tip - GRIPPER.tip_end])
     contact_z = tip - 0.5 * _INSERTION_DEPTHS[0]
     contacts = np.array([[0.0, high, contact_z], [0.0, low, contact_z]])
     return Grip(
-        make_transform(R_WG, transform_points(X_WSeed, origin)),
+        make_transform(X_WSeed[:3, :3], transform_points(X_WSeed, origin)),
         float(high - low),
         transform_points(X_WSeed, contacts),
         alignment,

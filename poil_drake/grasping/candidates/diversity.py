@@ -1,26 +1,29 @@
 """Reduces grasps to a diverse set from all around the object."""
 
+from collections import Counter
+
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
 
 SAME_POSITION, SAME_ANGLE = 0.008, 0.3
-"""Grasps closer than this [m] and turned by less than this [rad] are similar."""
+"""Grasps are similar if their distance [m] and the angle between them [rad] are below these."""
 
 _AZIMUTH_BINS = 12  # Sectors around the object.
 _MAX_CANDIDATES = 48
 
 
 def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[GraspCandidate]:
-    """Keeps the best of similar grasps, and interleaves the sectors around the object.
+    """Returns the best of each group of similar grasps, taking turns among sectors of the object.
 
     Args:
         candidates: Grasps of one object.
         center: (3,) the object's centre [m, world].
 
     Returns:
-        At most `_MAX_CANDIDATES` grasps: the best of each sector, then the second best, and so on.
+        At most `_MAX_CANDIDATES` grasps: first the best of each sector around the object's vertical
+        axis, then the second best of each sector, and so on.
     """
     if not candidates:
         return []
@@ -31,21 +34,22 @@ def keep_diverse(candidates: list[GraspCandidate], center: np.ndarray) -> list[G
         SAME_ANGLE,
     )
     kept = [candidates[i] for i in best]
-    ranks: dict[int, int] = {}
-    order: list[tuple[int, float, int]] = []
+    taken: Counter[int] = Counter()
+    ranks = []
     for candidate in kept:
         offset = candidate.X_WG[:3, 3] - center
         turn = np.arctan2(offset[1], offset[0]) / (2.0 * np.pi)
         sector = int(turn * _AZIMUTH_BINS) % _AZIMUTH_BINS
-        ranks[sector] = ranks.get(sector, -1) + 1
-        order.append((ranks[sector], -candidate.score, len(order)))
-    return [kept[i] for *_, i in sorted(order)[:_MAX_CANDIDATES]]
+        ranks.append(taken[sector])
+        taken[sector] += 1
+    # Within a rank, the best come first, as in `kept`.
+    return [kept[i] for i in np.argsort(ranks, kind="stable")[:_MAX_CANDIDATES]]
 
 
 def dissimilar(
     poses: np.ndarray, merits: np.ndarray, same_position: float, same_angle: float
 ) -> list[int]:
-    """Returns the indices of poses, best first, without those similar to a better one.
+    """Returns the indices of poses, best first, without poses that are similar to a better one.
 
     Args:
         poses: (K, 4, 4) gripper poses [m].

@@ -19,8 +19,8 @@ class GraspCandidate(SharedOnCopy):
     Attributes:
         X_WG: (4, 4) gripper frame (+z approach, fingers close along y) at the grasp [m, world].
         width: Visible extent of the grasped surface between the pads, along y [m].
-        pregrasp_width: Finger opening while approaching and after releasing [m]; small enough for a
-            finger that reaches into a hollow object.
+        pregrasp_width: Finger opening while approaching and after releasing [m]. It leaves room for
+            a finger that reaches into a hollow object.
         score: Quality in [0, 1]; larger is better.
         contact_points: (2, 3) contacts of the +y and the -y finger [m, world].
     """
@@ -41,19 +41,10 @@ class GraspCandidate(SharedOnCopy):
             )
         if not 0.0 <= self.width <= self.pregrasp_width:
             raise InvalidValueError(
-                f"GraspCandidate has width={self.width} and pregrasp_width={self.pregrasp_width}.",
+                f"GraspCandidate.width is {self.width} m, which is not in the range from 0 to "
+                f"pregrasp_width, {self.pregrasp_width} m.",
                 remedy="Pass 0 <= width <= pregrasp_width.",
             )
-
-    @property
-    def approach(self) -> np.ndarray:
-        """The approach direction (3,) in the world."""
-        return self.X_WG[:3, 2]
-
-    @property
-    def closing_axis(self) -> np.ndarray:
-        """The axis (3,) along which the fingers close, in the world."""
-        return self.X_WG[:3, 1]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,6 @@ class GraspScene:
     Attributes:
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
-        obstacle_points: (Q, 3) all obstacles near the object [m, world].
-        ground_height: Height of the table [m]; None without a table.
     """
 
     def __init__(
@@ -35,20 +33,21 @@ class GraspScene:
             object_points: (P, 3) the whole object [m, world].
             part_points: (M, 3) its functional part [m, world].
             obstacle_points: (Q, 3) all obstacles [m, world].
-            ground_height: Height of the table [m], whose points are left out; None without a table.
+            ground_height: Height of the table [m]; None without a table. Obstacle points on the
+                table are left out.
             part_clearance: Distance that the gripper keeps from the part [m].
         """
         self._part_clearance = part_clearance
         self.object_points = object_points
         self.part_points = part_points
-        self.ground_height = ground_height
+        self._ground_height = ground_height
         center = object_points.mean(axis=0)
         radius = np.linalg.norm(object_points - center, axis=1).max()
         reach = radius + _APPROACH_LENGTH + np.linalg.norm(GRIPPER.hand_size)
         near = np.linalg.norm(obstacle_points - center, axis=1) < reach
         if ground_height is not None:
             near &= obstacle_points[:, 2] > ground_height + _GROUND_CLEARANCE
-        self.obstacle_points = obstacle_points[near]
+        self._obstacle_points = obstacle_points[near]
 
     def is_clear(self, X_WG: np.ndarray, opening: float) -> bool:
         """Returns whether the open gripper is free of collisions at a grasp and on its approach.
@@ -58,12 +57,15 @@ class GraspScene:
             opening: Distance between the pads [m].
         """
         lower, upper = _gripper_boxes(opening)
-        if not self._is_above_ground(X_WG, lower, upper):
-            return False
+        if self._ground_height is not None:
+            corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
+            lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
+            if lowest <= self._ground_height + _GROUND_CLEARANCE:
+                return False
         X_GW = inverse(X_WG)
         swept = lower.copy()
         swept[:, 2] -= _APPROACH_LENGTH
-        for points in (self.object_points, self.obstacle_points):
+        for points in (self.object_points, self._obstacle_points):
             points_G = transform_points(X_GW, points)
             if _count_inside(points_G, swept, upper) > _MAX_STRAY_POINTS:
                 return False
@@ -74,13 +76,6 @@ class GraspScene:
             return distance >= self._part_clearance
         return True
 
-    def _is_above_ground(self, X_WG: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-        if self.ground_height is None:
-            return True
-        corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
-        lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
-        return bool(lowest > self.ground_height + _GROUND_CLEARANCE)
-
 
 def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
     lower, upper = GRIPPER.finger_boxes(opening)
@@ -89,7 +84,7 @@ def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_closing_space(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the boxes and another one for the space between the fingertips."""
+    """Returns the corners of the boxes, and of one more for the space between the fingertips."""
     space_lower, space_upper = lower[0].copy(), upper[0].copy()
     space_lower[1], space_upper[1] = upper[2, 1], lower[0, 1]
     return np.vstack([lower, space_lower]), np.vstack([upper, space_upper])

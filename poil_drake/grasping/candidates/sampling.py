@@ -29,12 +29,12 @@ _CLOUD_VOXEL = 0.003  # [m] The object's cloud is thinned to one point per cube 
 _SPINS = 16  # Approach directions tried about each closing axis, over the full turn.
 
 _NORMAL_RADIUS = 0.010
-"""Neighbourhood of the surface normals that give the closing axes [m]: wide enough to contain both
+"""Radius of the neighbourhood whose normal is a closing axis [m]. It is wide enough to contain both
 faces of a thin, noisy wall, so that the normal is the wall's."""
 
 _WIDE_APPROACH_ANGLE = 1.4
-"""Largest angle between approach direction and straight down [rad] where steeper approaches yield
-fewer than `_FEW_CANDIDATES`: the rim of a mug that lies on its side faces sideways."""
+"""Largest angle between approach direction and straight down [rad] if steeper approaches yield
+fewer than `_FEW_CANDIDATES` grasps. The rim of a mug that lies on its side faces sideways."""
 
 _FEW_CANDIDATES = 16
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -51,16 +51,17 @@ def sample_antipodal_grasps(
 ) -> list[GraspCandidate]:
     """Samples antipodal grasps that approach roughly from above and leave the part free.
 
-    The closing axes are surface normals at random points: that of the neighbourhood, which spans
-    both faces of a thin wall, and the cloud's own if it differs. Approach directions are tried all
-    around each axis. The surfaces between the fingers determine the grip (`find_grips`), and the
-    open gripper's boxes must be clear of object, part, obstacles and table. A grasp and its half
-    turn about the approach direction differ only for the arm, so both are returned.
+    The closing axes are surface normals at random points: the normal of the point's neighbourhood,
+    which contains both faces of a thin wall, and the cloud's own normal if it differs. Approach
+    directions are tried all around each axis. The surfaces between the fingers determine the grip
+    (`find_grips`). The boxes of the open gripper must be clear of the object, the part, the
+    obstacles and the table. Half a turn about the approach direction changes only the arm's
+    configuration, so each grasp is returned both ways.
 
     Args:
         object_cloud: The whole object [m, world], with or without normals.
         part_points: (M, 3) its functional part [m, world].
-        obstacle_points: (Q, 3) all other obstacles [m, world].
+        obstacle_points: (Q, 3) all other obstacles [m, world]; None for none.
         ground_height: Height of the table [m]; None without a table.
         config: Parameters; None for the defaults.
         seed: Seed for choosing the surface points.
@@ -112,8 +113,9 @@ def sample_antipodal_grasps(
 def wall_normals(points: np.ndarray, radius: float) -> np.ndarray:
     """Returns unit surface normals (P, 3), up to their sign, from each point's neighbourhood.
 
-    A normal is the direction of least extent. For a wall thinner than the radius, both faces are
-    in the neighbourhood, and the normal is that of the wall, even if the faces are noisy.
+    A normal is the direction in which the neighbourhood extends least. The neighbourhood contains
+    both faces of a wall thinner than the radius. The normal is then that of the wall, even if the
+    faces are noisy.
 
     Args:
         points: (P, 3) the cloud [m].
@@ -169,7 +171,7 @@ def _seed_indices(scene: GraspScene, config: GraspSamplingConfig, seed: int) -> 
 
 
 def _thinned(grips: list[Grip]) -> list[Grip]:
-    """Returns the best of nearly equal grips, before the more expensive checks."""
+    """Returns the best grip of each group of nearly equal ones, so that fewer are checked."""
     if not grips:
         return []
     kept = dissimilar(
@@ -182,7 +184,10 @@ def _thinned(grips: list[Grip]) -> list[Grip]:
 
 
 def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> list[GraspCandidate]:
-    """Returns the grasp with the widest opening that fits and its half turn; none if none fits."""
+    """Returns two grasps, half a turn apart, with the widest opening that fits.
+
+    The list is empty if no opening fits.
+    """
     for clearance in OPENING_CLEARANCES:
         opening = grip.width + 2.0 * clearance
         if opening <= GRIPPER.max_width and scene.is_clear(grip.X_WG, opening):

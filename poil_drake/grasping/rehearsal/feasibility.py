@@ -34,8 +34,8 @@ class FeasibilityConfig:
 
     Attributes:
         collision: Margins of the collision checks.
-        posture: The boxes that the supervisor keeps the arm in; None for no boxes.
-        workspace_margin: Distance that plans keep from the faces of the boxes [m], since the arm
+        posture: The workspace boxes in which the supervisor keeps the arm; None for no boxes.
+        workspace_margin: Distance that plans keep from the faces of the boxes [m], because the arm
             does not follow plans exactly.
         pregrasp_distance: Length of the gripper's straight motion to the grasp [m].
         retreat_distance: Length of the gripper's straight motion away from the released object [m].
@@ -60,19 +60,20 @@ class Feasibility:
     """Result of rehearsing one grasp with one arm configuration at the grasp.
 
     Attributes:
-        candidate: Index of the grasp.
+        candidate: Index of the grasp among the rehearsed candidates.
         q_approach: (A, 7) configurations from the pre-grasp to the grasp [rad].
         q_carry: (S, 7) configurations at the samples of the object's path [rad].
         q_retreat: (R, 7) configurations from the goal to the end of the retreat [rad].
         limit_margin: Smallest distance to a joint limit [rad].
-        singular_value: Smallest singular value of the Jacobian while carrying.
+        singular_value: Smallest singular value of the Jacobian while carrying the object; see
+            `manipulability`.
         clearance: Smallest clearance of the robot [m]; NaN if an earlier check failed.
         failure: Why the grasp is not feasible; None if it is feasible.
         cost: Smaller is better; infinite if the grasp is not feasible.
-        workspace_clearance: How far the arm stays inside its boxes [m]; NaN without boxes, or if an
-            earlier check failed.
-        tightest_face: A clause on the face of the boxes that the arm comes too close to; empty for
-            any other outcome.
+        workspace_clearance: The arm's smallest distance from the faces of its workspace boxes [m],
+            negative outside; NaN without boxes, or if an earlier check failed.
+        tightest_face: A clause that names the face that the arm comes too close to; empty unless
+            the failure is `WORKSPACE`.
     """
 
     candidate: int

@@ -1,4 +1,4 @@
-"""Predicts the grasped object's motion: a lift, then the field leads it along the reference."""
+"""Predicts the grasped object's motion: the lift, then the field's motion along the reference."""
 
 from dataclasses import dataclass, field
 
@@ -15,8 +15,8 @@ from poil_drake.robots.collision import CollisionConfig
 from poil_drake.transfer.matching import Matching
 
 LIFT_HEIGHT = 0.06
-"""The object is lifted this far before the field takes over [m]: off the table, and above low
-obstacles."""
+"""The object is lifted this far before the field takes over [m], so that it clears the table and
+low obstacles."""
 
 PATH_STEP = 0.015
 """Largest motion of the object between the samples at which the arm is checked [m]. The object
@@ -27,16 +27,16 @@ _TIME_STEP = 1.0 / 32.0  # [s]
 _CHECK_VOXEL = 0.005  # [m] The object is thinned to one point per cube of this edge for the check.
 
 _PART_ALLOWANCE = 0.012
-"""Object points this close to the functional part are not checked against the scene [m], since the
-part is meant to meet the fixture."""
+"""Object points within this distance of the functional part are not checked against the scene [m],
+because the part is meant to meet the fixture."""
 
 _GOAL_RADIUS, _GOAL_MARGIN = 0.05, 0.002
-"""While the part's points are within this mean distance of their goal [m], the object only has to
-keep this margin [m], because the task brings it close to the fixture."""
+"""Near the goal the task brings the object close to the fixture. While the part's points are on
+average within the radius of their goal [m], the object only has to keep the margin [m]."""
 
 _STRAY_POINTS = 3
-"""This many of the object's points may be too close to the scene: camera noise leaves some points
-beside the surfaces."""
+"""This many of the object's points may be too close to the scene, because camera noise puts some
+points beside the surfaces."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +46,8 @@ class ObjectPathConfig:
     Attributes:
         field: The controller's velocity field, which will lead the object.
         max_time: Longest simulated motion along the field [s].
-        max_angular_speed: The controller's limit of the angular speed [rad/s].
-        max_linear_speed: The controller's limit of the linear speed [m/s].
+        max_angular_speed: The controller's limit on the angular speed [rad/s].
+        max_linear_speed: The controller's limit on the linear speed [m/s].
     """
 
     field: BcsdmConfig = field(default_factory=BcsdmConfig)
@@ -62,9 +62,10 @@ class ObjectPath:
 
     Attributes:
         times: (T,) [s], from 0.
-        X_W: (T, 4, 4) rigid motion of the object since the grasp, in the world.
-        samples: (S,) indices of the samples at which the arm is checked, first and last included.
-        lift_end: Index of the sample at which the lift ends.
+        X_W: (T, 4, 4) rigid motion of the object since the grasp, in the world: a point that is at
+            p at the grasp is at X_W[t] p.
+        samples: (S,) indices of the times at which the arm is checked, first and last included.
+        lift_end: Index of the time at which the lift ends.
         converged: Whether the motion reaches the end of the reference.
         excess: Largest amount by which the object falls short of its required clearance to the
             scene [m]; 0 if it always keeps that clearance.
@@ -87,7 +88,7 @@ def predict_object_path(
     config: ObjectPathConfig,
     collision: CollisionConfig,
 ) -> ObjectPath:
-    """Simulates the object's motion under the field, and its clearance to the scene.
+    """Returns the motion of the object, lifted and then led by the field, and its clearance.
 
     Args:
         matching: The part's points before the grasp and their reference.
@@ -95,7 +96,7 @@ def predict_object_path(
         part_points: (M, 3) its functional part [m, world].
         scene: The obstacles, without the object.
         config: The field and its limits.
-        collision: Margins. The object keeps `object_margin` except near the goal.
+        collision: Margins of the check. The object must keep `object_margin`, except near the goal.
     """
     lift_steps = max(int(np.ceil(LIFT_HEIGHT / _LIFT_SPEED / _TIME_STEP)), 1)
     lift = make_transform(
@@ -136,7 +137,7 @@ def predict_object_path(
 
 
 def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> float:
-    """Returns `ObjectPath.excess`, given the points' clearances (T, P) and those required (T,)."""
+    """Returns `ObjectPath.excess`, given clearances (T, P) of points and required ones (T,) [m]."""
     if clearance.shape[1] <= _STRAY_POINTS:
         return 0.0
     # During the lift, only clearances that shrink count: the object starts on a surface.

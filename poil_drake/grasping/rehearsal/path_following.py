@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
 from poil_drake.robots.inverse_kinematics import (
     ROTATION_SCALE,
     InverseKinematicsConfig,
@@ -31,14 +32,15 @@ _STEP = InverseKinematicsConfig(
 def follow_path(
     model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follows gripper paths sample by sample, as differential IK does, each from its own start.
+    """Returns the arm's configurations along gripper paths, each from its own start configuration.
 
-    Motion in the null space pulls the arm towards its nominal posture. Where the arm cannot reach a
-    sample, it gets as close as possible and continues with the next one.
+    The arm follows the samples one by one, like differential inverse kinematics. Motion in the null
+    space pulls it towards its nominal posture. Where the arm cannot reach a sample, it gets as
+    close as possible and continues with the next sample.
 
     Args:
         model: The arm.
-        q_start: (B, 7) configurations near the first samples [rad].
+        q_start: (B, 7) start configurations [rad], near the first samples.
         X_WG: (B, T, 4, 4) gripper poses to pass through, in the world.
         times: (T,) times of the poses [s], increasing or decreasing.
 
@@ -64,10 +66,26 @@ def follow_path(
     return path, errors
 
 
-def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
-    """Returns the smallest singular value of each configuration's Jacobian: 0 at a singularity.
+def back_off(
+    model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, distances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follows straight gripper paths against the approach direction, as `follow_path` does.
 
-    Rotations are converted to lengths with a radius of about the hand's size.
+    Args:
+        model: The arm.
+        q_start: (B, 7) start configurations [rad].
+        X_WG: (B, 4, 4) gripper poses from which to back off, in the world.
+        distances: (T,) distances from these poses [m], covered at `STRAIGHT_SPEED`.
+    """
+    X = np.repeat(X_WG[:, None], len(distances), axis=1)
+    X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]
+    return follow_path(model, q_start, X, distances / STRAIGHT_SPEED)
+
+
+def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
+    """Returns the smallest singular value (...) of the gripper's Jacobian: 0 at a singularity.
+
+    A radius of about the hand's size converts the Jacobian's rotations to lengths.
 
     Args:
         model: The arm.
@@ -77,18 +95,6 @@ def manipulability(model: PandaModel, q: np.ndarray) -> np.ndarray:
     scale = np.array([ROTATION_SCALE] * 3 + [1.0] * 3)[:, None]
     gram = (scale * jacobian) @ np.swapaxes(scale * jacobian, -1, -2)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(gram)[..., 0], 0.0))
-
-
-def backed_off_poses(X_WG: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """Returns the gripper poses (B, S, 4, 4) backed off along the approach direction.
-
-    Args:
-        X_WG: (B, 4, 4) gripper poses.
-        distances: (S,) how far each returned pose is from the grasp [m].
-    """
-    X = np.repeat(X_WG[:, None], len(distances), axis=1)
-    X[..., :3, 3] -= distances[:, None] * X[..., :3, 2]
-    return X
 
 
 def _pull(offset: np.ndarray, duration: float) -> np.ndarray:

@@ -1,14 +1,13 @@
 """Rehearses grasps: the approach, the object's motion along its path, the retreat at the goal."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import compress
 
 import numpy as np
 
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
 from poil_drake.grasping.rehearsal.feasibility import (
-    STRAIGHT_SPEED,
     Failure,
     Feasibility,
     FeasibilityConfig,
@@ -17,7 +16,7 @@ from poil_drake.grasping.rehearsal.object_path import ObjectPath
 from poil_drake.grasping.rehearsal.path_following import (
     POSITION_TOLERANCE,
     ROTATION_TOLERANCE,
-    backed_off_poses,
+    back_off,
     follow_path,
     manipulability,
 )
@@ -33,9 +32,9 @@ _SMALLEST_SINGULAR_VALUE = 0.01
 """Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
 
 _OBJECT_CONTACT = 0.004
-"""The object collides if it falls short of its required clearance by more than this [m]; falling
-short by less only adds cost. Away from the goal 6 mm are required, so closer than 2 mm is a
-collision: two clouds with a point every 3 to 5 mm come that near where their surfaces intersect."""
+"""The object collides if it falls short of its required clearance by more than this [m]. A smaller
+shortfall only adds cost. Away from the goal 6 mm are required, so a distance below 2 mm is a
+collision: clouds with 3 to 5 mm between their points come this close where surfaces intersect."""
 
 # Exceeding these margins brings no further advantage.
 _COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
@@ -44,16 +43,6 @@ _COMFORTABLE_SINGULAR_VALUE = 0.05
 _TRAVEL_SCALE = 12.0  # [rad] Joint travel that costs as much as reaching a joint limit.
 _SPEED_SCALE = 0.8  # Fraction of the joint speed limits that can be used without slowing down.
 _WEIGHTS = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)  # Of the terms of `_cost`, in their order.
-
-
-class _Motion(NamedTuple):
-    """Configurations q (..., T, 7) [rad] and errors (..., T, 2) ([m], [rad])."""
-
-    q: np.ndarray
-    errors: np.ndarray
-
-    def row(self, index: int) -> "_Motion":
-        return _Motion(self.q[index], self.errors[index])
 
 
 class FeasibilityChecker:
@@ -75,7 +64,7 @@ class FeasibilityChecker:
         self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns arm configurations (R, 7) at the grasps [rad] and the grasps' indices (R,)."""
+        """Returns arm configurations (R, 7) [rad], and the index (R,) of the grasp each reaches."""
         return distinct_solutions(
             self._model, np.array([candidate.X_WG for candidate in candidates])
         )
@@ -103,32 +92,37 @@ class FeasibilityChecker:
         X_carry = path.X_W[path.samples] @ X_WG[:, None]
         ratios = np.linspace(0.0, 1.0, _STRAIGHT_STEPS + 1)
         pregrasp, retreat = self._config.pregrasp_distance, self._config.retreat_distance
-        back = self._follow(
-            q_grasp, backed_off_poses(X_WG, ratios * pregrasp), ratios * pregrasp / STRAIGHT_SPEED
+        q_back, back_errors = back_off(self._model, q_grasp, X_WG, ratios * pregrasp)
+        q_carry, carry_errors = follow_path(self._model, q_grasp, X_carry, path.times[path.samples])
+        q_away, away_errors = back_off(
+            self._model, q_carry[:, -1], X_carry[:, -1], ratios * retreat
         )
-        carry = self._follow(q_grasp, X_carry, path.times[path.samples])
-        away = self._follow(
-            carry.q[:, -1],
-            backed_off_poses(X_carry[:, -1], ratios * retreat),
-            ratios * retreat / STRAIGHT_SPEED,
-        )
-        motions = (_Motion(back.q[:, ::-1], back.errors[:, ::-1]), carry, away)
+        missed = [
+            (errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]).any(axis=(1, 2))
+            for errors in (back_errors, carry_errors, away_errors)
+        ]
+        motions = zip(q_back[:, ::-1], q_carry, q_away, strict=True)
         return [
-            self._judge(int(index), candidates[index], [m.row(row) for m in motions], path)
-            for row, index in enumerate(owner)
+            self._judge(int(index), candidates[index], q, failed, path)
+            for index, q, failed in zip(owner, motions, np.transpose(missed), strict=True)
         ]
 
-    def _follow(self, q: np.ndarray, X: np.ndarray, times: np.ndarray) -> _Motion:
-        return _Motion(*follow_path(self._model, q, X, times))
-
     def _judge(
-        self, index: int, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
+        self,
+        index: int,
+        candidate: GraspCandidate,
+        motions: tuple[np.ndarray, ...],
+        missed: np.ndarray,
+        path: ObjectPath,
     ) -> Feasibility:
-        approach, carry, retreat = (motion.q for motion in motions)
+        approach, carry, retreat = motions
         everything = np.concatenate([approach, carry, retreat])
         singular_value = float(manipulability(self._model, carry).min())
         limit_margin = float(self._model.limit_margin(everything).min())
-        failure = _path_failure(path) or _kinematic_failure(motions, singular_value)
+        reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
+        failure = _path_failure(path) or next(compress(reasons, missed), None)
+        if failure is None and singular_value < _SMALLEST_SINGULAR_VALUE:
+            failure = Failure.SINGULAR
         clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
         if failure is None and self._guard is not None:
             inside = float(self._guard.face_distances(everything).min())
@@ -155,10 +149,14 @@ class FeasibilityChecker:
         )
 
     def _clearance(
-        self, candidate: GraspCandidate, motions: list[_Motion], path: ObjectPath
+        self, candidate: GraspCandidate, motions: tuple[np.ndarray, ...], path: ObjectPath
     ) -> float:
-        """Returns the robot's clearance [m]; the sampler has checked the fingers at the grasp."""
-        approach, carry, retreat = (motion.q for motion in motions)
+        """Returns the robot's smallest clearance [m].
+
+        Until the lift ends it is that of the robot without fingers, because the sampler has checked
+        the fingers at the grasp.
+        """
+        approach, carry, retreat = motions
         lifted = path.samples >= path.lift_end
         low = self._checker(None).clearance(np.concatenate([approach, carry[~lifted]]))
         open_fingers = self._checker(candidate.pregrasp_width)
@@ -166,7 +164,10 @@ class FeasibilityChecker:
         return float(min(low.min(), high.min()))
 
     def _checker(self, opening: float | None) -> RobotCollisionChecker:
-        """Returns the checker for a finger opening, which is rounded up to limit their number."""
+        """Returns the collision checker for a finger opening [m]; None leaves out the fingers.
+
+        Openings are rounded up to whole centimetres, which limits the number of checkers.
+        """
         if opening is not None:
             opening = min(np.ceil(opening / 0.01) * 0.01, GRIPPER.max_width)
         if opening not in self._checkers:
@@ -187,7 +188,7 @@ class FeasibilityChecker:
         clearance: float,
         singular_value: float,
     ) -> float:
-        """Returns the weighted sum of the disadvantages of a feasible grasp."""
+        """Returns the cost of a feasible grasp, a weighted sum of its disadvantages."""
         steps = np.abs(np.diff(q_carry, axis=0))
         speeds = steps / np.diff(path.times[path.samples])[:, None]
         speed_ratio = float((speeds / self._model.velocity).max())
@@ -207,11 +208,3 @@ def _path_failure(path: ObjectPath) -> Failure | None:
     if not path.converged:
         return Failure.NOT_CONVERGED
     return Failure.OBJECT_COLLISION if path.excess > _OBJECT_CONTACT else None
-
-
-def _kinematic_failure(motions: list[_Motion], singular_value: float) -> Failure | None:
-    reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
-    for motion, reason in zip(motions, reasons, strict=True):
-        if np.any(motion.errors > [POSITION_TOLERANCE, ROTATION_TOLERANCE]):
-            return reason
-    return Failure.SINGULAR if singular_value < _SMALLEST_SINGULAR_VALUE else None

@@ -63,7 +63,7 @@ def rank_grasps(
         part_points: (M, 3) its functional part [m, world].
         path: How the object's motion is predicted; None for the defaults.
         feasibility: Requirements; None for the defaults.
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
 
     Raises:
         NoFeasibleGraspError: No pair is feasible; the message says how many fail for each reason.
@@ -123,7 +123,7 @@ _REMEDIES = {
 
 
 def _rank(finding: Feasibility) -> tuple[float, int, float]:
-    """Returns the sort key: the cost; infeasible findings that passed more checks come first."""
+    """Returns the sort key of findings: feasible ones by cost, then those that failed latest."""
     passed = -_FAILURES.index(finding.failure) if finding.failure else 0
     outside = finding.failure is Failure.WORKSPACE
     return finding.cost, passed, -finding.workspace_clearance if outside else 0.0
@@ -142,10 +142,10 @@ def _no_feasible_grasp(
         Failure.OUT_OF_REACH if f is None or f.failure is None else f.failure for f in findings
     )
     counts = ", ".join(f"{n} {failure.value}" for failure, n in failures.most_common())
-    ways = "" if matchings == 1 else f" under {matchings} matchings"
+    ways = "" if matchings == 1 else f" under any of the {matchings} matchings"
     outside = [f for f in findings if f is not None and f.failure is Failure.WORKSPACE]
-    face = f"; at best, {min(outside, key=_rank).tightest_face}" if outside else ""
+    face = f" In the best case, {min(outside, key=_rank).tightest_face}." if outside else ""
     return NoFeasibleGraspError(
-        f"None of the {candidates} grasps{ways} is feasible: {counts}{face}.",
+        f"None of the {candidates} grasps is feasible{ways}: {counts}.{face}",
         remedy=_REMEDIES[failures.most_common(1)[0][0]],
     )

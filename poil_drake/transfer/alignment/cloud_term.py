@@ -12,10 +12,11 @@ from poil_drake.transfer.alignment.nearest_neighbours import NearestNeighbours, 
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
 
 PART_CLOUD, CONTEXT_CLOUD = 0, 1
-"""Selects the scales and the translation of an `AlignmentState` that a term uses."""
+"""Index of the part and of its context in the scales and translations of an `AlignmentState`."""
 
 _OWN_COLUMNS = (np.r_[0:3, 3:9], np.r_[0:3, 9:15])
 _MAX_POINTS = 1500  # Of each cloud.
+_TANGENTIAL_WEIGHT = 0.3  # Of offsets along the surface, relative to offsets across it.
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +51,20 @@ class CloudTerm:
     """Compares a demonstrated cloud, placed by a candidate, with a target cloud.
 
     The energy is the mean over both directions of 1 - exp(-d^2 / 2 w^2), where d is the distance to
-    the nearest neighbour. In this Chamfer distance, points without a counterpart, which only one of
-    the scenes shows, cost a constant. With normals, d also grows with the difference between two
+    the nearest neighbour. Each point that only one of the scenes shows, and that therefore has no
+    counterpart, costs a constant. With normals, d also grows with the difference between two
     points' normals, so that the inside of a wall is not mistaken for its outside.
 
     Attributes:
         frame: Makes the clouds comparable.
-        source: (n, 3) demonstrated points in the frame's units; the first k are spread evenly over
-            the cloud, for every k.
-        target: (m, 3) target points, likewise.
-        source_normals: (n, 3) unit normals times their weight; zeros if normals do not count.
+        source: (n, 3) demonstrated points about their centre, in units of `frame.length`, ordered
+            so that the first k are spread evenly over the cloud, for every k.
+        target: (m, 3) target points about their centre, likewise.
+        source_normals: (n, 3) unit normals times their weight; zeros if normals are ignored.
         target_normals: (m, 3) likewise.
-        metric: (m, 3, 3) square roots of the weights of offsets from the target points in the
-            descent: full across the surface, small along it, so that clouds can slide.
+        metric: (m, 3, 3) square roots of the matrices that weight offsets from the target points in
+            the descent. The weight is 1 across the surface and small along it, so that clouds can
+            slide.
         cloud: PART_CLOUD or CONTEXT_CLOUD.
     """
 
@@ -82,7 +84,6 @@ class CloudTerm:
         *,
         cloud: int,
         normal_weight: float = 0.0,
-        tangential_weight: float = 0.3,
     ) -> "CloudTerm":
         """Returns the term of two clouds.
 
@@ -90,10 +91,8 @@ class CloudTerm:
             source: The demonstrated cloud.
             target: The target cloud.
             cloud: PART_CLOUD or CONTEXT_CLOUD.
-            normal_weight: Half the distance that opposite normals add, in units of length; 0
-                ignores normals.
-            tangential_weight: Weight of offsets along the surface in the descent, relative to those
-                across it.
+            normal_weight: Half the distance between two points that differ only by opposite
+                normals, in units of `CloudFrame.length`; 0 ignores normals.
         """
         frame = CloudFrame.between(source.points, target.points)
 
@@ -107,31 +106,25 @@ class CloudTerm:
         source_points, source_normals = sampled(source, frame.source_center)
         target_points, target_normals = sampled(target, frame.target_center)
         everything = (target.points - frame.target_center) / frame.length
-        metric = _surface_metric(target_points, everything, tangential_weight)
+        metric = _surface_metric(target_points, everything)
         return cls(
             frame, source_points, target_points, source_normals, target_normals, metric, cloud
         )
 
     def thinned(self, count: int) -> "CloudTerm":
         """Returns the term with at most `count` evenly spread points of each cloud."""
-        return replace(
-            self,
-            source=self.source[:count],
-            target=self.target[:count],
-            source_normals=self.source_normals[:count],
-            target_normals=self.target_normals[:count],
-            metric=self.metric[:count],
-        )
+        thinned = ("source", "target", "source_normals", "target_normals", "metric")
+        return replace(self, **{name: getattr(self, name)[:count] for name in thinned})
 
     def place(self, state: AlignmentState, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns where each of K candidates places source points.
+        """Returns where each of K candidates places demonstrated points.
 
         Args:
             state: K candidates.
-            points: (n, 3) in the frame's units about the source's centre.
+            points: (n, 3) points about the source's centre, in units of `frame.length`.
 
         Returns:
-            The points (K, n, 3) in the frame's units about the target's centre, and their Jacobian
+            The points (K, n, 3) about the target's centre, in the same units, and their Jacobian
             (K, n, 3, 9) in rotation, logarithmic scales and translation.
         """
         turned_axes = state.R @ self.frame.axes
@@ -144,7 +137,7 @@ class CloudTerm:
         return arms + state.translations[:, None, self.cloud], jacobian
 
     def energy(self, state: AlignmentState, width: float) -> np.ndarray:
-        """Returns the energies (K,) in [0, 1]; `width` is w in units of length."""
+        """Returns the energies (K,), in [0, 1]; `width` is w, in units of `frame.length`."""
         nearest = self._match(state, self.place(state, self.source)[0])
         forward = -np.expm1(-nearest.source_squares / (2.0 * width**2))
         backward = -np.expm1(-nearest.target_squares / (2.0 * width**2))
@@ -182,11 +175,11 @@ class CloudTerm:
         )
 
 
-def _surface_metric(points: np.ndarray, cloud: np.ndarray, tangential: float) -> np.ndarray:
-    """Returns `CloudTerm.metric` (m, 3, 3) of points (m, 3), from the local spread of the cloud."""
+def _surface_metric(points: np.ndarray, cloud: np.ndarray) -> np.ndarray:
+    """Returns `CloudTerm.metric` (m, 3, 3) at points (m, 3) of a cloud (P, 3)."""
     _, nearest = cKDTree(cloud).query(points, k=min(20, len(cloud)))
     arms = cloud[nearest] - cloud[nearest].mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.swapaxes(arms, 1, 2) @ arms)
     share = 1.0 - spread / np.maximum(spread[:, 2:], 1e-12)
-    counted = np.sqrt(tangential + (1.0 - tangential) * share)
+    counted = np.sqrt(_TANGENTIAL_WEIGHT + (1.0 - _TANGENTIAL_WEIGHT) * share)
     return (axes * counted[:, None, :]) @ np.swapaxes(axes, 1, 2)

@@ -23,10 +23,10 @@ _PART_POINTS, _CONTEXT_POINTS = 200, 300  # For finalists.
 _DESCENT_STEPS, _FINAL_STEPS = 12, 30  # Of candidates and of finalists.
 
 _SEARCH_WIDTH, _FIRST_WIDTH, _MIDDLE_WIDTH, _LAST_WIDTH = 0.35, 0.5, 0.16, 0.12
-"""Truncation widths of the Chamfer distance, in units of the part's root mean square radius: in the
-search, and at the start, between the two stages and at the end of the descent. The truncation is
-wide at first, so that distant parts find each other, and about the sensor's noise at the end (2 to
-3 mm on a handle)."""
+"""Truncation widths of the Chamfer distance, in units of the part's root mean square radius: one in
+the search, and three at the start, between the two stages and at the end of the descent. The width
+is large at first, so that distant parts find each other, and about the sensor's noise at the end (2
+to 3 mm on a handle)."""
 
 _CONTEXT_WIDTH = 0.1  # Width for the rest of the object in the final score.
 
@@ -73,14 +73,14 @@ def align_parts(
     """Returns the distinct ways in which a demonstrated part fits the target's, best first.
 
     Rotations are scored with the parts' centroids aligned. Gauss-Newton descent then refines the
-    best ones in rotation, translation and logarithmic scales. Its Chamfer distance is truncated,
-    since each scene shows only one side of its part. Of the results with the same orientation only
-    the best is kept, so a symmetric part has several results of different orientations.
+    best ones in rotation, translation and logarithmic scales. The Chamfer distance is truncated,
+    because each scene shows only one side of the part. Of results with nearly the same orientation
+    only the best is kept. Several results therefore differ in orientation, as for symmetric parts.
 
     Args:
-        problem: The clouds.
+        problem: The alignment problem.
         rotations: (K, 3, 3) rotations to start from; None for a grid over all orientations.
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
     """
 
     def report(fraction: float) -> None:

@@ -25,8 +25,8 @@ def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbo
     """Returns the nearest neighbours in both directions, by brute force.
 
     |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products do the search. For a
-    few hundred points this is several times as fast as building a tree for each placement.
-    Neighbours are found in single precision; the distances to them are exact.
+    few hundred points this is several times faster than building a tree for each placement.
+    Neighbours are found in single precision. Their distances are computed in double precision.
 
     Args:
         sources: (K, n, d) K placements of one cloud.

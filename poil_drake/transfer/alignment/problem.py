@@ -23,15 +23,17 @@ _MIN_POINTS = 12  # Fewer points have no shape to align.
 class AlignmentProblem:
     """Aligns a demonstrated part, and the rest of its object, with those of the target.
 
-    The cost is E_part + context_weight E_rest + join_weight E_join + priors, with the truncated
-    Chamfer energies of `CloudTerm`. Without the rest of the object it is the paper's cost: the
-    part's Chamfer distance over rotation, translation and scales along the principal axes.
+    The cost is a weighted sum of E_part, E_rest, E_join and priors on scales and the vertical.
+    E_part and E_rest are the truncated Chamfer energies of `CloudTerm`, and E_join is the energy of
+    `JoinTerm`. The paper's cost is E_part alone, over rotation, translation and scales along the
+    principal axes.
 
     Attributes:
         part: The part's term.
         context: The term of the rest of the object; None if the rest is unknown or has no weight.
-        join: Keeps part and rest together; None without a context or a visible joint.
-        config: Weights.
+        join: The term that keeps part and rest together; None if there is no context, or the part
+            is nowhere close to it.
+        config: Weights of the terms.
     """
 
     part: CloudTerm
@@ -54,10 +56,11 @@ class AlignmentProblem:
         Args:
             source_part: The demonstrated part.
             target_part: The target's part.
-            source_context: The rest of the demonstrated object, with normals. It counts only if the
-                target's is given, too. Its transform shares only the rotation with the part's.
-            target_context: The rest of the target object, with normals.
-            config: Weights.
+            source_context: The rest of the demonstrated object, with normals. It is ignored without
+                `target_context`.
+            target_context: The rest of the target object, with normals. It is ignored without
+                `source_context`.
+            config: Weights of the terms.
 
         Raises:
             TransferError: if a part has too few points to align.
@@ -80,19 +83,19 @@ class AlignmentProblem:
         return cls(part, context, join, config)
 
     def thinned(self, part_points: int, context_points: int) -> "AlignmentProblem":
-        """Returns the problem with at most these numbers of points, which is cheaper to solve."""
+        """Returns a cheaper problem, with at most these numbers of points in each cloud."""
         context = self.context and self.context.thinned(context_points)
         return replace(self, part=self.part.thinned(part_points), context=context)
 
     def cost(
         self, state: AlignmentState, width: float, context_width: float | None = None
     ) -> np.ndarray:
-        """Returns the costs (K,).
+        """Returns the costs (K,) of candidates.
 
         Args:
             state: K candidates.
-            width: Width of the truncation, in units of length.
-            context_width: Width for the rest of the object; if None, `width`.
+            width: Truncation width of the part's energy, in units of its `CloudFrame.length`.
+            context_width: Truncation width of the context's energy, likewise; None for `width`.
         """
         config = self.config
         squares = np.sum(state.log_scales**2, axis=(1, 2))
@@ -106,7 +109,7 @@ class AlignmentProblem:
         return cost
 
     def descend(self, state: AlignmentState, widths: np.ndarray) -> AlignmentState:
-        """Returns the candidates after one Gauss-Newton step for each truncation width."""
+        """Returns the candidates after one Gauss-Newton step for each truncation width (S,)."""
         config = self.config
         for width in widths:
             equations = NormalEquations.zero(len(state))

@@ -10,8 +10,8 @@ def super_fibonacci_rotations(count: int) -> np.ndarray:
     """Returns rotation matrices (count, 3, 3) spread evenly over SO(3).
 
     The super-Fibonacci spiral of Alexa (CVPR 2022) is deterministic, works for any count, and has
-    no holes, unlike random samples. With 720 rotations, each orientation is within about 25 degrees
-    of one of them.
+    no holes, unlike random samples. With 720 rotations, every orientation is within about 25
+    degrees of one of them.
     """
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
@@ -34,7 +34,7 @@ def distinct_rotations(
     Args:
         rotations: (K, 3, 3) rotation matrices.
         costs: (K,) their costs.
-        angle: Rotations closer than this count as the same [rad].
+        angle: Smallest angle between two of the returned rotations [rad].
         count: Largest number of indices.
 
     Returns:

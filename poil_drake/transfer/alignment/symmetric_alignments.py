@@ -18,16 +18,16 @@ def symmetric_alignments(
 ) -> list[CoarseAlignment]:
     """Returns the best alignment and its alternatives, best first.
 
-    Where the target's part looks the same after a half turn about a principal axis, the alignment
-    followed by this turn fits the part as well, but leads to another reference (POIL section
-    III-B). Half turns of the best alignment that the search did not find are therefore refined,
-    too. Alignments that cost more than `CoarseAlignmentConfig.cost_margin` above the best one, such
-    as those that contradict the context, are left out.
+    If the target's part looks the same after half a turn about a principal axis, the alignment
+    followed by this turn fits the part equally well, but leads to another reference (POIL section
+    III-B). The search may miss such turns of the best alignment, so they are refined, too.
+    Alignments that cost more than `CoarseAlignmentConfig.cost_margin` above the best one, for
+    example because they do not fit the rest of the object, are left out.
 
     Args:
-        problem: The clouds.
+        problem: The alignment problem.
         target_part: (Q, 3) the target's part [m].
-        progress: Called with the activity and its fraction done.
+        progress: Called with the current activity and its completed fraction.
     """
     found = align_parts(problem, progress=progress)
 

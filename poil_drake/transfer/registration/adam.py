@@ -15,12 +15,11 @@ _EPSILON = 1e-8  # Keeps the denominator above zero.
 class Adam:
     """Adam (Kingma and Ba, ICLR 2015, algorithm 1), with the defaults of `torch.optim.Adam`.
 
-    Constructing a PyTorch optimiser loads `torch._dynamo` and, where PyTorch is built for CUDA,
-    Triton with its LLVM. That crashes a process that has rendered with Mesa, which brings another
-    LLVM.
+    Unlike PyTorch's optimisers it does not load Triton. Triton brings its own LLVM, which crashes a
+    process in which Mesa has rendered with another LLVM.
 
     Args:
-        parameters: The parameters, with gradients.
+        parameters: The parameters to optimise.
         learning_rate: The step size, alpha.
     """
 

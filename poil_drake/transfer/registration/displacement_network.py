@@ -14,12 +14,12 @@ from torch import nn
 class DisplacementNetwork(nn.Module):
     """SIREN (Sitzmann et al., NeurIPS 2020) with three inputs and three outputs.
 
-    The last layer starts at zero, and so do the displacements.
+    The weights of the last layer start at zero, so the initial displacements are zero.
 
     Args:
         hidden_units: Width of the layers.
         hidden_layers: Number of sine layers after the first one.
-        frequency: omega_0: activations are sin(omega_0 (W x + b)).
+        frequency: omega_0 in the activations sin(omega_0 (W x + b)).
         seed: Seed of the initial weights; they do not depend on the global generator.
     """
 
@@ -47,6 +47,6 @@ class DisplacementNetwork(nn.Module):
         return self._last(x)
 
     def displacements(self, points: np.ndarray) -> np.ndarray:
-        """Returns the displacements (P, 3) of points (P, 3) as an array."""
+        """Returns the displacements (P, 3) of points (P, 3) as a NumPy array."""
         with torch.no_grad():
             return self(torch.as_tensor(points, dtype=torch.float32)).numpy().astype(float)

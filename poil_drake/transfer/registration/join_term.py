@@ -1,4 +1,4 @@
-"""Keeps the part joined to the rest of the object."""
+"""A cost that keeps the part joined to the rest of the object."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ from poil_drake.transfer.alignment.cloud_term import CloudFrame, CloudTerm
 from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
 
 _REACH = 0.4
-"""Part and rest join where they are this close, in units of the part's length. Detectors' masks are
-eroded, which leaves a gap."""
+"""Part and rest join where they are closer than this, in units of the part's `CloudFrame.length`.
+They do not touch, because masks are eroded."""
 
 _MAX_POINTS = 40
 _CAP = 3.0  # Offset, in standard deviations, at which the cost reaches half of its limit.
@@ -21,19 +21,20 @@ _CAP = 3.0  # Offset, in standard deviations, at which the cost reaches half of 
 class JoinTerm:
     """Makes the transforms of part and rest agree where the two join.
 
-    Part and rest have their own scales and translations. Both transforms carry the points of the
-    demonstrated part that lie close to the rest. The results must coincide across the rest's
-    surface; along it they may differ, because handles sit higher or lower. The term is robust
-    (Geman-McClure): large offsets pull less and less.
+    Part and rest have their own scales and translations. The demonstrated part's points that are
+    close to the rest are moved by both transforms. Across the surface of the rest, the two results
+    should agree. Along this surface they may differ, because handles sit higher or lower. The term
+    is robust (Geman-McClure): large offsets pull less and less.
 
     Attributes:
-        part: The part's term, which places points.
-        context: The rest's term.
-        part_points: (n, 3) the joining points in the part's units.
-        context_points: (n, 3) the same points in the context's units.
-        normals: (n, 3) the rest's normals there.
-        across: Standard deviation of the offset across the surface, in units of the part's length.
-        along: Standard deviation of the offset along it.
+        part: The part's term, whose `place` applies the part's transform.
+        context: The term of the rest, whose `place` applies the transform of the rest.
+        part_points: (n, 3) the joining points in the part's `CloudFrame`.
+        context_points: (n, 3) the same points in the context's `CloudFrame`.
+        normals: (n, 3) the unit normals of the rest at these points.
+        across: Standard deviation of the offset across the surface, in units of the part's
+            `CloudFrame.length`.
+        along: Standard deviation of the offset along the surface, in the same units.
     """
 
     part: CloudTerm
@@ -41,8 +42,8 @@ class JoinTerm:
     part_points: np.ndarray
     context_points: np.ndarray
     normals: np.ndarray
-    across: float
-    along: float
+    across: float = 0.1
+    along: float = 0.4
 
     @classmethod
     def between(
@@ -52,18 +53,14 @@ class JoinTerm:
         *,
         part: PointCloud,
         context: PointCloud,
-        across: float = 0.1,
-        along: float = 0.4,
     ) -> "JoinTerm | None":
         """Returns the term, or None where the part is nowhere close to the rest.
 
         Args:
-            part_term: Places the part.
-            context_term: Places the rest.
+            part_term: The part's term.
+            context_term: The term of the rest.
             part: The demonstrated part.
-            context: The rest of the demonstrated object; without normals there is no term.
-            across: See the attribute.
-            along: See the attribute.
+            context: The rest of the demonstrated object; without normals the result is None.
         """
         if context.normals is None:
             return None
@@ -83,12 +80,13 @@ class JoinTerm:
             local(part_term.frame),
             local(context_term.frame),
             context.normals[nearest[joining]],
-            across,
-            along,
         )
 
     def energy(self, state: AlignmentState) -> np.ndarray:
-        """Returns half of the mean robust squared offset in standard deviations, (K,)."""
+        """Returns the energies (K,): half of the mean squared offset in standard deviations.
+
+        Large offsets are robustly capped.
+        """
         residual, _ = self._residual(state)
         squares = np.sum(residual**2, axis=2)
         return 0.5 * np.mean(squares / (1.0 + squares / _CAP**2), axis=1)

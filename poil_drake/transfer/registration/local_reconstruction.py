@@ -13,13 +13,13 @@ def local_reconstruction_weights(
     with sum_j w_ij = 1. The weights are invariant to affine maps of the cloud.
 
     Args:
-        points: (P, 3), P >= 2.
+        points: (P, 3) the cloud, P >= 2.
         neighbours: Number of neighbours, without the point itself; at most P - 1 are used.
         regularization: Ridge relative to the trace of the neighbourhood's Gram matrix.
 
     Returns:
         indices: (P, k) the neighbours.
-        weights: (P, k), rows sum to 1.
+        weights: (P, k) the weights; each row adds up to 1.
     """
     k = min(neighbours, len(points) - 1)
     _, indices = cKDTree(points).query(points, k=k + 1)

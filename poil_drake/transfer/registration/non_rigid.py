@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,33 +21,19 @@ _NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's
 _REGULARIZATION = 1e-3  # Ridge of the reconstruction weights, relative to their Gram matrix.
 _TRUNCATION = 0.2  # Pairs farther apart than this have no counterpart and do not pull.
 _SMOOTHING = 0.003
-"""Reconstruction errors below this count quadratically: with a kink at zero, the optimisation would
-stay at the identity."""
+"""Reconstruction errors below this count quadratically, because with a kink at zero the
+optimisation would stay at the identity."""
 
 _STIFFNESS = 200.0
-"""Weight of the mean reconstruction error relative to the mean data term. OAReg weighs a sum over
-points by 1 to 100 against a mean; a mean does not depend on the number of points."""
+"""Weight of the mean reconstruction error relative to the data term. OAReg instead weighs the sum
+over the points by 1 to 100, which depends on the number of points."""
 
 _FREQUENCY = 8.0
-"""omega_0 of the sine layers. OAReg's 30 fits wrinkles to clouds of a few hundred points."""
+"""omega_0 of the sine layers. OAReg's value, 30, fits wrinkles to a few hundred points."""
 
 _LEARNING_RATE = 1e-3
 _PATIENCE = 20  # Steps without an improvement after which the optimisation ends.
 _MIN_IMPROVEMENT = 1e-3  # Of the loss, relative to the initial one.
-
-
-@dataclass(frozen=True, kw_only=True)
-class NonRigidConfig:
-    """Effort of the non-rigid registration.
-
-    Attributes:
-        max_points: Largest number of points used from each cloud, spread evenly; the computing time
-            grows with the square of this number.
-        max_steps: Largest number of optimisation steps.
-    """
-
-    max_points: int = 400
-    max_steps: int = 200
 
 
 def register_non_rigid(
@@ -56,35 +41,38 @@ def register_non_rigid(
     target: np.ndarray,
     *,
     carried: np.ndarray | None = None,
-    config: NonRigidConfig | None = None,
+    max_points: int = 400,
+    max_steps: int = 200,
     progress: Progress | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Returns the deformation of a coarsely aligned part onto another.
 
-    Written from the formulas of OAReg (Zhao, Meng, Yan, ICLR 2025): the field x + d(x), where d is
-    a network with sine activations, maximises the correntropy of nearest neighbours in both
-    directions, truncated so that surfaces seen in one view only do not pull. Each point stays the
-    same linear combination of its neighbours (locally linear reconstruction), which affine maps
-    preserve exactly. Three things differ from OAReg: both clouds share one normalisation, since the
-    coarse alignment has placed them; the deformation starts at the identity; and the regulariser
-    penalises the reconstruction error of the displacements. The error of the displaced points is
-    large from sensor noise alone, and reducing it would contract a noisy cloud.
+    The method is OAReg (Zhao, Meng, Yan, ICLR 2025). A network d with sine activations maximises
+    the correntropy of nearest neighbours between x + d(x) and the target, in both directions. The
+    correntropy is truncated, so that surfaces seen in one view only do not pull. A regulariser
+    keeps each point the same linear combination of its neighbours (locally linear reconstruction),
+    which affine maps preserve exactly. Three things differ from OAReg:
+
+    - Both clouds share one normalisation, because the coarse alignment has placed them.
+    - The deformation starts at the identity.
+    - The regulariser penalises the reconstruction error of the displacements. The error of the
+      displaced points is large from sensor noise alone; reducing it would contract a noisy cloud.
 
     Args:
         source: (P, 3) the part to deform, coarsely aligned [m].
         target: (Q, 3) the other part [m].
-        carried: (M, 3) points to be deformed with the part [m]; they count in the regulariser.
-        config: Effort; None for the defaults.
-        progress: Called with the activity and its fraction done.
+        carried: (M, 3) points to be deformed with the part [m]; the regulariser includes them.
+        max_points: Largest number of points used from each cloud, spread evenly. The computing time
+            grows with its square.
+        max_steps: Largest number of optimisation steps.
+        progress: Called with the current activity and its completed fraction.
 
     Returns:
-        A function that maps points (M, 3) of the source to points (M, 3) on the target [m].
+        A function that maps points (R, 3) of the source to points (R, 3) on the target [m].
 
     Raises:
-        TransferError: if a cloud has fewer points than a neighbourhood needs, or the optimisation
-            diverges.
+        TransferError: if a cloud has fewer than 4 points, or the optimisation diverges.
     """
-    config = config or NonRigidConfig()
     for name, cloud in (("demonstrated", source), ("target", target)):
         if len(cloud) < 4:
             raise TransferError(
@@ -93,9 +81,9 @@ def register_non_rigid(
             )
     center = target.mean(axis=0)
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
-    data, goal = (_spread((c - center) / length, config.max_points) for c in (source, target))
+    data, goal = (_spread((c - center) / length, max_points) for c in (source, target))
     extra = np.empty((0, 3)) if carried is None else (carried - center) / length
-    network = _optimize(data, goal, extra, config.max_steps, progress)
+    network = _optimize(data, goal, extra, max_steps, progress)
 
     def deform(points: np.ndarray) -> np.ndarray:
         return points + length * network.displacements((points - center) / length)
@@ -158,7 +146,7 @@ def _optimize(
 
 
 def _data_term(y: "torch.Tensor", target: "torch.Tensor") -> "torch.Tensor":
-    """Returns the negative truncated mean correntropy of nearest neighbours, in both directions."""
+    """Returns the negative correntropy of truncated nearest-neighbour distances, both ways."""
     import torch
 
     with torch.no_grad():

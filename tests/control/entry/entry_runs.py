@@ -65,7 +65,7 @@ def drive(
 def shortfall(scene: Scene, X_WO: np.ndarray, *, margin, slack):
     """Returns by how much the clearance at poses (K, 4, 4) is too small (K,) [m].
 
-    Required is the margin, or that of the demonstration's nearest sample less the slack.
+    Required is the margin, or the clearance of the demonstration's nearest sample less the slack.
     """
     positions = scene.reference.positions
     shown = scene.distance(kabsch(np.broadcast_to(scene.points, positions.shape), positions))

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
+from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.reference.make_reference import ReferenceConfig, make_reference
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
@@ -49,23 +50,25 @@ def torus(major, minor, spacing=0.003):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A task: obstacles, the object in its own frame, and a demonstration."""
+    """A task: obstacles on the table, the object in its own frame, and a demonstration."""
 
     obstacles: np.ndarray
-    ground: float | None
     cloud: np.ndarray
     points: np.ndarray
     reference: PointTrajectory
     low: np.ndarray
     high: np.ndarray
 
-    def planner(self, config: SafeEntryConfig | None = None, X_WO=None) -> SafeEntryPlanner:
+    def planner(
+        self, config: SafeEntryConfig | None = None, X_WO=None, bcsdm: BcsdmConfig | None = None
+    ) -> SafeEntryPlanner:
         X_WO = np.eye(4) if X_WO is None else X_WO
         return SafeEntryPlanner(
             reference=self.reference,
-            scene=SceneCloud(self.obstacles, ground_height=self.ground),
+            scene=SceneCloud(self.obstacles, ground_height=0.0),
             object_cloud=transform_points(X_WO, self.cloud),
             object_points=transform_points(X_WO, self.points),
+            bcsdm=bcsdm,
             config=config,
         )
 
@@ -81,9 +84,7 @@ class Scene:
         """Returns the clearance (K,) at poses of the object, by brute force over all pairs."""
         where = transform_points(X_WO, self.cloud)
         distance = cKDTree(self.obstacles).query(where)[0].min(axis=1)
-        if self.ground is not None:
-            distance = np.minimum(distance, where[..., 2].min(axis=1) - self.ground)
-        return distance
+        return np.minimum(distance, where[..., 2].min(axis=1))
 
     def random_pose(self, rng, *, clearance, full_rotation):
         while True:
@@ -120,7 +121,6 @@ def wall_scene():
     path = [at(0, 0.16, 0.2), at(0, 0.2, 0.15), at(0, 0.22, 0.07), at(0, 0.22, 0.026)]
     return Scene(
         box([0.5, 0.02, 0.25], [0, 0, 0.125]),
-        0.0,
         cloud,
         points,
         demonstration(points, path),
@@ -142,7 +142,6 @@ def rod_scene():
     path = [at(0.3, 0.1, 0.3), at(0.2, 0, 0.25), at(0.06, 0, 0.25), at(0.06, 0, 0.2445)]
     return Scene(
         np.concatenate([rod, post]),
-        0.0,
         cloud,
         points,
         demonstration(points, path),
@@ -164,7 +163,6 @@ def shelf_scene():
     path += [at(0.12, 0, 0.077)]
     return Scene(
         board,
-        0.0,
         cloud,
         points,
         demonstration(points, path),

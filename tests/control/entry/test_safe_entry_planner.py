@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from poil_drake.control.entry import entry_transit
 from poil_drake.control.entry.entry_transit import TransitConfig
-from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryConfig, SafeEntryPlanner
+from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryConfig
 from poil_drake.control.field.bcsdm_config import BcsdmConfig
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
 from poil_drake.control.field.rollout import rollout
@@ -161,25 +161,18 @@ def test_no_path_is_an_error(wall):
         dut.plan(wall.points_at(BEHIND_THE_WALL))
 
 
-def test_switched_off_it_is_the_field_of_the_paper(wall, planners):
-    scene, bcsdm = wall, BcsdmConfig(eta=2.0)
-    dut = SafeEntryPlanner(
-        reference=scene.reference,
-        scene=planners["wall"].model.scene,
-        object_cloud=scene.cloud,
-        object_points=scene.points,
-        bcsdm=bcsdm,
-        config=SafeEntryConfig(enabled=False),
-    )
-    points = scene.points_at(BEHIND_THE_WALL)
+def test_switched_off_it_is_the_field_of_the_paper(wall):
+    bcsdm = BcsdmConfig(eta=2.0)
+    dut = wall.planner(SafeEntryConfig(enabled=False), bcsdm=bcsdm)
+    points = wall.points_at(BEHIND_THE_WALL)
 
     plan = dut.plan(points)
 
     assert plan.kind is EntryKind.OFF
-    assert_array_equal(plan.reference.positions, scene.reference.positions)
+    assert_array_equal(plan.reference.positions, wall.reference.positions)
     assert dut.field is plan.field is bcsdm
     ours = point_set_bcsdm(points, plan.reference, dut.field, previous_tau=1.0)
-    papers = point_set_bcsdm(points, scene.reference, bcsdm)
+    papers = point_set_bcsdm(points, wall.reference, bcsdm)
     assert_array_equal(ours.twist, papers.twist)
 
 

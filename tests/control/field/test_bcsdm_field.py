@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from point_references import (
     moving_reference,
     resting_reference,
+    seeds,
     still_reference,
     straight_reference,
 )
@@ -12,12 +12,11 @@ from point_references import (
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.control.theory.stability import moment_matrix, potential_rate, rotation_velocity
+from poil_drake.control.theory.stability import moment_matrix, point_inertia, rotation_velocity
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=50)
-seeds = st.integers(0, 2**32 - 1)
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.5], [0, 0, -0.5]])
 SPEED = 0.1
@@ -54,23 +53,15 @@ def test_points_beside_the_reference_are_drawn_to_it():
     np.testing.assert_allclose(output.centroid, [SPEED, 0.02, 0.0], atol=1e-12)
 
 
-def test_the_closest_configuration_may_lie_between_samples():
+@pytest.mark.parametrize(("interpolate", "tau"), [(True, 1.1), (False, 1.0)])
+def test_the_closest_configuration_may_lie_between_samples_or_not(interpolate, tau):
     points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
 
-    output = dut(points, STRAIGHT, CONFIG)
+    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=interpolate))
 
-    assert output.tau == pytest.approx(1.1)
-    assert output.mean_error == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(output.v, [SPEED, 0.0, 0.0], atol=1e-12)
-
-
-def test_without_interpolation_the_closest_sample_is_used():
-    points = BODY + np.array([SPEED * 1.1, 0.0, 0.0])
-
-    output = dut(points, STRAIGHT, BcsdmConfig(eta=3.0, interpolate=False))
-
-    assert output.tau == 1.0
-    np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * 0.1, 0.0, 0.0], atol=1e-12)
+    assert output.tau == pytest.approx(tau)
+    assert output.mean_error == pytest.approx(SPEED * (1.1 - tau), abs=1e-12)
+    np.testing.assert_allclose(output.v, [SPEED - 3.0 * SPEED * (1.1 - tau), 0, 0], atol=1e-12)
 
 
 @given(seeds)
@@ -108,9 +99,10 @@ def test_at_rest_the_field_is_the_gradient_flow_of_the_potential(seed):
     moved = body @ (turn @ R).T + offset + step * output.v
     after = dut(moved, resting_reference(body), CONFIG)
 
-    np.testing.assert_allclose(output.omega, 3.0 * R @ rotation_velocity(W, R), atol=1e-10)
+    omega = rotation_velocity(W, R)
+    np.testing.assert_allclose(output.omega, 3.0 * R @ omega, atol=1e-10)
     np.testing.assert_allclose(output.v, -3.0 * offset, atol=1e-12)
-    rate = 3.0 * (potential_rate(W, R) - 10 * offset @ offset)
+    rate = -3.0 * (omega @ point_inertia(W) @ omega + 10 * offset @ offset)
     assert (after.potential - output.potential) / step == pytest.approx(rate, rel=1e-3)
 
 
@@ -264,6 +256,8 @@ def test_progress_window_needs_the_last_ticks_time():
     # The last sample in the window is at 1.25 s, and the closest configuration at the next.
     assert dut(points, STRAIGHT, config, previous_tau=1.0).tau == 1.5
     assert dut(points, STRAIGHT, config, previous_tau=np.nan).tau == 2.5
+    # The first is at 1.25 s, and the closest configuration at the one before.
+    assert dut(STRAIGHT.positions[2], STRAIGHT, config, previous_tau=1.5).tau == pytest.approx(1.0)
 
 
 def test_invalid_input_is_rejected():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from point_references import moving_reference, resting_reference
+from point_references import moving_reference, resting_reference, seeds
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus
 from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm as dut
@@ -13,7 +13,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 
 SAMPLES, COUNT, PERIOD = 40, 8, 0.1
 
@@ -48,14 +47,11 @@ def assert_each_is_the_single_field(
     """Compares all outputs and returns the statuses."""
     field = dut(points, reference, config, confidence, previous_tau)
 
-    for b in range(len(points)):
-        expected = dut(
-            points[b],
-            reference,
-            config,
-            None if confidence is None else confidence[b],
-            None if previous_tau is None else previous_tau[b],
-        )
+    count = len(points)
+    weights = [None] * count if confidence is None else confidence
+    taus = [None] * count if previous_tau is None else previous_tau
+    for b in range(count):
+        expected = dut(points[b], reference, config, weights[b], taus[b])
         assert field.status[b] is expected.status
         for values, one in zip(field[:-1], expected[:-1], strict=True):
             np.testing.assert_allclose(values[b], one, rtol=0.0, atol=1e-9)

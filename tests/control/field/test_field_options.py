@@ -2,15 +2,12 @@
 
 import numpy as np
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from point_references import moving_reference, resting_reference
+from point_references import moving_reference, resting_reference, seeds
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.field.rollout import rollout
 from poil_drake.control.reference.make_reference import make_reference
 from poil_drake.geometry.rigid_transform import rotation_exp
-
-seeds = st.integers(0, 2**32 - 1)
 
 BODY = 0.03 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1.5, 0], [0, -1.5, 0], [0, 0, 2], [0, 0, -2]])
 PERIOD = 1.0 / 32.0

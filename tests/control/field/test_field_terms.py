@@ -109,16 +109,6 @@ def test_progress_window_applies_after_outliers_are_removed():
     assert back.tau == pytest.approx(3.75)
 
 
-def test_closest_configuration_stays_within_the_sample_beside_the_window():
-    config = BcsdmConfig(progress_window=(0.25, 0.25), window_escape_ratio=0.0)
-
-    # The window begins at 1.25 s, and the points are at 0.5 s, far before it.
-    output = dut(STRAIGHT.positions[2], STRAIGHT, config, previous_tau=1.5)
-
-    assert output.tau == pytest.approx(1.0)
-    assert output.mean_error == pytest.approx(0.05)
-
-
 def test_a_mirror_image_is_no_rigid_motion():
     # Eight points in a plane and one off it, which a mirror would bring to its place.
     angles = np.arange(8) * 0.7

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from point_references import seeds
 
 from poil_drake.control.field import twist_fit as dut
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import skew
 
 property_test = settings(derandomize=True, max_examples=100)
-seeds = st.integers(0, 2**32 - 1)
 LIMIT = 0.015
 
 

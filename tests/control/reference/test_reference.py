@@ -53,7 +53,7 @@ def reference():
 
 
 def largest_deviation(reference):
-    """From the demonstrated path [m]."""
+    """Largest distance from the demonstrated path [m]."""
     _, path = demonstration(rate=128.0)
     return max(np.min(rms(path - sample)) for sample in reference.positions)
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from point_references import resting_reference
+from point_references import resting_reference, seeds
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
 from poil_drake.control.field.rollout import rollout
@@ -11,7 +10,6 @@ from poil_drake.control.theory import degenerate_points as dut
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=50)
-seeds = st.integers(0, 2**32 - 1)
 SQUARE = 0.03 * np.array([[1.0, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
 
 

@@ -20,10 +20,10 @@ def delayed_run(start, step, *, delay, hold, count):
 
     Args:
         start: (6, 3) points, at rest there until now.
-        step: Of time [s].
+        step: Time step [s].
         delay: Age of the points when their twist begins, in steps.
-        hold: How long it lasts, in steps.
-        count: Steps to simulate.
+        hold: How long each twist is held, in steps.
+        count: Number of steps to simulate.
     """
     history = [start]
     output = point_set_bcsdm(start, REFERENCE, BcsdmConfig(eta=ETA))
@@ -50,12 +50,12 @@ def near_start():
 
 
 def stable_limit(k):
-    """Of e_{n+1} = e_n - h e_{n-k} (Levin and May 1976)."""
+    """Largest h for which e_{n+1} = e_n - h e_{n-k} is stable (Levin and May 1976)."""
     return 2.0 * np.sin(np.pi / (2.0 * (2.0 * k + 1.0)))
 
 
 def overshoot_limit(k):
-    """Up to which z^(k+1) - z^k + h has a positive root: z^k (z - 1) is least at k / (k + 1)."""
+    """Largest h for which z^(k+1) - z^k + h has a positive root; the minimum is at k / (k + 1)."""
     return (k / (k + 1.0)) ** k / (k + 1.0)
 
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from point_references import resting_reference
+from point_references import resting_reference, seeds
 from scipy.spatial.transform import Rotation
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
@@ -13,7 +12,6 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 property_test = settings(derandomize=True, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def random_moments(rng):
@@ -44,16 +42,6 @@ def test_limit_separates_steps_that_lower_the_potential_from_those_that_raise_it
     for share in (0.05, 0.5, 0.99):
         assert np.all(held_potential_change(W, R, share * limits) < 0.0)
     assert np.all(held_potential_change(W, R, 1.01 * limits) > 0.0)
-
-
-def test_limit_of_evenly_spread_points_by_hand():
-    angles = np.array([0.1, 1.0, 2.0, 3.0])
-    R = rotation_exp(angles[:, None] * np.array([0.0, 0.6, 0.8]))
-
-    # omega = -sin t about the axis, and D = 2 l (1 - cos t) is back after a turn by 2 t.
-    np.testing.assert_allclose(
-        dut.sampling_gain_limit(5.0 * np.eye(3), R), 2.0 * angles / np.sin(angles)
-    )
 
 
 def test_a_step_without_motion_has_no_limit():

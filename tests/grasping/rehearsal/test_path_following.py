@@ -1,12 +1,11 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.rehearsal.path_following import (
     LIMIT_MARGIN,
     POSITION_TOLERANCE,
     ROTATION_TOLERANCE,
-    backed_off_poses,
+    back_off,
     follow_path,
     manipulability,
 )
@@ -63,10 +62,11 @@ def test_stretched_arm_is_singular(model: PandaModel):
     assert values[1] < 1e-3
 
 
-def test_backs_off_against_the_approach_direction():
-    turned = make_transform(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), [0.1, 0.2, 0.3])[None]
+def test_backs_off_against_the_approach_direction(model: PandaModel):
+    X = model.gripper_pose(NOMINAL_POSTURE)
 
-    X = backed_off_poses(turned, np.array([0.0, 0.05]))
+    q, errors = back_off(model, NOMINAL_POSTURE[None], X[None], np.array([0.0, 0.02, 0.05]))
 
-    assert_allclose(X[0, 0], turned[0])
-    assert_allclose(X[0, 1, :3, 3], [0.05, 0.2, 0.3])
+    assert errors.max() < 1e-3
+    moved = model.gripper_pose(q[0]) - X
+    assert_allclose(moved[:, :3, 3], np.outer([0.0, -0.02, -0.05], X[:3, 2]), atol=1e-3)

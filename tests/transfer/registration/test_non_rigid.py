@@ -7,10 +7,9 @@ from scipy.spatial import cKDTree
 from poil_drake.errors import TransferError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.transfer.registration.local_reconstruction import local_reconstruction_weights
-from poil_drake.transfer.registration.non_rigid import NonRigidConfig, register_non_rigid
+from poil_drake.transfer.registration.non_rigid import register_non_rigid
 
 Maker = Callable[..., PointCloud]
-SMALL = NonRigidConfig(max_points=150)
 
 
 def chamfer(a: np.ndarray, b: np.ndarray) -> float:
@@ -26,7 +25,7 @@ def bent(points: np.ndarray) -> np.ndarray:
 def test_equal_clouds_are_not_deformed(make_handle: Maker) -> None:
     points = make_handle().points
 
-    deform = register_non_rigid(points, points, config=SMALL)
+    deform = register_non_rigid(points, points, max_points=150)
 
     np.testing.assert_allclose(deform(points), points, atol=1e-5)
 
@@ -34,7 +33,7 @@ def test_equal_clouds_are_not_deformed(make_handle: Maker) -> None:
 def test_deforms_a_straight_part_onto_a_bent_one(make_handle: Maker) -> None:
     source, target = make_handle(seed=0).points, bent(make_handle(seed=1).points)
 
-    deform = register_non_rigid(source, target, config=SMALL)
+    deform = register_non_rigid(source, target, max_points=150)
 
     assert chamfer(deform(source), target) < chamfer(source, target)
     truth = bent(source)
@@ -46,7 +45,7 @@ def test_points_keep_their_order_along_the_part(make_handle: Maker) -> None:
     source, target = make_handle(seed=0).points, bent(make_handle(seed=1).points)
     carried = np.stack([np.full(9, 0.06), np.zeros(9), np.linspace(0.03, 0.07, 9)], axis=1)
 
-    moved = register_non_rigid(source, target, carried=carried, config=SMALL)(carried)
+    moved = register_non_rigid(source, target, carried=carried, max_points=150)(carried)
 
     assert np.all(np.diff(moved[:, 2]) > 0.5 * np.diff(carried[:, 2]))
 
@@ -56,16 +55,16 @@ def test_distant_points_do_not_pull(make_handle: Maker) -> None:
     # A second cloud 40 mm beside the first; the truncation is 7 mm.
     target = np.concatenate([source, source + np.array([0.0, 0.04, 0.0])])
 
-    deform = register_non_rigid(source, target, config=SMALL)
+    deform = register_non_rigid(source, target, max_points=150)
 
     assert np.linalg.norm(deform(source) - source, axis=1).max() < 1e-3
 
 
 def test_the_same_clouds_give_the_same_deformation(make_handle: Maker) -> None:
     source, target = make_handle(seed=0).points, bent(make_handle(seed=1).points)
-    short = NonRigidConfig(max_points=100, max_steps=5)
+    short = {"max_points": 100, "max_steps": 5}
 
-    first, second = (register_non_rigid(source, target, config=short)(source) for _ in range(2))
+    first, second = (register_non_rigid(source, target, **short)(source) for _ in range(2))
 
     np.testing.assert_array_equal(first, second)
 
