@@ -1,5 +1,7 @@
 """The scene of a simulated demonstration: the scenario's models, without its robot."""
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.geometry import CalcObb, GeometryId, QueryObject
 from pydrake.lcm import DrakeLcmParams
@@ -22,7 +24,8 @@ from poil_drake.diagrams.scenario.models import (
 )
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame, ReadImage
+from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame
+from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 
@@ -86,6 +89,7 @@ class DemonstrationScene:
         self.object_name, self.fixture_name = poil.object, poil.fixture
         self.part_link = parts[poil.part]
         self.camera_names = tuple(camera.name for camera in self._cameras)
+        self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
     def put_object(self, X_WO: np.ndarray) -> None:
         """Sets the object's (4, 4) pose in the world [m]."""
@@ -96,10 +100,11 @@ class DemonstrationScene:
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Captures images with noise seeded by `time` [s], and with label images if `labels`."""
         self._context.SetTime(time)
-        images = tuple(
-            ReadImage(diagram=self._diagram, context=self._context, name=name, labels=labels)
-            for name in self.camera_names
-        )
+        images = self._renderer.capture(self._context)
+        if labels:
+            ports = [self._diagram.GetOutputPort(f"{n}.label_image") for n in self.camera_names]
+            found = [port.Eval(self._context).data[:, :, 0] for port in ports]
+            images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return MakeFrame(self._cameras, images, self._label_ids)
 
     def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -1,5 +1,6 @@
 """Adds a stereo camera's noise to a rendered depth image."""
 
+import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F
@@ -51,9 +52,13 @@ class DepthNoiseSystem(LeafSystem):
             {self._input.ticket(), self.time_ticket()},
         )
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
-        depth = self._input.Eval(context).data[:, :, 0]
-        microseconds = max(0, round(context.get_time() * 1e6))
-        output.get_mutable_value().mutable_data[:, :, 0] = apply_stereo_depth_noise(
+    def noisy(self, depth: np.ndarray, time: float) -> np.ndarray:
+        """Returns a depth image (H, W) [m] with the errors at a time [s]."""
+        microseconds = max(0, round(time * 1e6))
+        return apply_stereo_depth_noise(
             depth, self._config, (self._seed, self._camera_index, microseconds)
         )
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        depth = self._input.Eval(context).data[:, :, 0]
+        output.get_mutable_value().mutable_data[:, :, 0] = self.noisy(depth, context.get_time())

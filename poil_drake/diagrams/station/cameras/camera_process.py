@@ -18,8 +18,8 @@ class CameraProcess:
     """A `SceneRenderer` that renders a station's cameras in a separate process.
 
     The process builds a second station from the same scenario, sets the requested positions of its
-    plant, and renders. The images equal those of the original station bit for bit. Other changes in
-    the original station's context or scene graph do not show. Rendering on a thread instead
+    plant, and renders what has changed (see `IncrementalRenderer`). Other changes in the original
+    station's context or scene graph do not show. Rendering on a thread instead
     is impossible, because VTK crashes there. The process starts with the first request or `start`.
     """
 

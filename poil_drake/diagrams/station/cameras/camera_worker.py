@@ -8,6 +8,7 @@ from pydrake.lcm import DrakeLcmParams
 
 from poil_drake.diagrams.scenario.checks import NO_NETWORK
 from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.worker_process import serve
@@ -29,6 +30,9 @@ class CameraService:
         scenario = dataclasses.replace(scenario, lcm_buses=silent)
         self._station = MakeStation(scenario, ignore_output_delay=True, package_xmls=package_xmls)
         self._context = self._station.CreateDefaultContext()
+        self._renderer = IncrementalRenderer(
+            self._station, self._station.scene_graph(), self._station.camera_names
+        )
 
     def __call__(self, request: tuple[Any, ...]) -> tuple[RgbdImage, ...] | tuple[np.ndarray, ...]:
         """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
@@ -40,7 +44,7 @@ class CameraService:
         """
         kind, *scene = request
         if kind == "warm up":
-            self._station.TakeImages(self._context)
+            self._renderer.capture(self._context)
             return ()
         positions, time = scene
         plant = self._station.plant()
@@ -51,7 +55,7 @@ class CameraService:
             names = [f"{camera}.label_image" for camera in self._station.camera_names]
             ports = [self._station.GetOutputPort(name) for name in names]
             return tuple(port.Eval(self._context).data[:, :, 0] for port in ports)
-        return self._station.TakeImages(self._context)
+        return self._renderer.capture(self._context)
 
 
 if __name__ == "__main__":
