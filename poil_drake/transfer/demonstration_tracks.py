@@ -14,6 +14,10 @@ from poil_drake.transfer.progress import Progress
 
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
 
+_MIN_INTERVAL = 0.06
+"""Frames that follow the last tracked frame by less than this are skipped [s]. The tracker bridges
+twice this time in the control loop."""
+
 _INLIER_DISTANCE = 0.01
 """Largest distance of a point from where the object's motion since the first frame puts it [m].
 Farther points have drifted, or were confused with others."""
@@ -24,7 +28,7 @@ class DemonstrationTracks:
     """Tracks of the part's points over a demonstration.
 
     Attributes:
-        times: (T,) capture times since the first frame [s].
+        times: (T,) capture times of the tracked frames since the first [s].
         positions: (T, N, 3) [m, world]; NaN where a point was not observed, or did not move with
             the others.
         confidence: (T, N) the tracker's confidence in each point, in [0, 1]; 0 where NaN.
@@ -64,14 +68,16 @@ def track_demonstration(
     samples = [(first.stamp, output.points.positions, output.points.confidence)]
     seen_at = first.stamp
     for k in range(1, len(frames)):
-        frame = frames[k]
+        frame, last = frames[k], k == len(frames) - 1
+        if frame.stamp - samples[-1][0] < _MIN_INTERVAL and not last:
+            continue
         output = tracker.step(output.state, frame)
         points = output.points
         confidence = _rigid_confidence(samples[0][1], points)
         enough = np.count_nonzero(confidence > 0.0) >= _MIN_POINTS
         if enough and not output.lost:
             seen_at = frame.stamp
-        elif frame.stamp - seen_at > max_gap or k == len(frames) - 1:
+        elif frame.stamp - seen_at > max_gap or last:
             raise TrackingError(
                 f"The tracker lost the object {seen_at - first.stamp:.2f} s into the "
                 f"demonstration, which lasts {frames[-1].stamp - first.stamp:.2f} s.",

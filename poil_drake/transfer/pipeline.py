@@ -1,6 +1,9 @@
 """Transfers a demonstration to the object in a view of the target scene (POIL section III-A)."""
 
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from threading import Event
 
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
@@ -107,31 +110,46 @@ def transfer(
     )
     target = view(target_frame, "the view of the scene", object_label)
     points = sample_part_points(source.part, config.num_points)
-    problem = AlignmentProblem.between(
-        source.part,
-        target.part,
-        source_context=source.context,
-        target_context=target.context,
-        config=config.alignment,
-    )
-    alignments = symmetric_alignments(problem, target.part.points, progress=progress)
-    tracks = track_demonstration(
-        demonstration.frames,
-        points,
-        source.masks.object_masks,
-        tracker=tracker,
-        progress=progress,
-    )
-    matchings = []
-    for alignment in alignments:
-        placed = alignment.apply(points)
-        deform = register_non_rigid(
-            alignment.apply(source.part.points),
-            target.part.points,
-            carried=placed,
-            progress=progress,
+    idle, abandoned = Event(), Event()
+
+    def report(activity: str, fraction: float) -> None:
+        if abandoned.is_set():
+            raise CancelledError
+        if progress is not None and idle.is_set():
+            progress(activity, fraction)
+
+    with ThreadPoolExecutor(max_workers=1) as thread, ExitStack() as last:
+        last.callback(abandoned.set)
+        tracking = thread.submit(
+            track_demonstration,
+            demonstration.frames,
+            points,
+            source.masks.object_masks,
+            tracker=tracker,
+            progress=report,
         )
-        target_points = deform(placed)
+        problem = AlignmentProblem.between(
+            source.part,
+            target.part,
+            source_context=source.context,
+            target_context=target.context,
+            config=config.alignment,
+        )
+        alignments = symmetric_alignments(problem, target.part.points, progress=progress)
+        deformed = []
+        for alignment in alignments:
+            placed = alignment.apply(points)
+            deform = register_non_rigid(
+                alignment.apply(source.part.points),
+                target.part.points,
+                carried=placed,
+                progress=progress,
+            )
+            deformed.append((alignment, placed, deform(placed)))
+        idle.set()
+        tracks = tracking.result()
+    matchings = []
+    for alignment, placed, target_points in deformed:
         posed_by = None if config.pose_by_deformed_points else placed
         reference = make_matching_reference(target_points, tracks, posed_by=posed_by)
         matchings.append(Matching(target_points, reference, alignment.cost))
