@@ -211,9 +211,10 @@ class VelocityLimiter:
         return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
-        """Returns whether braking from `start` stays inside, or no farther outside than `before`.
+        """Returns whether braking from K positions (K, n) [rad] obeys the position limits.
 
-        `start` and `before`, one period earlier, are (K, n) positions [rad]; `braking` starts at 0.
+        A joint that was outside at `before` (K, n), one period before `start` (K, n), may get no
+        farther outside. `braking` is relative to `start`.
         """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]

@@ -14,8 +14,8 @@ from poil_drake.errors import InvalidValueError
 class RealSense:
     """An Intel RealSense; it needs `pyrealsense2`.
 
-    The stamp of a colour and a depth image is the time when the read-out of the older one began,
-    half an exposure time after the middle of its exposure. The library converts this time from the
+    A colour and a depth image share one stamp: the end of the older image's exposure, which is half
+    an exposure time after its middle. The library converts this time from the
     camera's clock to this computer's ("global time"). With some kernels the camera has no global
     time; the stamp is then the image's arrival less `latency` (see `FramePairStamps`).
 

@@ -165,7 +165,7 @@ class _CheckedFile(io.BufferedReader):
             if self._size >= 2 * MAGIC_SIZE:
                 self.seek(-MAGIC_SIZE, io.SEEK_END)
                 if super().read() == MCAP0_MAGIC:
-                    raise ValueError("it is longer than the file")
+                    raise ValueError("the record reaches beyond the end of the file")
             raise CutOffError(
                 f"{self._path} is cut off: it ends inside the record at byte {self.position}, "
                 "without a footer.",

@@ -82,7 +82,7 @@ def test_a_damaged_length_is_distinguished_from_the_end_of_a_recording(tmp_path)
     (tmp_path / "whole.mcap").write_bytes(damaged)
     (tmp_path / "cut.mcap").write_bytes(damaged[:-1])
 
-    with pytest.raises(DemonstrationError, match=r"damaged .* longer than the file"):
+    with pytest.raises(DemonstrationError, match=r"damaged .* beyond the end of the file"):
         list(scan(tmp_path / "whole.mcap"))
     with pytest.raises(CutOffError):
         list(scan(tmp_path / "cut.mcap"))
