@@ -22,8 +22,8 @@ class JoinTerm:
     """Makes the transforms of part and rest agree where the two join.
 
     Part and rest have their own scales and translations. The demonstrated part's points that are
-    close to the rest are moved by both transforms. Perpendicular to the surface of the rest, the two
-    results should agree. Along this surface they may differ, because handles sit higher or lower. The term
+    close to the rest are moved by both transforms. The two results should agree perpendicular to
+    the surface of the rest, but may differ along it, because handles sit higher or lower. The term
     is robust (Geman-McClure): large offsets pull less and less.
 
     Attributes:
