@@ -1,22 +1,22 @@
 """Tracks the part's points through a demonstration."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.rigid_consensus import rigid_inliers
-from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker
+from poil_drake.recording.demonstration.demonstration import Demonstration
 from poil_drake.transfer.progress import Progress
 
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
 
-_MIN_INTERVAL = 0.06
-"""Frames that follow the last tracked frame by less than this are skipped [s]. The tracker bridges
-twice this time in the control loop."""
+_MAX_INTERVAL = 0.25  # From one tracked frame to the next [s].
+_MAX_STEP = 0.04
+"""How far a point may move from one tracked frame to the next, at its last speed [m]. A tracker
+follows such a step as well as two half as long, in less time."""
 
 _INLIER_DISTANCE = 0.01
 """Largest distance of a point from where the object's motion since the first frame puts it [m].
@@ -40,7 +40,7 @@ class DemonstrationTracks:
 
 
 def track_demonstration(
-    frames: Sequence[MultiViewFrame],
+    demonstration: Demonstration,
     query_points: np.ndarray,
     object_masks: tuple[np.ndarray, ...],
     *,
@@ -51,7 +51,7 @@ def track_demonstration(
     """Tracks the part's points from the first frame to the last.
 
     Args:
-        frames: The demonstration, in order of time. Each frame is read once.
+        demonstration: The demonstration. While it is slow, some of its frames are skipped.
         query_points: (N, 3) the points in the first frame [m, world].
         object_masks: Each camera's mask (H, W) bool of the object in the first frame.
         tracker: Tracks the points.
@@ -63,33 +63,42 @@ def track_demonstration(
         TrackingError: if the tracker cannot start, or loses the object for longer than `max_gap` or
             in the last frame; the message says when.
     """
-    first = frames[0]
-    output = tracker.start(first, query_points, object_masks)
-    samples = [(first.stamp, output.points.positions, output.points.confidence)]
-    seen_at = first.stamp
-    for k in range(1, len(frames)):
-        frame, last = frames[k], k == len(frames) - 1
-        if frame.stamp - samples[-1][0] < _MIN_INTERVAL and not last:
-            continue
+    frames, stamps = demonstration.frames, demonstration.stamps
+    output = tracker.start(frames[0], query_points, object_masks)
+    samples = [(stamps[0], output.points.positions, output.points.confidence)]
+    seen_at, speed = stamps[0], np.inf
+    k, last = 0, len(frames) - 1
+    while k < last:
+        k = _next_frame(stamps, k, speed)
+        frame = frames[k]
         output = tracker.step(output.state, frame)
         points = output.points
         confidence = _rigid_confidence(samples[0][1], points)
         enough = np.count_nonzero(confidence > 0.0) >= _MIN_POINTS
         if enough and not output.lost:
             seen_at = frame.stamp
-        elif frame.stamp - seen_at > max_gap or last:
+        elif frame.stamp - seen_at > max_gap or k == last:
             raise TrackingError(
-                f"The tracker lost the object {seen_at - first.stamp:.2f} s into the "
-                f"demonstration, which lasts {frames[-1].stamp - first.stamp:.2f} s.",
+                f"The tracker lost the object {seen_at - stamps[0]:.2f} s into the "
+                f"demonstration, which lasts {stamps[-1] - stamps[0]:.2f} s.",
                 remedy="Move the object more slowly and keep it in view of a camera, or change "
                 "poil.tracker.",
             )
+        shift = np.linalg.norm(points.positions - samples[-1][1], axis=1)
+        shift = shift[np.isfinite(shift) & (confidence > 0.0)]
+        speed = shift.max() / (stamps[k] - samples[-1][0]) if enough and shift.size else np.inf
         samples.append((frame.stamp, points.positions, confidence))
         if progress is not None:
-            progress("tracking the demonstration", (k + 1) / len(frames))
-    stamps, positions, confidence = (np.array(column) for column in zip(*samples, strict=True))
+            progress("tracking the demonstration", k / last)
+    times, positions, confidence = (np.array(column) for column in zip(*samples, strict=True))
     positions[confidence <= 0.0] = np.nan
-    return DemonstrationTracks(stamps - stamps[0], positions, confidence)
+    return DemonstrationTracks(times - times[0], positions, confidence)
+
+
+def _next_frame(stamps: np.ndarray, k: int, speed: float) -> int:
+    """Returns the frame to track after frame k, while points move at most at a speed [m/s]."""
+    gap = min(_MAX_INTERVAL, _MAX_STEP / max(speed, 1e-9))
+    return max(k + 1, int(np.searchsorted(stamps, stamps[k] + gap, side="right")) - 1)
 
 
 def _rigid_confidence(first: np.ndarray, points: TrackedPoints) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Transfers a demonstration to the object in a view of the target scene (POIL section III-A)."""
 
-from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import ExitStack
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, field
-from threading import Event
 
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
@@ -18,7 +17,7 @@ from poil_drake.transfer.demonstration_tracks import track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
 from poil_drake.transfer.part_points import PartView, sample_part_points, view_part
 from poil_drake.transfer.progress import Progress
-from poil_drake.transfer.registration.non_rigid import register_non_rigid
+from poil_drake.transfer.registration.non_rigid import deform_points
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +69,7 @@ def transfer(
     part_label: str,
     demonstration_object_label: str | None = None,
     config: TransferConfig | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> TransferResult:
     """Transfers a demonstrated motion to another object with the same functional part.
@@ -88,6 +88,7 @@ def transfer(
         part_label: Label of the functional part of both objects.
         demonstration_object_label: Label of the demonstrated object; if None, `object_label`.
         config: Parameters; None for the defaults.
+        executor: Deforms the part while the tracker works; None for a thread.
         progress: Called with the current activity and its completed fraction.
 
     Raises:
@@ -110,47 +111,31 @@ def transfer(
     )
     target = view(target_frame, "the view of the scene", object_label)
     points = sample_part_points(source.part, config.num_points)
-    idle, abandoned = Event(), Event()
-
-    def report(activity: str, fraction: float) -> None:
-        if abandoned.is_set():
-            raise CancelledError
-        if progress is not None and idle.is_set():
-            progress(activity, fraction)
-
-    with ThreadPoolExecutor(max_workers=1) as thread, ExitStack() as last:
-        last.callback(abandoned.set)
-        tracking = thread.submit(
-            track_demonstration,
-            demonstration.frames,
+    problem = AlignmentProblem.between(
+        source.part,
+        target.part,
+        source_context=source.context,
+        target_context=target.context,
+        config=config.alignment,
+    )
+    alignments = symmetric_alignments(problem, target.part.points, progress=progress)
+    placed = [alignment.apply(points) for alignment in alignments]
+    with nullcontext(executor) if executor else ThreadPoolExecutor(max_workers=1) as pool:
+        deformed = [
+            pool.submit(deform_points, alignment.apply(source.part.points), target.part.points, own)
+            for alignment, own in zip(alignments, placed, strict=True)
+        ]
+        tracks = track_demonstration(
+            demonstration,
             points,
             source.masks.object_masks,
             tracker=tracker,
-            progress=report,
+            progress=progress,
         )
-        problem = AlignmentProblem.between(
-            source.part,
-            target.part,
-            source_context=source.context,
-            target_context=target.context,
-            config=config.alignment,
-        )
-        alignments = symmetric_alignments(problem, target.part.points, progress=progress)
-        deformed = []
-        for alignment in alignments:
-            placed = alignment.apply(points)
-            deform = register_non_rigid(
-                alignment.apply(source.part.points),
-                target.part.points,
-                carried=placed,
-                progress=progress,
-            )
-            deformed.append((alignment, placed, deform(placed)))
-        idle.set()
-        tracks = tracking.result()
     matchings = []
-    for alignment, placed, target_points in deformed:
-        posed_by = None if config.pose_by_deformed_points else placed
+    for alignment, own, future in zip(alignments, placed, deformed, strict=True):
+        target_points = future.result()
+        posed_by = None if config.pose_by_deformed_points else own
         reference = make_matching_reference(target_points, tracks, posed_by=posed_by)
         matchings.append(Matching(target_points, reference, alignment.cost))
     return TransferResult(tuple(matchings), target.part, target.whole)

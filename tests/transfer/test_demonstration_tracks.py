@@ -8,6 +8,7 @@ from poil_drake.geometry.rigid_transform import rotation_exp
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
+from poil_drake.recording.demonstration.demonstration import Demonstration
 from poil_drake.transfer.demonstration_tracks import track_demonstration
 
 QUERY = np.arange(12.0).reshape(4, 3)
@@ -15,10 +16,11 @@ X = np.array([1.0, 0.0, 0.0])
 MASKS = (np.ones((2, 2), dtype=bool),)
 
 
-def frames(count: int) -> list[MultiViewFrame]:
+def frames(count: int) -> Demonstration:
     camera = CameraModel("camera", 2, 2, np.eye(3), np.eye(4))
     image = np.zeros((2, 2, 3)), np.ones((2, 2))
-    return [MultiViewFrame((camera,), (RgbdImage(*image, 5.0 + 0.5 * k),)) for k in range(count)]
+    images = [RgbdImage(*image, 5.0 + 0.5 * k) for k in range(count)]
+    return Demonstration([MultiViewFrame((camera,), (image,)) for image in images])
 
 
 @dataclass(frozen=True)
@@ -120,3 +122,30 @@ def test_a_body_that_falls_apart_is_lost() -> None:
 
     with pytest.raises(TrackingError, match=r"lost the object 1\.00 s into"):
         track_demonstration(frames(6), BODY, MASKS, tracker=GivenTracks(positions))
+
+
+def test_slow_motion_is_tracked_less_often() -> None:
+    camera = CameraModel("camera", 2, 2, np.eye(3), np.eye(4))
+    image = np.zeros((2, 2, 3)), np.ones((2, 2))
+    stamps = np.arange(33) / 32
+    recorded = [MultiViewFrame((camera,), (RgbdImage(*image, t),)) for t in stamps]
+    # The body moves at 0.08 m/s for half a second, then at 0.64 m/s.
+    way = np.where(stamps < 0.5, 0.08 * stamps, 0.04 + 0.64 * (stamps - 0.5))
+
+    class Follower:
+        def start(self, frame, query_points, object_masks) -> TrackerOutput:
+            return self.step(None, frame)
+
+        def step(self, state, frame, motion_prior=None) -> TrackerOutput:
+            points = BODY + np.interp(frame.stamp, stamps, way) * X
+            return TrackerOutput(
+                None, TrackedPoints(points, np.ones(len(BODY)), frame.stamp), False
+            )
+
+    tracks = track_demonstration(Demonstration(recorded), BODY, MASKS, tracker=Follower())
+
+    gaps = np.diff(tracks.times)
+    assert gaps[0] == 1 / 32  # The speed is unknown.
+    assert gaps.max() == 0.25
+    assert (gaps[tracks.times[:-1] > 0.75] <= 1 / 16).all()
+    assert tracks.times[-1] == 1.0

@@ -130,7 +130,7 @@ def test_a_symmetric_handle_also_has_an_upside_down_matching(result: TransferRes
 def test_the_progress_of_every_stage_rises_to_one(
     result: TransferResult, reported: Reported
 ) -> None:
-    for stage in ("aligning the parts", "tracking the demonstration", "deforming the part"):
+    for stage in ("aligning the parts", "tracking the demonstration"):
         shares = [share for what, share in reported if what == stage]
         # Further alignments and matchings follow the first one.
         first = shares[: shares.index(1.0) + 1]

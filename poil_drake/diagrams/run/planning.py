@@ -1,6 +1,5 @@
 """Makes an execution plan from a demonstration and a scenario."""
 
-from contextlib import closing
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -16,9 +15,9 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
-from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
 
@@ -54,34 +53,36 @@ def PlanScenario(
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     detector = make_detector(poil.detector)
-    # In its own process the tracker works while the parts are aligned.
-    with closing(ProcessTracker(MakeScenarioTracker(poil))) as tracker:
+    with WorkerExecutor("torch") as worker:
         with MakeStation(
             scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
         ) as station:
             context = station.CreateDefaultContext()
             frame = CaptureFrame(station, context, labels=True)
             q_start = station.ArmPosition(context)
+        everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
+        scene = worker.submit(fuse_views, frame, everything, _OBSTACLE_FUSION)
         transferred = transfer(
             recorded,
             frame,
             detector=detector,
-            tracker=tracker,
+            tracker=MakeScenarioTracker(poil),
             object_label=poil.object,
             part_label=poil.part,
             demonstration_object_label=poil.demonstration_object_label,
             config=replace(TransferConfig(), num_points=poil.num_points),
+            executor=worker,
             progress=progress,
         )
+        scene_points = scene.result().points
     model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
-    everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
     result = plan_execution(
         transferred.matchings,
         object_label=poil.object,
         part_label=poil.part,
         object_cloud=transferred.object_cloud,
         part_points=transferred.part_cloud.points,
-        scene_points=fuse_views(frame, everything, _OBSTACLE_FUSION).points,
+        scene_points=scene_points,
         q_start=q_start,
         model=model,
         config=_planner_config(poil),

@@ -8,7 +8,6 @@ import numpy as np
 
 from poil_drake.errors import TransferError
 from poil_drake.geometry.sampling import farthest_point_sampling
-from poil_drake.transfer.progress import Progress
 from poil_drake.transfer.registration.local_reconstruction import local_reconstruction_weights
 
 if TYPE_CHECKING:
@@ -43,7 +42,6 @@ def register_non_rigid(
     carried: np.ndarray | None = None,
     max_points: int = 400,
     max_steps: int = 200,
-    progress: Progress | None = None,
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Returns the deformation of a coarsely aligned part onto another.
 
@@ -65,7 +63,6 @@ def register_non_rigid(
         max_points: Largest number of points used from each cloud, spread evenly. The computing time
             grows with its square.
         max_steps: Largest number of optimisation steps.
-        progress: Called with the current activity and its completed fraction.
 
     Returns:
         A function that maps points (R, 3) of the source to points (R, 3) on the target [m].
@@ -83,12 +80,17 @@ def register_non_rigid(
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
     data, goal = (_spread((c - center) / length, max_points) for c in (source, target))
     extra = np.empty((0, 3)) if carried is None else (carried - center) / length
-    network = _optimize(data, goal, extra, max_steps, progress)
+    network = _optimize(data, goal, extra, max_steps)
 
     def deform(points: np.ndarray) -> np.ndarray:
         return points + length * network.displacements((points - center) / length)
 
     return deform
+
+
+def deform_points(source: np.ndarray, target: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns points (M, 3) of the source, carried along by `register_non_rigid` [m]."""
+    return register_non_rigid(source, target, carried=points)(points)
 
 
 def _spread(points: np.ndarray, count: int) -> np.ndarray:
@@ -100,7 +102,6 @@ def _optimize(
     target: np.ndarray,
     extra: np.ndarray,
     max_steps: int,
-    progress: Progress | None,
 ) -> "DisplacementNetwork":
     import torch
 
@@ -132,16 +133,12 @@ def _optimize(
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-        if progress is not None:
-            progress("deforming the part", (step + 1) / max_steps)
     if not np.isfinite(losses[-1]):
         raise TransferError(
             f"The non-rigid registration diverged: its loss is {losses[-1]}.",
             remedy="Check the part's mask and depth in the demonstration and in the scene.",
         )
     network.load_state_dict(best)
-    if progress is not None:
-        progress("deforming the part", 1.0)
     return network
 
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from poil_drake.geometry.rigid_transform import cross
+
 
 def tukey_weights(residuals: np.ndarray, gate: float) -> np.ndarray:
     """Returns Tukey's biweights of residuals r: (1 - (r / gate)^2)^2, or 0 if |r| >= gate."""
@@ -27,7 +29,7 @@ def motion_jacobian(points: np.ndarray, gradients: np.ndarray) -> np.ndarray:
         (..., 6) rows (q x g, g).
     """
     gradients = np.broadcast_to(gradients, points.shape)
-    return np.concatenate([np.cross(points, gradients), gradients], axis=-1)
+    return np.concatenate([cross(points, gradients), gradients], axis=-1)
 
 
 class NormalEquations:

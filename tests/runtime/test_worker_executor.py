@@ -1,0 +1,35 @@
+"""Functions that run in a worker process."""
+
+import math
+import os
+
+import pytest
+
+from poil_drake.errors import InvalidValueError
+from poil_drake.runtime.worker_executor import WorkerExecutor
+from poil_drake.transfer.pipeline import TransferConfig
+
+
+def test_functions_run_in_order_in_one_other_process() -> None:
+    calls = ((os.getpid,), (math.sqrt, 4.0), (os.getpid,))
+    with WorkerExecutor("json") as dut:
+        first, root, again = (
+            dut.submit(os.getpid),
+            dut.submit(math.sqrt, 4.0),
+            dut.submit(os.getpid),
+        )
+
+    assert root.result() == 2.0
+    assert first.result() == again.result() != os.getpid()
+    with pytest.raises(ProcessLookupError):
+        os.kill(first.result(), 0)
+
+
+def test_errors_reach_the_caller() -> None:
+    with WorkerExecutor() as dut:
+        bad_value, other = dut.submit(TransferConfig, num_points=2), dut.submit(math.sqrt, -1.0)
+
+    with pytest.raises(InvalidValueError, match="num_points is 2"):
+        bad_value.result()
+    with pytest.raises(RuntimeError, match="math domain error"):
+        other.result()
