@@ -13,11 +13,7 @@ from poil_drake.transfer.pipeline import TransferConfig
 def test_functions_run_in_order_in_one_other_process() -> None:
     calls = ((os.getpid,), (math.sqrt, 4.0), (os.getpid,))
     with WorkerExecutor("json") as dut:
-        first, root, again = (
-            dut.submit(os.getpid),
-            dut.submit(math.sqrt, 4.0),
-            dut.submit(os.getpid),
-        )
+        first, root, again = (dut.submit(*call) for call in calls)
 
     assert root.result() == 2.0
     assert first.result() == again.result() != os.getpid()
