@@ -14,7 +14,7 @@ from poil_drake.systems import Pulse
 
 
 def push(plan_file: str, force: float) -> float:
-    """Returns the points' distance from the goal [m] at 10.5 s, after a push [N] at 6 s."""
+    """Pushes with `force` [N] at 6 s; returns the points' distance from the goal [m] at 10.5 s."""
     scenario = poil.LoadScenario(
         filename=poil.default_scenario_file(), data="{poil: {tracker: ground_truth}}"
     )

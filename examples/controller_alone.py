@@ -38,7 +38,7 @@ class FreeBody(LeafSystem):
         self.DeclareVectorOutputPort("points", 30, self._calc_points, {self.xc_ticket()})
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
-        """R' = [ω] R and p' = v."""
+        """R' = skew(ω) R and p' = v for the pose (R, p) and the spatial velocity (ω, v)."""
         R, V = self._pose.Eval(context).reshape(4, 4)[:3, :3], self._velocity.Eval(context)
         X_dot = np.block([[skew(V[:3]) @ R, V[3:, None]], [np.zeros((1, 4))]])
         derivatives.SetFromVector(X_dot.ravel())

@@ -1,7 +1,7 @@
 """A dry run on hardware: perception and control run, but nothing is sent to the robot.
 
 Here, `poil driver` simulates the robot in a separate process, behind the real interface (LCM).
-With a real robot, leave it out. Needs a plan from `poil transfer`:
+With a real robot, start no driver here. Needs a plan from `poil transfer`:
 python examples/hardware_dry_run.py out/plan.npz out/dry_run
 """
 

@@ -1,4 +1,4 @@
-"""Your own station: an obstacle beside the rack, and a list of the bodies that touch another.
+"""Your own station: an obstacle beside the rack, and a list of the bodies that touch something.
 
 Needs a plan from `poil transfer`: python examples/own_station.py out/plan.npz
 """
@@ -50,7 +50,7 @@ with poil.MakeClosedLoop(scenario, plan, station=station) as loop:
     seen: set[str] = set()
 
     def watch(root: Context) -> EventStatus:
-        """Adds the bodies in contact to `seen` after each step."""
+        """Adds the bodies that are in contact to `seen`. Drake calls this after each step."""
         seen.update(touched(station.plant(), station.plant().GetMyContextFromRoot(root)))
         return EventStatus.DidNothing()
 

@@ -32,8 +32,8 @@ def demonstration_directives(
         The directives, and the names of the removed models.
 
     Raises:
-        ScenarioError: A file of directives cannot be read, a weld does not name the model of its
-            link, or the object or fixture is welded to the robot.
+        ScenarioError: A file of directives cannot be read, a weld names a link without its model,
+            or the object or fixture is welded to the robot.
     """
     poil = scenario.poil
     directives = _flat(scenario.directives, packages)
@@ -87,7 +87,7 @@ def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
 
 
 def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str], set[str]]:
-    """Returns the names of a model, of all models welded below it, and of frames added to them."""
+    """Returns the names of a model and of all models welded below it, and those of their frames."""
     attached, frames = {model}, set[str]()
     while True:
         before = len(attached) + len(frames)
@@ -102,7 +102,7 @@ def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str
 
 
 def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> bool:
-    """Returns whether a directive involves a model or frame listed, or filters collisions."""
+    """Returns whether a directive uses one of these models or frames, or filters collisions."""
     model, frame, weld = directive.add_model, directive.add_frame, directive.add_weld
     if model is not None:
         return model.name in models

@@ -112,11 +112,11 @@ def _unsuitable(problem: str, remedy: str) -> ScenarioError:
 
 
 def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
-    """Returns the object's (3, 3) orientation in the world in which its handle can hang on the rod.
+    """Returns the object's (3, 3) orientation in the world when its handle hangs on the rod.
 
-    `rod` and `handle` are unit vectors (3,): along the rod in the world, and from the object's z
-    axis to the handle in the object's frame. The handle becomes perpendicular to the rod. It points
-    away from the robot, towards the world's +x axis, and `tilt` [deg] above the horizontal.
+    The handle is perpendicular to the rod, and points towards the world's +x axis, away from the
+    robot, and `tilt` [deg] above the horizontal. `rod` is the unit vector (3,) along the rod in the
+    world; `handle` is the one from the object's z axis to its handle, in the object's frame.
     """
     up = np.array([0.0, 0.0, 1.0]) - rod[2] * rod
     up /= np.linalg.norm(up)
@@ -134,9 +134,9 @@ def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.nd
 def _descent(
     scene: DemonstrationScene, over: np.ndarray, rod: np.ndarray, config: HangingMotionConfig
 ) -> np.ndarray:
-    """Returns the displacement (3,) [m, world] from `over` to a gap of `clearance` above the rod.
+    """Returns the displacement (3,) [m, world] that lowers the object from its pose `over`.
 
-    The displacement is downward, perpendicular to the rod. Bisection finds its length.
+    The displacement is perpendicular to the rod, and leaves a gap of `clearance` to the handle.
     """
     down = rod[2] * rod - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down)

@@ -19,9 +19,9 @@ class KeyframeMotion:
     Args:
         times: (K,) times of the keyframes [s], increasing from 0, K >= 2.
         poses: (K, 4, 4) poses of the object in the world [m].
-        blend: Time by which each movement starts before its first keyframe and ends after its
-            second [s]. With 0, the object stops at each keyframe. The whole motion still starts at
-            the first keyframe and ends at the last.
+        blend: How long before its first keyframe each movement starts, and how long after its
+            second keyframe it ends [s]. The whole motion still starts at the first keyframe and
+            ends at the last. With a blend of 0, the object stops at each keyframe.
 
     Attributes:
         duration: Time of the last keyframe [s].
@@ -47,7 +47,7 @@ class KeyframeMotion:
 
 
 def minimum_jerk(share: np.ndarray) -> np.ndarray:
-    """Returns the completed fraction of a minimum-jerk movement after the fraction `share` of time.
+    """Returns the completed fraction of a minimum-jerk movement after a `share` of its time.
 
     s(x) = 10 x^3 - 15 x^4 + 6 x^5, where x is `share` clipped to [0, 1].
     """

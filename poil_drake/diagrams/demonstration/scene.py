@@ -132,7 +132,7 @@ class DemonstrationScene:
         return self._first_body(model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
-        """Puts the object at X_WO; returns its part's signed distance [m] from a model's part."""
+        """Puts the object at X_WO; returns the signed distance [m] between the two parts."""
         self.put_object(X_WO)
         query = self._query()
         return min(

@@ -107,7 +107,7 @@ def MakeClosedLoop(
             needs the output ports of `PointTracker`, except `frame`. It may have the input ports
             `body_poses` (in simulation), `object_motion`, and `<camera>.rgb_image`, `.depth_image`,
             `.label_image` and `.image_time`, which are then connected. `object_motion` is the
-            motion at the images' time if the tracker takes images, else the present motion.
+            object's motion at the images' time, or at present if the tracker takes no images.
         meshcat: Where to show the scene, the points and the reference; None shows nothing.
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether to only show the motion, from the measured state of the robot

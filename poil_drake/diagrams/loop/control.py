@@ -57,8 +57,8 @@ def AddControl(
         plan: The plan to execute.
         speed: Factor on the speed of all motions, in (0, 1].
         hardware: Whether the station is a real robot, or replays a run of one.
-        dry_run: Whether this is a dry run, in which the tracker finds the points only once. They
-            then never expire.
+        dry_run: Whether this is a dry run. The tracker then finds the points only once, and they
+            never expire.
         meshcat: The page that gets a button to stop the arm.
         stop_switch: Another source of stop requests.
         stopwatch: Measures the time for the systems' updates, as "control".

@@ -66,9 +66,9 @@ def MakeLoopLogger(
 def RobotLogSchedule(scenario: Scenario) -> tuple[float, float]:
     """Returns the period and the offset [s] at which the robot's signals are logged.
 
-    Samples are logged one plant step after the start of each control period. They show the inputs
-    of the updates at that start: the plant steps immediately before these updates, and its outputs
-    then stay the same until its next step.
+    Samples are logged one plant step after the start of each control period. They hold the values
+    that the control systems read at the start: the plant steps first, and its outputs then stay
+    the same until its next step.
     """
     rates = scenario.poil.rates
     return rates.control, 0.0 if rates.plant == rates.control else rates.plant

@@ -40,7 +40,7 @@ def AddLoggingAndVisualization(
         station: The robot and its surroundings.
         meshcat: Where to show the run; None adds no visualizer.
         log: Receives the signals; None adds no logger.
-        album: Receives snapshots; None adds no recorder, nor does the ground-truth tracker.
+        album: Receives snapshots. With None or the ground-truth tracker, no recorder is added.
     """
     systems: dict[str, LeafSystem] = {}
     if meshcat is not None:
@@ -71,7 +71,7 @@ def AddDisturbances(
     """Adds pushes on bodies of the simulated plant, and logs them if there is a logger.
 
     Args:
-        builder: Receives the injector, if there are any pushes.
+        builder: Receives a `DisturbanceInjector`, if there are any pushes.
         pulses: The pushes.
         parts: The loop's parts by name.
     """

@@ -8,7 +8,7 @@ from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 
 DEFAULT_TRACKER = "rigid_flow"
-"""The tracker for demonstrations if the loop itself uses the simulator's true poses."""
+"""The tracker for demonstrations if `poil.tracker` is the ground-truth baseline."""
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:

@@ -28,9 +28,9 @@ class DriverSummary:
     """The outcome of a run of the simulated driver.
 
     Attributes:
-        hangs: Whether the object hung on its fixture for `REQUIRED_HANGING_TIME` at the end.
+        hangs: Whether `hanging_time` is at least 2 s, the `REQUIRED_HANGING_TIME`.
         reason: Why the driver ended.
-        hanging_time: How long the object had hung at the end [s, simulated].
+        hanging_time: How long the object had hung on its fixture at the end [s, simulated].
         seed: The scenario's seed.
         simulated: Simulated time [s].
         time_scale: Simulated seconds per second of real time.
@@ -63,7 +63,7 @@ def RunDriver(
         duration: How long to run [s, simulated].
         json: Path of the summary, which is written however the driver ends. None writes none.
         show: Whether to serve a Meshcat page with the simulated scene.
-        say: Called with one line when the driver listens, and with one about the object at the end.
+        say: Called with a line when the driver listens, and at the end with the object's state.
 
     Raises:
         PoilError: if the driver cannot be built, or stops after an invalid command or a reflex, as

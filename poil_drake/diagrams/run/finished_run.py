@@ -25,7 +25,7 @@ REQUIRED_HANGING_TIME = 2.0
 """How long [s, simulated] the object must have hung at the end of a run for the run to succeed."""
 
 _MEASURED_PARTS = ("capture", "detection", "waiting", "control", "publishing", "reporting")
-"""Kinds of work that one thread does in turn. The rest of the wall-clock time is physics."""
+"""Kinds of work that the simulation's thread does in turn. The rest of its time is physics."""
 
 _CONCURRENT = ("rendering", "tracking")
 """Kinds of work that other processes do at the same time."""
@@ -55,8 +55,8 @@ class FinishedRun:
         problems: Problems of the arm and cameras that may explain a failure, one clause each.
         loop_timing: How well the loop kept its pace; None in simulation.
         fault_time: When the fault occurred [s]; NaN without a fault.
-        epoch: What the station's clock, `HardwareConfig.clock`, showed at time 0 [s], computed
-            from its reading at the end of the run; NaN in simulation.
+        epoch: Time of `HardwareConfig.clock` when the loop's time was 0 [s], computed from both
+            clocks at the end of the run; NaN in simulation.
     """
 
     plan: ExecutionPlan

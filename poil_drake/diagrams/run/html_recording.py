@@ -28,7 +28,7 @@ def MakeMeshcat(*, host: str = "localhost", port: int | None = None) -> Meshcat:
         port: The TCP port. None uses the first free one from 7000 to 7999.
 
     Raises:
-        StationError: if Meshcat cannot listen there, e.g. because the port is taken.
+        StationError: if Meshcat cannot listen on the port, e.g. because it is taken.
     """
     try:
         meshcat = Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))

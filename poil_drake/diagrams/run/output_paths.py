@@ -34,7 +34,7 @@ class OutputPaths:
 
     @classmethod
     def under(cls, directory: Path, *, name: str = "run", **given: Path | None) -> Self:
-        """Returns `given` paths by kind; <directory>/<name>.<kind> for all other outputs."""
+        """Returns <directory>/<name>.<kind> for each kind of output whose path is not `given`."""
         usual = {kind: directory / f"{name}.{kind}" for kind in ("html", "mcap", "png", "json")}
         return cls(**{kind: given.get(kind) or path for kind, path in usual.items()})
 
@@ -45,7 +45,8 @@ class OutputPaths:
             inputs: Files that must not be overwritten; None entries are ignored.
 
         Raises:
-            OutputError: if a file cannot be written or is an input, or if two are the same.
+            OutputError: if a file cannot be written or is an input, two are the same, or the
+                picture's suffix is not one of `PICTURE_SUFFIXES`.
         """
         paths = self.as_dict()
         for kind, path in paths.items():
@@ -88,8 +89,7 @@ def FreshOutputs(
 ) -> Iterator[None]:
     """Removes older outputs before a `with` block, and writes figures if the block raises.
 
-    If the block raises an exception before it has written figures of its own, the figures state
-    why the job failed. The exception propagates.
+    The figures state the exception, which propagates. Figures that the block has written remain.
 
     Args:
         outputs: Where the outputs go.

@@ -13,7 +13,7 @@ from poil_drake.transfer.part_points import view_part
 
 _JOINT_TOLERANCE = 0.01
 """Largest distance of a joint from its position in the plan's first posture [rad]. With the arm
-stretched out, 0.01 rad moves the hand by 1 cm, about the clearance of motions from obstacles."""
+stretched out, 0.01 rad moves the hand by 1 cm, about the clearance of planned motions."""
 
 _SURFACE_TOLERANCE = 0.003
 """Largest mean distance between the planned and the seen surface of the object, or of its part [m].
@@ -63,7 +63,7 @@ def CheckArmPosition(plan: ExecutionPlan, station: Station) -> None:
     """Checks that the station's arm is where the plan begins.
 
     Raises:
-        PlanningError: if a joint is too far from there. The text states the farthest joint.
+        PlanningError: if a joint is too far from its planned position. The text states which.
     """
     position = station.ArmPosition(station.CreateDefaultContext())
     gaps = np.abs(position - plan.approach.positions[0])
@@ -103,13 +103,13 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
 def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
     """Returns the distance between two point clouds of the same surface [m].
 
-    For each cloud, the distances of its points from their nearest neighbours in the other cloud are
-    averaged, without the farthest points. The result is the larger of the two averages.
+    Each point has a distance to the nearest point of the other cloud. These distances are averaged
+    over each cloud, without its farthest points. The larger average is the result.
 
     Args:
         first: (N, 3) points [m].
         second: (M, 3) points [m].
-        kept_share: Share of each cloud's points that is averaged, nearest first, in (0, 1].
+        kept_share: Share of each cloud's points to average over, nearest first, in (0, 1].
     """
     distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
     return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)

@@ -22,8 +22,8 @@ from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
 
 _OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
-"""How the whole scene in the images becomes obstacle points. They are coarser than the object's
-points, but fine enough to detect contact between object and fixture. A few outliers do no harm."""
+"""How images of the whole scene become obstacle points. These points are coarser than the object's,
+but fine enough to detect contact between object and fixture. A few outliers do no harm."""
 
 
 def PlanScenario(

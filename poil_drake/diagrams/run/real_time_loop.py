@@ -15,7 +15,7 @@ _GIVE_UP = 3
 commands in quick succession would be of no use."""
 
 _COLLECTION_PERIOD = 1.0
-"""Time between two collections of young garbage [s]."""
+"""Time between two garbage collections of Python's youngest objects [s]."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class LoopTiming:
     missed: int = 0
 
     def latest(self, ticks: int = 8) -> dict[str, float]:
-        """Returns the largest lateness and duration [s] of the last ticks, and all missed ticks."""
+        """Returns the largest lateness and duration [s] of the last ticks, and `missed`."""
         return {
             "lateness": max(self.lateness[-ticks:], default=math.nan),
             "duration": max(self.durations[-ticks:], default=math.nan),
@@ -84,8 +84,8 @@ class RealTimeLoop:
             simulator: The simulator to advance. Its target_realtime_rate must be 0.
             period: Period of the ticks [s, simulated].
             time_scale: Simulated seconds per second of real time.
-            pause: Fraction of the period at which the loop waits again, so that later events in the
-                period do not happen early. With 0, there is no second wait.
+            pause: Fraction of the period at which the loop waits again after the period's first
+                update. Later events then do not happen early. With 0, there is no second wait.
         """
         self._simulator, self._period = simulator, period
         self._time_scale, self._pause = time_scale, pause
@@ -133,7 +133,7 @@ class RealTimeLoop:
 
 
 def _wait_until(due: float, now: float) -> float:
-    """Waits until the time `due`, unless it has passed, and returns the present time."""
+    """Waits until `time.perf_counter` is `due`, if that is after `now`; returns its new value."""
     if now >= due:
         return now
     TURNS.give()

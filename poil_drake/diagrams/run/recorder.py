@@ -1,4 +1,4 @@
-"""Samples a running closed loop for its summary. Nothing in the loop depends on this."""
+"""Samples a closed loop for the summary of its run. The loop does not depend on the samples."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 
 class CheckedTrack(NamedTuple):
-    """A released track, and the true (N, 3) positions of its points at its stamp [m, world]."""
+    """A released track, and the true (N, 3) positions of its points at the stamp [m, world]."""
 
     track: TrackedPoints
     truth: np.ndarray
@@ -52,7 +52,7 @@ class RunRecorder:
             move with the object.
         truth: The true state of the object; None on hardware.
         samples: The samples, in order.
-        tracks: The released tracks that the truth can check; empty on hardware.
+        tracks: The released tracks whose stamp is the time of a sample; empty on hardware.
     """
 
     loop: ClosedLoop
@@ -78,7 +78,7 @@ class RunRecorder:
 
     @property
     def judge(self) -> HangingJudge | None:
-        """The judge of whether the object hangs; None on hardware."""
+        """Measures how long the object has hung; None on hardware."""
         return None if self.truth is None else self.truth.judge
 
     @property
@@ -104,7 +104,7 @@ class RunRecorder:
         return SafetyFault(int(self._evaluate(root, "supervisor", "fault")[0]))
 
     def signal(self, name: str) -> np.ndarray:
-        """Returns one signal: one row per sample, or one entry per sample if it is a scalar."""
+        """Returns the signal `name`: a row per sample, or a number per sample if it is a scalar."""
         rows = np.array([sample.values[name] for sample in self.samples])
         return rows[:, 0] if rows.shape[1] == 1 else rows
 

@@ -48,7 +48,7 @@ from poil_drake.systems.skill.stop_requests import StopSwitch
 from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
 
 _LONGEST_BRAKING = 1.0
-"""More time than the supervisor ever takes to bring the arm to rest [s]."""
+"""Longest wait for the supervisor to bring the arm to rest [s]; it needs less."""
 
 
 def RunSkill(
@@ -75,7 +75,7 @@ def RunSkill(
 
     Raises:
         PoilError: if no plan can be made, or if its execution cannot start. The figures state the
-            reason, too. If the execution starts but fails, only the summary states the reason.
+            reason, too. A later failure raises no error; the summary states its reason.
         BaseException: if anything but an `Exception` stops the run, e.g. KeyboardInterrupt. The
             outputs are written first.
     """

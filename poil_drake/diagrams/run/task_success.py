@@ -13,7 +13,7 @@ from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeome
 from poil_drake.diagrams.station.station import SimulatedStation
 
 _LONGEST_FLIGHT = 0.1
-"""How long a hanging object may touch nothing, e.g. while it swings [s]."""
+"""How long a hanging object may lose contact with the holder, e.g. while it swings [s]."""
 
 
 def TouchedGeometries(
@@ -28,7 +28,7 @@ def TouchedGeometries(
         plant: The simulated plant.
         inspector: The inspector of the plant's scene graph.
         contact_results: The value of the plant's `contact_results` port.
-        model: The model instance. Contacts between its own geometries are ignored.
+        model: The model instance. Contacts within the model are ignored.
     """
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
@@ -50,13 +50,13 @@ def TouchedGeometries(
 class HangingJudge:
     """Observes contacts, and measures how long the object has hung.
 
-    The object hangs while it touches the fixture's holder, e.g. a rod, and nothing but the fixture.
-    It may also touch the rest of the fixture, but not that alone. The time counts from when the
-    object last began to hang.
+    The object hangs while it touches the fixture's holder, e.g. a rod. It may also touch other
+    parts of the fixture, but nothing else. It may lose contact with the holder for 0.1 s. The
+    hanging time counts from when the object last began to hang.
 
     Attributes:
         fixture: The fixture's model instance, e.g. "rack".
-        holder: Scoped names of the geometries on which it can hang, e.g. "rack::rod::bar".
+        holder: Scoped names of the geometries on which the object hangs, e.g. "rack::rod::bar".
         hanging_since: When the object began to hang [s]; None while it does not hang.
         holder_touched_at: When the object last touched the holder [s].
         last_touched: The geometries that the object touched at the last observation.
@@ -85,7 +85,7 @@ class HangingJudge:
         return frozenset(name.rpartition("::")[0] for name in self.last_touched)
 
     def hanging_time(self, time: float) -> float:
-        """Returns how long the object has hung [s] by `time` [s]."""
+        """Returns how long the object has hung without interruption [s] at `time` [s]."""
         return 0.0 if self.hanging_since is None else time - self.hanging_since
 
 
@@ -103,7 +103,7 @@ class SimulatedTruth:
 
     @classmethod
     def of(cls, station: SimulatedStation) -> Self:
-        """Creates the truth of a station; its judge has observed nothing yet."""
+        """Returns the truth of a station, with a judge that has observed nothing yet."""
         poil, plant = station.scenario.poil, station.plant()
         inspector = station.scene_graph().model_inspector()
         rod = poil.demonstration_motion.hanging.rod

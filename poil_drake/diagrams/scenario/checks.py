@@ -1,4 +1,4 @@
-"""Checks of a scenario that involve several keys, or that Drake makes late or not at all."""
+"""Checks that compare several keys of a scenario, or that Drake makes late or not at all."""
 
 import ipaddress
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ def check_directives(directives: Sequence[ModelDirective]) -> None:
         for key in ("name", "file", "parent", "child"):
             if getattr(fields[given[0]], key, None) == "":
                 raise ScenarioError(
-                    f"'{path}.{given[0]}' has no '{key}'.", remedy=f"Add '{key}: ...' to it."
+                    f"'{path}.{given[0]}' has no '{key}'.", remedy=f"Add the key '{key}'."
                 )
 
 
@@ -101,7 +101,7 @@ def check_delays(
     lcm_buses: Mapping[str, DrakeLcmParams],
     poil: PoilConfig,
 ) -> None:
-    """Checks that no delayed images are published, and that `poil.latency` covers all delays."""
+    """Checks that delayed images are not published, and arrive within `poil.latency`."""
     for name, camera in cameras.items():
         if not camera.output_delay > 0.0:
             continue

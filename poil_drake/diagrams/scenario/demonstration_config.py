@@ -38,19 +38,19 @@ class HangingMotionConfig:
 
     Attributes:
         rod: A link of the fixture, or a regular expression for names of its collision geometries.
-            The object is hung on the longest geometry selected. It counts as hanging only while
-            it touches a selected geometry.
+            The object is hung on the longest of these geometries. It counts as hanging only while
+            it touches one of them.
         start: Initial position of the object's frame in the world [m].
-        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, both
-            cameras see the handle from the side.
+        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, the
+            default cameras see the handle from the side.
         tilt: Final elevation of the handle above the horizontal [deg]. At 45, an arm that grips
-            the rim from above hangs the mug in a comfortable posture, reaching forward and down.
+            the rim from above ends in a comfortable posture: it reaches forward and down.
         seat: Final place of the handle along the rod, from 0 (base) to 1 (tip). At the default,
             the handle stays on the rod, and the object is clear of the rack's post.
-        clearance: Final gap between rod and handle [m]; small, as just before a hand lets go.
+        clearance: Final gap between rod and handle [m], just before a hand would let go.
         lift: Height by which the object is lifted first [m].
-        approach: Distance from the rod's tip at which the handle is lined up with the rod [m].
-            More than half of the object's width lets the object clear the tip.
+        approach: Distance of the handle from the rod's tip before the object slides onto the rod
+            [m]. A value above half of the object's width keeps the object clear of the tip.
     """
 
     rod: str = "rod"
@@ -80,8 +80,8 @@ class DemonstrationMotionConfig:
     Attributes:
         keyframes: Poses of the object at increasing times: at least two, the first at 0 s. If
             there are none, the object is hung on the fixture's rod.
-        blend: Time by which each movement between two keyframes starts before the first and ends
-            after the second [s].
+        blend: How long before its first keyframe each movement between two keyframes starts, and
+            how long after its second keyframe it ends [s].
         hanging: The motion that hangs the object if there are no keyframes.
     """
 

@@ -15,7 +15,7 @@ def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
     """Returns a scenario as YAML text.
 
     The text holds every value, including defaults and randomized values, so that loading it gives
-    the same scenario even if defaults change. It refers to the models' files by their paths.
+    the same scenario even if defaults change. Of the models, it holds only the files' paths.
 
     Args:
         scenario: The scenario.

@@ -41,7 +41,7 @@ def CheckScenarioFits(
         if name != poil.robot:
             raise ScenarioError(
                 f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
-                remedy=f"Rename it to '{poil.robot}', or remove it.",
+                remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
             )
     for name in scenario.initial_position:
         _require_start_within_limits(plant, name)
@@ -84,8 +84,8 @@ def _require_holder(
     raise ScenarioError(
         f"poil.demonstration_motion.hanging.rod is '{rod}', but the fixture '{poil.fixture}' has "
         "no such link or collision geometry.",
-        remedy=f"Set it to one of the links ({', '.join(links)}), or to a regular expression for "
-        f"names of collision geometries ({', '.join(geometries)}).",
+        remedy=f"Set this key to one of the links ({', '.join(links)}), or to a regular expression "
+        f"for names of collision geometries ({', '.join(geometries)}).",
     )
 
 

@@ -11,7 +11,7 @@ from poil_drake.systems.lcm.network import check_channel
 from poil_drake.systems.lcm.panda_messages import PandaChannels
 
 ROBOT_BUS_URL = "udpm://239.255.76.67:7667?ttl=0"
-"""The robot bus's default address: that of LCM itself, restricted to this machine."""
+"""The robot bus's default address: LCM's own default, restricted to this machine (ttl=0)."""
 
 IMAGE_BUS_URL = "udpm://239.255.76.67:7668?ttl=0&recv_buf_size=4194304"
 """The image bus's default address. Its own port keeps images from delaying the robot's messages."""

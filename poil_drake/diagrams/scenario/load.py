@@ -17,10 +17,10 @@ from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
 
 _LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
-"""Limits on the characters of a YAML text, and on its values with all aliases expanded."""
+"""Largest numbers of characters in a YAML text, and of values after aliases are expanded."""
 
 DEFAULT_SCENARIO_NAME = "HangMug"
-"""The scenario that is chosen from a file with several if the caller gives no name."""
+"""The scenario that is chosen if the caller names none and the file has several."""
 
 # Where a scenario holds paths relative to its file; "*" matches every key and every item.
 _URLS = (
@@ -55,8 +55,8 @@ def LoadScenario(
         scenario_name: The scenario's name in the file. It may be omitted if the file has only one
             scenario, or one named "HangMug".
         defaults: The scenario that the file and the text change. None starts from `Scenario()`.
-        unknown: A list that receives the paths of the file's unknown keys. They are then skipped,
-            e.g. in files of other versions. If None, an unknown key raises an error.
+        unknown: A list that receives the paths of the file's unknown keys, e.g. in files of other
+            versions; these keys are skipped. If None, an unknown key raises an error.
 
     Raises:
         ScenarioError: The file cannot be read, or a key or value is wrong. The message states in
@@ -113,7 +113,7 @@ def ChooseScenario(
 
 
 def _changed(config: Any, **values: Any) -> Any:
-    """Returns a copy of a config, changed by each of the values that is not None."""
+    """Returns a copy of a config with the given values, except those that are None."""
     return dataclasses.replace(config, **{k: v for k, v in values.items() if v is not None})
 
 
@@ -131,7 +131,7 @@ def _read(path: Path) -> Any:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Rejects duplicate keys, of which PyYAML would keep the last, and keys that are not text."""
+    """A YAML loader that rejects duplicate keys, and keys that are not text."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -154,7 +154,7 @@ def _parse(text: str, source: str) -> Any:
     try:
         if len(text) > _LARGEST_TEXT:
             problem = f"{source} has more than {_LARGEST_TEXT} characters."
-            raise ScenarioError(problem, remedy="Check that it is a scenario, or shorten it.")
+            raise ScenarioError(problem, remedy="Check that the text is a scenario, or shorten it.")
         if _size(yaml.compose(text, Loader=_StrictLoader), {}) > _MOST_VALUES:
             problem = f"{source} has more than {_MOST_VALUES} values once its aliases are expanded."
             raise ScenarioError(problem, remedy="Use fewer values; no alias may contain itself.")
@@ -168,7 +168,7 @@ def _parse(text: str, source: str) -> Any:
 
 
 def _size(node: yaml.Node | None, known: dict[int, float]) -> float:
-    """Returns the number of values in a node, with aliases expanded; inf if it contains itself."""
+    """Counts the values in a node, with aliases expanded; inf if the node contains itself."""
     if not isinstance(node, yaml.CollectionNode):
         return 1.0
     if id(node) not in known:
@@ -189,7 +189,7 @@ def _named_scenario(document: Any, name: str | None, path: Path) -> tuple[str, A
     if "directives" in document:
         raise ScenarioError(
             f"'{path}' begins with the keys of a scenario, not with its name.",
-            remedy="Put a line with a name at the top, e.g. 'HangMug:', and indent all others.",
+            remedy="Name the scenario on the first line, e.g. 'HangMug:', and indent the others.",
         )
     if name is None:
         name = next(iter(document)) if len(document) == 1 else DEFAULT_SCENARIO_NAME
@@ -217,7 +217,7 @@ def _with_absolute_paths(node: Any, directory: Path) -> Any:
 
 
 def _replaced(node: Any, place: Sequence[str], change: Callable[[str], str]) -> Any:
-    """Returns a node with `change` applied to each text at `place`, its keys from the root down."""
+    """Returns a node with `change` applied to the texts under the keys `place`; "*" is any key."""
     if not place:
         return change(node) if node and isinstance(node, str) else node
     head, *rest = place

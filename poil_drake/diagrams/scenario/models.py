@@ -100,7 +100,7 @@ def SetInitialPositions(
 
 
 def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
-    """Checks that the plant has the model `name`, which `poil.<role>` gives, e.g. `poil.object`.
+    """Checks that the plant has the model `name`, the value of `poil.<role>`.
 
     Raises:
         ScenarioError: There is no such model. The text lists the plant's models.

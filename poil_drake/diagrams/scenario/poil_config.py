@@ -52,14 +52,14 @@ class PoilConfig:
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
-        demonstration_object_label: The object's name in the recording; None means that in `object`.
+        demonstration_object_label: The object's name in the recording; None means `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
         num_points: Number of points on the functional part, N_k in the paper.
         num_support_points: Number of points, spread over the object, with which the tracker
-            measures how much of it is visible: at least 4 (40 in the paper).
+            measures how much of the object is visible: at least 4 (40 in the paper).
         eta: Gain of the attraction to the reference trajectory, η in the paper [1/s].
         max_angular_speed: Limit on the gripper's angular speed [rad/s]. The wrist can follow the
             default.

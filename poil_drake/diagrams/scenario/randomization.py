@@ -14,11 +14,11 @@ from poil_drake.errors import ScenarioError
 
 
 def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
-    """Returns a scenario with a random object, object pose and camera noise.
+    """Returns a scenario with a random object, object pose and seed of the noise.
 
-    `scenario.poil.randomization` gives the models and ranges. The object keeps the height of its
-    default pose, and each of x, y and yaw whose range is empty. If all ranges are empty, the object
-    needs no default pose. If there are no models either, only the noise is drawn.
+    `scenario.poil.randomization` gives the models and ranges. If there is a range, the object's
+    default pose gives the height and all values without a range. A range of yaw sets roll and
+    pitch to 0. Without models and ranges, only the noise's seed is drawn.
 
     Args:
         scenario: The scenario; it is not changed.
@@ -44,7 +44,7 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
 
 
 def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, float]) -> None:
-    """Sets a model's default pose from draws of (x, y, yaw) in [0, 1), scaled to the ranges."""
+    """Sets a model's default pose: `draws`, in [0, 1), are scaled to the ranges of x, y and yaw."""
     body, transform = _default_pose(model)
     translation = np.array(transform.translation, dtype=float)
     for axis, interval in enumerate((ranges.x, ranges.y)):
@@ -60,7 +60,7 @@ def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, flo
 
 
 def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
-    """Returns the item of `directives` that adds the model `name`, not a copy of it.
+    """Returns the directive that adds the model `name`. A change to it changes `directives`.
 
     Raises:
         ScenarioError: No directive adds the model.
@@ -76,7 +76,7 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
 
 
 def _default_pose(model: AddModel) -> tuple[str, Transform]:
-    """Returns a model's only default pose, after the name of the body that has it."""
+    """Returns the name of the only body with a default pose, and this pose, which is fixed."""
     poses = list(model.default_free_body_pose.items())
     if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
         kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"

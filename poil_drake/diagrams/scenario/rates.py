@@ -18,7 +18,7 @@ class Rates:
     Attributes:
         plant: Time step of the simulated plant. The default is short enough for a grasped cup.
         control: Period of the propagator, the vector field, the differential inverse kinematics
-            and the sequencer. The robot's driver needs at most 10 ms.
+            and the sequencer. The robot's driver needs 10 ms or less.
         tracker: Period of image captures. The default is about the time that a tracker needs.
         logger: Period of the run log and of Meshcat. The default gives a smooth animation.
     """
@@ -43,7 +43,7 @@ class Rates:
     def next_report(self, time: float) -> float:
         """Returns the time of the first log sample or image capture after `time` [s].
 
-        The result is a whole multiple of a period, like the times of Drake's periodic events.
+        The result is an exact multiple of `logger` or `tracker`, like the times of Drake's events.
         """
         return min(_next_multiple(period, time) for period in (self.logger, self.tracker))
 

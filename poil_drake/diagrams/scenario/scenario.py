@@ -51,7 +51,7 @@ class Scenario:
             on the camera's LCM bus; the station's ports give all images at any time. With an
             `output_delay` [s], which must be the same for all cameras, images are captured at the
             tracker's rate and reach the ports after the delay. A second process renders them
-            during the simulation. They are not published.
+            during the simulation. Delayed images are not published.
         visualization: What Meshcat shows, and how often.
         initial_position: Model instance -> joint -> position [rad or m].
         poil: The task and POIL's settings.

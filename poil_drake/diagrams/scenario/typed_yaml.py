@@ -95,7 +95,7 @@ def merge_yaml(
 
 
 def _scalar_or_array(node: Any, schema: type) -> Any:
-    """Converts a node to a type; raises an error if that would change the node's meaning."""
+    """Returns a node converted to a type; raises an error if the node's meaning would change."""
     given = type(node)
     if schema is np.ndarray and given in (list, int, float):
         return np.array(node, dtype=float)
@@ -162,7 +162,7 @@ def _tag(member: type) -> str:
 
 
 def _wanted(members: Sequence[Any]) -> str:
-    """Describes the values that a scenario may hold where one of the types is expected."""
+    """Returns a phrase for the values that the types accept, e.g. "true or false"."""
     bases = [typing.get_origin(member) or member for member in members]
     choices = [_WANTED[base] for base in bases if base in _WANTED]
     # Drake marks members that exist only for its own error messages with an underscore.
