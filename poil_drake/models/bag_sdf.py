@@ -83,7 +83,7 @@ def _sdf(bag: BagParameters) -> str:
 
 
 def _link(bag: BagParameters, k: int, vertices: np.ndarray) -> str:
-    """Returns link k: a capsule from the origin, which is at vertex k, along +z to vertex k + 1."""
+    """Returns link k: a capsule along +z, from the link's origin at vertex k to vertex k + 1."""
     step = vertices[k + 1] - vertices[k]
     length = float(np.linalg.norm(step))
     pitch = math.atan2(step[0], step[2])

@@ -48,7 +48,7 @@ class TexturedMesh:
 
 
 def body_mesh(mug: MugParameters) -> TexturedMesh:
-    """Returns the mesh of the body: its decorated outside, and its plain rim, inside and bottom."""
+    """Returns the mesh of the body: the decorated outside, and the plain inside and underside."""
     outside, inside = wall_profile(mug)
     plain_v = (1 - DECORATED_FRACTION) / 2
     decorated = 1 - DECORATED_FRACTION * (1 - outside[:, 1] / mug.height)
@@ -79,7 +79,7 @@ def _revolve(profile: np.ndarray, v: np.ndarray) -> TexturedMesh:
     """Returns the surface that a polyline sweeps when it turns about the z axis.
 
     Args:
-        profile: (N, 2) radius and height [m] of the polyline, which has the outside on its right.
+        profile: (N, 2) radius and height [m] along the polyline. The outside is on its right.
         v: (N,) vertical texture coordinates, in [0, 1].
     """
     edges = np.diff(profile, axis=0)

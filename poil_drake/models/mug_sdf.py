@@ -74,7 +74,7 @@ def _visual(mug: MugParameters, part: str) -> str:
 def _point_mass_inertia(
     points: np.ndarray, masses: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Returns mass [kg], centre [m] and inertia about the centre [kg m^2] of point masses."""
+    """Returns mass [kg], centre [m] and central inertia [kg m^2] of `masses` at (N, 3) `points`."""
     mass = float(masses.sum())
     center = masses @ points / mass
     r = points - center

@@ -28,14 +28,14 @@ def texture_image(mug: MugParameters) -> np.ndarray:
 
 
 def _stripes(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
-    """Returns slanted stripes of varying width, so that all sides of the mug look different."""
+    """Returns the (rows, columns) weights of the accent colour: slanted stripes of varied width."""
     y, x = np.mgrid[:rows, :columns]
     phase = 2 * np.pi * (6 * x / columns + 2.0 * y / rows)
     return (np.sin(phase) > 0.6 * np.sin(2 * np.pi * x / columns)).astype(float)
 
 
 def _checks(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
-    """Returns a checkerboard whose dark squares have four shades, so that they look different."""
+    """Returns the (rows, columns) weights of the accent colour: a checkerboard in four shades."""
     shades = rng.choice([0.4, 0.6, 0.8, 1.0], size=(8, 16))
     y, x = np.mgrid[:rows, :columns]
     i, j = y * 8 // rows, x * 16 // columns
@@ -53,7 +53,7 @@ def _dots(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
 
 
 def _noise(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
-    """Returns speckles at three scales, without a seam around the mug."""
+    """Returns the (rows, columns) weights of the accent colour: speckles without a seam."""
     import cv2
 
     pattern = np.zeros((rows, columns))
@@ -67,7 +67,7 @@ def _noise(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
 
 
 def _logo(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
-    """Returns framed, mirror-symmetric, random logos on two opposite sides of the mug."""
+    """Returns the (rows, columns) weights of the accent colour: random logos on two sides."""
     pattern = np.zeros((rows, columns))
     cells, size = 9, rows * 3 // 4 // 9
     for center in (columns // 4, 3 * columns // 4):

@@ -35,7 +35,7 @@ class Background:
         except RuntimeError as error:
             raise StationError(
                 f"The {self._name} has been closed.",
-                remedy="Close the loop only after its last AdvanceTo, or build a new one.",
+                remedy="Close the loop only after its last AdvanceTo, or build a new loop.",
             ) from error
         self._futures = [*self._unfinished(), future]
         return future

@@ -17,7 +17,7 @@ _BACK_OFF = 0.1
 
 
 class InterpreterTurns:
-    """Tells other threads whether a loop is computing. Each process has one instance, `TURNS`."""
+    """Makes threads wait while a real-time loop computes. A process has one instance, `TURNS`."""
 
     def __init__(self) -> None:
         """Starts in the state in which no loop computes."""

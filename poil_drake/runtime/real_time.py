@@ -15,7 +15,7 @@ _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 _KEPT = 1 << 30
 
 _SET_THP_DISABLE = 41
-"""From linux/prctl.h."""
+"""PR_SET_THP_DISABLE of linux/prctl.h, which disables transparent huge pages."""
 
 _SWITCH_INTERVAL = 1e-4
 """How long another thread may hold the interpreter lock when the loop needs it [s]."""
@@ -48,11 +48,11 @@ def KeepMemory() -> bool:
 
 @contextmanager
 def QuietInterpreter(*, collecting: bool = False) -> Iterator[None]:
-    """Prevents garbage collection and long turns of other threads during the `with` block.
+    """Stops garbage collection, and makes other threads soon release the interpreter lock.
 
-    Objects that exist at the start, e.g. imported libraries and the diagram, are not scanned for
-    garbage. OpenCV computes on the calling thread, because OpenCV's own threads lack the priority
-    of the loop.
+    Both last for the `with` block. Objects that exist at its start, e.g. the diagram, are not
+    scanned for garbage. OpenCV computes on the calling thread, because OpenCV's own threads lack
+    the priority of the loop.
 
     Args:
         collecting: True for a loop that does not run in real time: new objects are still collected,

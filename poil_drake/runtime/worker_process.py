@@ -29,17 +29,16 @@ _LOOK = 1.0  # Time between two checks whether a busy worker still runs [s].
 
 
 class WorkerEndedError(Exception):
-    """A worker process has ended. The message does not name it: "has ended with status 1"."""
+    """A worker process has ended. The message lacks a subject, e.g. "has ended with status 1"."""
 
 
 class WorkerProcess:
     """Runs a module as a separate program, which answers requests.
 
     Arrays go through shared memory in both directions. The worker is a new interpreter that runs
-    only `module`; a `multiprocessing.Process` would fork or run the user's script again. The worker
-    ends when this object is deleted or this process ends, for whatever reason. While the worker
-    computes, other threads of this process can run. Only one thread at a time may call `ask`.
-    The constructor starts the process, without waiting until it is ready.
+    only `module`, not the user's script. The worker ends when this object is deleted, or when the
+    process that made this object ends, for whatever reason. Only one thread at a time may call
+    `ask`. The constructor starts the worker, without waiting until the worker is ready.
 
     Args:
         module: Name of the module, which calls `serve` when run as a program.
@@ -138,7 +137,7 @@ class WorkerProcess:
 
 
 def serve(make_handler: Callable[[Any], Callable[[Any], Any]]) -> None:
-    """Answers the requests of a `WorkerProcess`, until that closes the connection.
+    """Answers the requests of a `WorkerProcess`, until the `WorkerProcess` closes the connection.
 
     The worker's module calls this function when it is run as a program.
 
@@ -179,7 +178,7 @@ class _Channel:
     """
 
     def __init__(self, connection: Connection, sent: int, received: int):
-        """Takes ownership of the connection and of the files of the sent and received arrays."""
+        """Takes ownership of the arguments; `sent` and `received` are descriptors of two files."""
         self._connection = connection
         self._sent, self._received = _SharedMemory(sent), _SharedMemory(received)
 
@@ -236,8 +235,7 @@ class _SharedMemory:
 def _environment() -> dict[str, str]:
     """Returns the worker's environment variables.
 
-    They set this process's module path and one thread for linear algebra. More threads would
-    compete for the cores.
+    The worker gets this process's module path, and one thread for linear algebra.
     """
     return {
         **os.environ,

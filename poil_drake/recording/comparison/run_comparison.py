@@ -94,9 +94,9 @@ class RunComparison:
     Attributes:
         differences: Signal -> its (T, 1) differences; infinite where only one run's value is
             finite.
-        judged: Signal -> the (T, 1) differences to which the tolerances apply. Those of a velocity
-            allow either run to be `ReplayTolerances.shift` earlier or later while points move the
-            arm, and for `ReplayTolerances.phase_start` afterwards.
+        judged: Signal -> the (T, 1) differences to which the tolerances apply. While points move
+            the arm, and for `ReplayTolerances.phase_start` afterwards, those of a velocity allow a
+            delay of up to `ReplayTolerances.shift` of either run; see `SignalPair.differences`.
         phases: The phases of both runs.
         spans: Name, start and end [s] of each phase of the recorded run.
         tolerances: The differences up to which the runs count as the same.
@@ -142,13 +142,12 @@ class RunComparison:
         return found
 
     def limits(self, signal: str) -> np.ndarray:
-        """Returns the (T,) tolerances of the judged differences; infinite where none applies.
+        """Returns the (T,) tolerances of the differences in `judged`; infinite where none applies.
 
-        Tracked points have a tolerance only in the phases in which they move the arm. The tolerance
-        of a velocity is usually `ReplayTolerances.of`. In a phase in which points do not move the
-        arm, it is that of `ReplayTolerances.elsewhere` while both runs are in this phase, if it
-        began at the same time in both. For `ReplayTolerances.phase_start` after points moved the
-        arm, the usual tolerance still applies, because their effect fades.
+        While points move the arm, the tolerance is `ReplayTolerances.of`. At other times, tracked
+        points have none, and velocities have that of `ReplayTolerances.elsewhere`. Velocities keep
+        `ReplayTolerances.of` in two cases: for `ReplayTolerances.phase_start` after points moved
+        the arm, and while the runs are in different phases or began a phase at different times.
         """
         times, tolerances = self.differences[signal].times, self.tolerances
         usual, strict = tolerances.of(signal), tolerances.elsewhere
@@ -162,12 +161,18 @@ class RunComparison:
         return limits
 
     def judged_maximum(self, signal: str) -> float:
-        """Returns the largest judged difference where `tolerances.of` applies, or else NaN."""
+        """Returns the largest of a signal's `judged` differences; NaN if there is none.
+
+        Considers only the times at which its tolerance in `limits` is `ReplayTolerances.of`.
+        """
         held = self.limits(signal) == self.tolerances.of(signal)
         return DifferenceStatistics.of(self.judged[signal].values[held, 0]).maximum
 
     def _common_spans(self, tolerance: float) -> Iterator[tuple[float, float]]:
-        """Yields the spans [s] in which both runs are in a phase that began at the same time."""
+        """Yields start and end [s] of the time that both runs spend in each phase.
+
+        Omits phases whose starts in the two runs differ by more than `tolerance` [s].
+        """
         begun = [phase for phase in self.phases if not math.isnan(phase.recorded)]
         for k, (phase, (_, start, end)) in enumerate(zip(begun, self.spans, strict=True)):
             if abs(phase.recorded - phase.replayed) <= tolerance:
@@ -257,7 +262,7 @@ def _moved(
     *,
     fading: float = 0.0,
 ) -> np.ndarray:
-    """Returns (T,) whether points move the arm at `times` [s], or at most `fading` [s] before."""
+    """Returns (T,) whether points move the arm at `times` [s], or did up to `fading` [s] before."""
     moved = np.zeros(len(times), dtype=bool)
     for name, start, end in spans:
         if name in tolerances.point_phases:
@@ -294,7 +299,7 @@ def _compare_phases(
 
 
 def _spans(run: RecordedRun) -> tuple[tuple[str, float, float], ...]:
-    """Returns name, start and end [s] of each phase; the last ends just after the last sample."""
+    """Returns name, start and end [s] of each phase; the last phase ends after the last sample."""
     starts = [phase.time for phase in run.phases]
     last = math.nextafter(max([run.end, *starts]), math.inf)
     ends = [*starts[1:], last]

@@ -34,8 +34,8 @@ class SignalPair(NamedTuple):
 
         Args:
             shift: Time by which either run may be earlier or later [s]. Each value is compared with
-                the range of the other run's values within `shift` of the same time. The difference
-                is the larger of the two runs' distances from these ranges.
+                the range of the other run's values within `shift` of its time. Of the two distances
+                at a time, the difference is the larger one.
         """
         known = np.isfinite(self.a), np.isfinite(self.b)
         both = known[0] & known[1]
@@ -49,7 +49,7 @@ class SignalPair(NamedTuple):
     def _bounds(
         self, values: np.ndarray, finite: np.ndarray, shift: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the (T, n) minima and maxima of finite values within `shift` [s] of each time."""
+        """Returns (T, n) minima and maxima of `values`, where `finite`, up to `shift` [s] away."""
         reach = shift + ROUNDING
         first = np.searchsorted(self.times, self.times - reach)
         last = np.searchsorted(self.times, self.times + reach, side="right")

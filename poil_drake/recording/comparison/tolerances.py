@@ -24,15 +24,14 @@ class ReplayTolerances:
             the phases `point_phases`.
         phase_start: Difference of the times at which a phase begins [s].
         shift: Time by which the velocities may be earlier or later [s], in the phases
-            `point_phases` and for `phase_start` after them. If a point has a small error, the
-            field's reference jumps earlier or later. Oscillations with a period below `shift` are
-            not detected.
+            `point_phases` and for `phase_start` after them. Small errors of points cause such
+            shifts. Oscillations with a period below `shift` are not detected.
         unmatched_tracks: Share of the tracks in the phases `point_phases` that cannot be compared,
             because only one run has the track, or because the runs saw no point in common.
         point_phases: The phases in which the points move the arm. In other phases, nothing depends
             on the points, and the opening hand may hide them.
-        elsewhere: The tolerances of the velocities in each other phase that began at the same time
-            in both runs. None applies the tolerances above in all phases.
+        elsewhere: The tolerances of the velocities in phases that are not in `point_phases`, if
+            they began at the same time in both runs. If None, the attributes above always apply.
     """
 
     joint_velocity: float
@@ -64,8 +63,8 @@ class ReplayTolerances:
     def at_speed(self, speed: float) -> Self:
         """Returns the tolerances for a run at `speed`, in (0, 1], times the usual speed.
 
-        The tolerances of velocities are multiplied by `speed`. `shift` is divided by `speed`,
-        because the arm takes that much longer to reach a place, and limited to `phase_start`.
+        Multiplies the tolerances of velocities by `speed`. Divides `shift` by `speed`, but limits
+        it to `phase_start`.
         """
         return replace(
             self,

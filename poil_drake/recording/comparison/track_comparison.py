@@ -13,7 +13,7 @@ from poil_drake.recording.run_log.series import Series
 
 
 class TrackPair(NamedTuple):
-    """The track of the recorded run and that of the replay that come from the same images.
+    """Two tracks from the same images: one of the recorded run, the other of the replay.
 
     Attributes:
         time: When the track was logged [s]: in the recorded run, or, if that lacks the track, in
@@ -81,7 +81,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the pair's element of `TrackComparison.distances`, and `TrackPair.comparable`."""
+    """Returns the distance in `TrackComparison.distances`, and `TrackPair.comparable`."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0

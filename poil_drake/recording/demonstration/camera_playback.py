@@ -45,7 +45,7 @@ class CameraPlayback:
         self._played = -1
 
     def open(self) -> None:
-        """See `CaptureDevice.open`."""
+        """Opens and checks the recording; see `CaptureDevice.open`."""
         if self._start is None:
             self._start = self._clock() + self._config.lead_in
         try:
@@ -61,7 +61,7 @@ class CameraPlayback:
         self._recording = recording
 
     def read(self) -> RgbdImage | None:
-        """See `CaptureDevice.read`."""
+        """Returns the image that is due, or None if none is; see `CaptureDevice.read`."""
         if self._recording is None or self._start is None:
             raise CaptureError(f"{self._source} is not open.", remedy="Open it first.")
         number = self._due(self._clock() - self._start)
@@ -87,7 +87,7 @@ class CameraPlayback:
         )
 
     def close(self) -> None:
-        """See `CaptureDevice.close`."""
+        """Releases the recording; see `CaptureDevice.close`."""
         self._recording = None
 
     def _check(self, recording: Demonstration) -> None:

@@ -73,7 +73,7 @@ def check_camera(path: Path, contents: Contents, name: str) -> None:
 
 
 def check_end(path: Path, streams: Mapping[str, CameraContents]) -> None:
-    """Raises a DemonstrationError if a topic ends more than `MAX_MISSING_END` too early."""
+    """Raises a DemonstrationError if a topic ends `MAX_MISSING_END` before the last one."""
     ends = {
         camera_topic(name, kind): to_seconds(stream[-1].stamp)
         for name, camera in streams.items()
@@ -93,7 +93,7 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
     """Returns the name of the world frame.
 
     This is the frame named in the metadata, or else "world" if the file has such a frame, or else
-    the root of the tree that holds the first camera.
+    the root of the transform tree that holds the first camera.
 
     Raises:
         DemonstrationError: if a camera has no pose in the world frame.

@@ -44,8 +44,8 @@ class Demonstration:
     def __post_init__(self) -> None:
         if len(self.frames) < MIN_FRAMES:
             raise DemonstrationError(
-                f"{self.name} has {len(self.frames)} of at least {MIN_FRAMES} required frames in "
-                "which all cameras have colour and depth.",
+                f"{self.name} needs at least {MIN_FRAMES} frames in which all cameras have colour "
+                f"and depth, but has {len(self.frames)}.",
                 remedy="Record the whole motion with all cameras running at the same time.",
             )
 
@@ -122,4 +122,4 @@ def _stamps(images: Sequence[StoredImage]) -> np.ndarray:
 
 
 LoadDemonstration = load_demonstration
-"""Alias in the style of `RecordDemonstration`."""
+"""Alias of `load_demonstration`, named in the style of `RecordDemonstration`."""

@@ -41,7 +41,7 @@ def rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -
 def _maps(
     K: tuple[float, ...], distortion: tuple[float, ...], size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns (H, W) u and v [px] in the distorted image, for each pixel of the rectified one."""
+    """Returns (H, W) u and v: where each rectified pixel is in the distorted image [px]."""
     matrix = np.reshape(K, (3, 3))
     return cv2.initUndistortRectifyMap(
         matrix, np.array(distortion), None, matrix, size, cv2.CV_32FC1

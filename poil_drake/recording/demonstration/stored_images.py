@@ -84,7 +84,7 @@ class StoredImages:
             path: The file.
             camera: The camera's name.
             size: Width and height that every image must have [px].
-            size_source: What needs `size`, for errors, e.g. "the camera is calibrated for".
+            size_source: The words before `size` in errors, e.g. "the camera is calibrated for".
             lens: The calibration whose distortion is removed; None for rectified images.
 
         Raises:

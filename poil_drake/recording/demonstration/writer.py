@@ -85,8 +85,8 @@ class DemonstrationWriter:
         for camera, image in zip(frame.cameras, frame.images, strict=True):
             if image.stamp <= self._last_stamps.get(camera.name, -1.0):
                 raise DemonstrationError(
-                    f"{self._path}: an image of camera '{camera.name}' at {image.stamp} s follows "
-                    f"one at {self._last_stamps[camera.name]} s.",
+                    f"{self._path}: an image of camera '{camera.name}' at {image.stamp} s is not "
+                    f"later than the previous image, at {self._last_stamps[camera.name]} s.",
                     remedy="Write the frames in chronological order, each only once.",
                 )
             self._last_stamps[camera.name] = image.stamp
@@ -126,7 +126,7 @@ class DemonstrationWriter:
     def _finish(self) -> None:
         if self._frame_count < 2:
             raise DemonstrationError(
-                f"{self._path} has {self._frame_count} of at least 2 required frames.",
+                f"{self._path} needs at least 2 frames, but has {self._frame_count}.",
                 remedy="Record the whole motion.",
             )
         self._sink.add_metadata(

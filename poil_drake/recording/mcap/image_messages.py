@@ -90,7 +90,7 @@ def decode_label(message: ImageMessage) -> np.ndarray:
 
 
 def _pixels_16_bit(message: ImageMessage, kind: str) -> np.ndarray:
-    """Returns the (H, W) uint16 pixels of a one-channel image."""
+    """Returns the (H, W) uint16 pixels of a one-channel image, which errors call a `kind` image."""
     if isinstance(message, CompressedImage):
         pixels = _decompress(message, cv2.IMREAD_UNCHANGED)
         if pixels.ndim != 2 or pixels.dtype != np.uint16:

@@ -38,11 +38,9 @@ class EncodedMessage(NamedTuple):
 class MessageEncoder:
     """Encodes arrays as Foxglove messages, reusing the message objects.
 
-    Whenever 10,000 blocks of messages have been freed, protobuf calls `malloc_trim`, which walks
-    through all free memory of the process and blocks the other Python threads for 10 ms. The
-    robot's signals alone would cause that every few seconds, so messages are kept and reused. A
-    kept message would also keep the bytes of its fields, so the large field `data` is serialized
-    separately.
+    Each time protobuf has freed 10,000 blocks, it calls `malloc_trim`, which blocks the other
+    Python threads for 10 ms. The encoder therefore keeps and reuses its messages. The large field
+    `data` is serialized separately, because a kept message would also keep its bytes.
 
     Only one thread at a time may use an encoder. All stamps are in [ns].
 

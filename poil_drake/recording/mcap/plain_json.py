@@ -60,7 +60,7 @@ def json_record(values: Mapping[str, Any], *, stamp: int) -> dict[str, Any]:
 
 
 def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the JSON schema of a record made by `json_record`, for the menus of viewers."""
+    """Returns the JSON schema of a `json_record`, from which viewers make menus of its fields."""
     schema = _schema_of({"timestamp": {}} | dict(record))
     schema["properties"]["timestamp"] = _TIMESTAMP_SCHEMA
     return {"title": title} | schema

@@ -36,7 +36,7 @@ than recorders write at once."""
 
 Location = tuple[int, int]
 """Where a message is in a file: the offset [bytes] of its record, or of the chunk that holds it,
-and its index among the records of that chunk."""
+and its index among the records of that chunk (0 without a chunk)."""
 
 
 class ScannedMessage(NamedTuple):
@@ -68,14 +68,14 @@ class ScannedMessage(NamedTuple):
         """Returns the message, decoded as the Foxglove class in `candidates` that its schema names.
 
         Raises:
-            InvalidValueError: if its schema names none of them, or the message is damaged.
+            InvalidValueError: if its schema names no candidate, or the message is damaged.
         """
         message_type = self.message_type(*candidates)
         if message_type is None:
             names = " or ".join(candidate.DESCRIPTOR.full_name for candidate in candidates)
             raise InvalidValueError(
-                f"it holds '{self.schema}' messages encoded as '{self.encoding}', not {names} "
-                "encoded as 'protobuf'.",
+                f"the topic holds '{self.schema}' messages encoded as '{self.encoding}', not "
+                f"{names} encoded as 'protobuf'.",
                 remedy="Convert the topic as described in docs/demonstration_format.md.",
             )
         try:
@@ -148,8 +148,8 @@ def read_messages(path: Path, locations: Sequence[Location]) -> list[bytes]:
 class _CheckedFile(io.BufferedReader):
     """A file whose reads either return all requested bytes or raise an error.
 
-    `StreamReader` does not notice a short read, and allocates as much as a damaged length field
-    states.
+    The `mcap` library's `StreamReader` does not notice a short read, and a damaged length field
+    makes it allocate any amount of memory.
 
     Attributes:
         position: Offset of the current record of `records` [bytes].
@@ -207,9 +207,9 @@ def _open(path: Path) -> Iterator[_CheckedFile]:
 
 
 def _unpack(record: McapRecord) -> list[McapRecord]:
-    """Returns the records in `record` if it is a chunk, else `[record]`; checks its size and CRC.
+    """Returns the records in a chunk, after checking its size and CRC; otherwise `[record]`.
 
-    The library decompresses without a limit, so a small file could exhaust the memory.
+    Rejects a chunk larger than `LARGEST_CHUNK`, because decompressing it could exhaust the memory.
     """
     if not isinstance(record, Chunk):
         return [record]

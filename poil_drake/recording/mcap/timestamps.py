@@ -25,7 +25,7 @@ def to_nanoseconds(time: float) -> int:
 
 
 def to_seconds(nanoseconds: int) -> float:
-    """Returns whole nanoseconds in seconds, as the nearest float."""
+    """Converts whole nanoseconds to seconds, rounded to the nearest float."""
     return nanoseconds / NANOSECONDS_PER_SECOND
 
 

@@ -3,7 +3,7 @@
 PLAN_ATTACHMENT = "plan.npz"
 STATION_KEY = "station"
 SIMULATED, HARDWARE, DRY_RUN = "simulated", "hardware", "dry_run"
-"""Metadata key of the kind of station, and its three values."""
+"""Values of the metadata entry `STATION_KEY`, which names the kind of station."""
 
 REPLAY_OF_KEY, REPLAY_OF_DIGEST_KEY = "replay_of", "replay_of_sha256"
 """Metadata keys in the log of a replay: the name of the replayed log, and its SHA-256."""

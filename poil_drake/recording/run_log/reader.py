@@ -50,7 +50,7 @@ NUMBERS = {
 }
 
 _IMAGE_TIME = ".image_time"
-"""Suffix of each camera's field in the records of CAMERAS_STATUS_TOPIC."""
+"""In records of CAMERAS_STATUS_TOPIC, `<camera>.image_time` is the time of the newest image."""
 
 # Raised on reading a message that does not suit its topic; InvalidValueError is a ValueError.
 _MESSAGE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
@@ -192,7 +192,7 @@ def _with_depth(camera: CameraContents) -> list[StoredImages]:
 def _record(scanned: ScannedMessage) -> Mapping[str, Any]:
     record = json.loads(scanned.data)
     if scanned.encoding != MessageEncoding.JSON or not isinstance(record, dict):
-        raise InvalidValueError("it holds a message that is not a JSON object.", remedy=REMEDY)
+        raise InvalidValueError("a message is not a JSON object.", remedy=REMEDY)
     return record
 
 

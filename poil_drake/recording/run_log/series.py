@@ -24,7 +24,7 @@ class Series:
 
     @classmethod
     def of(cls, samples: Sequence[tuple[float, Sequence[float] | np.ndarray]], size: int) -> Self:
-        """Returns a series of unordered (time [s], sample) pairs with `size` values per sample."""
+        """Makes a series from unordered (time [s], sample) pairs with `size` values per sample."""
         ordered = sorted(samples, key=lambda sample: sample[0])
         times = np.array([time for time, _ in ordered], dtype=float)
         return cls(times, np.array([value for _, value in ordered], float).reshape(-1, size))

@@ -71,7 +71,7 @@ class RunLogWriter:
     All times are context times of the loop [s]; they start at 0, also on hardware. `time` is when
     a message is logged; `stamp` is when its contents were measured, by default `time`. A write
     copies its arrays and returns. A background thread encodes and compresses them and writes them
-    to disk. If it fails, e.g. because the disk is full, a later write or `close` raises the error.
+    to disk. If that fails, e.g. because the disk is full, a later write or `close` raises an error.
 
     After `close`, the file is readable, even if there was an exception. The log is also closed when
     the interpreter exits.

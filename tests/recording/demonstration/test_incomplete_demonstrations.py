@@ -81,7 +81,7 @@ def showing(kind, encoding, pixels, *, frame_id="", size=None):
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "at least 2 are needed"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),
-        (out_of_step, ["has 0 of at least 2 required frames in which all cameras have"]),
+        (out_of_step, ["needs at least 2 frames in which all cameras have", "but has 0"]),
         (stops_early, ["/camera/left/depth", "stops 1.25 s before"]),
         (having(times={}, calibrations={}), ["no camera", "/camera/<name>/image"]),
         (showing("color", "yuv422", RGB[..., :2]), ["/camera/left/image", "yuv422", "rgb8"]),

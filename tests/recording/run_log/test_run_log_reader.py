@@ -173,9 +173,9 @@ def test_a_damaged_log_is_refused(path):
         ("/controller/twist", {"angular": 3}, "damaged"),
         ("/controller/twist", {}, "damaged"),
         ("/phase", {"phase": "wait"}, "damaged"),
-        ("/robot/joint_states", {}, "it holds 'any' messages encoded as 'json'"),
-        ("/points/tracked", {}, "it holds 'any' messages encoded as 'json'"),
-        ("/camera/left/image", {}, "it holds 'any' messages encoded as 'json'"),
+        ("/robot/joint_states", {}, "the topic holds 'any' messages encoded as 'json'"),
+        ("/points/tracked", {}, "the topic holds 'any' messages encoded as 'json'"),
+        ("/camera/left/image", {}, "the topic holds 'any' messages encoded as 'json'"),
     ],
 )
 def test_other_messages_than_a_run_writes_are_refused(path, topic, value, problem):
