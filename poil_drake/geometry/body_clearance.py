@@ -31,7 +31,7 @@ class BodyClearance:
 
         Args:
             X_WB: (B, 4, 4) poses of the body in the world.
-            reach: Larger distances are returned as this one [m]. A smaller reach is faster.
+            reach: Upper limit of the returned distance [m]. A smaller reach is faster.
         """
         clearance = np.full(len(X_WB), reach)
         # Only poses whose bounding ball comes within reach need the body's points.

@@ -21,7 +21,7 @@ def frozen_array(
 
     Args:
         value: Anything that `np.asarray` accepts. It is copied unless it is already a read-only
-            array of this type that owns its data.
+            array of type `dtype` that owns its data.
         name: Name of the value in errors, such as "CameraModel.K".
         shape: The required shape. An int is an exact size; a str names a free dimension, whose
             size must be the same wherever the name occurs.

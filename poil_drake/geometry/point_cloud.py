@@ -45,8 +45,8 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
     """Returns a cloud with one point for each occupied voxel: the mean of the points in the voxel.
 
     Colours are averaged; normals are averaged and normalised. If the normals of a voxel cancel, as
-    those of a thin wall's two faces do, the normal of the voxel's first point is used. The voxels
-    are in lexicographic order.
+    those of a thin wall's two faces do, the normal of the voxel's first point is used. The points
+    are in the lexicographic order of their voxels.
 
     Args:
         cloud: The cloud to downsample.

@@ -17,8 +17,8 @@ _TRIALS = 200
 40 % of the points are outliers, every set contains an outlier with a probability below 1e-20."""
 
 _MIN_ASPECT = 0.1
-"""Least height of a set's triangle, as a fraction of the longest side. Noise would dominate the
-rotation that a thinner triangle proposes."""
+"""Least height of the triangle of a set's points, as a fraction of the longest side. With a thinner
+triangle, noise would dominate the proposed rotation."""
 
 
 def rigid_inliers(
@@ -45,7 +45,7 @@ def rigid_inliers(
 def rigid_consensus(
     source: np.ndarray, target: np.ndarray, weights: np.ndarray, inlier_distance: float
 ) -> np.ndarray:
-    """Returns which points (N,) bool the `consensus` on a rigid motion includes.
+    """Returns which points (N,) bool move by one rigid motion, found by `consensus`.
 
     The arguments are those of `rigid_inliers`.
     """
@@ -69,9 +69,8 @@ def consensus(
     """Returns which points (N,) bool are explained by one motion, found by RANSAC.
 
     Each set of three points proposes a motion. The motion with the least truncated cost (MSAC,
-    Torr and Zisserman 2000) determines the inliers. A motion is then fitted to these inliers; if it
-    explains more points than before, these points are returned. If there are no sets, all points
-    are inliers.
+    Torr and Zisserman 2000) determines the inliers. A second motion is then fitted to them. If it
+    has more inliers, they are returned instead. If there are no sets, all points are inliers.
 
     Args:
         triples: (K, 3) indices of the points in each set.

@@ -45,7 +45,7 @@ class SceneCloud:
 
     @cached_property
     def spacing(self) -> float:
-        """The median distance from a point to its nearest neighbour [m]; 0 without neighbours."""
+        """Median distance from a point to its nearest neighbour [m]; 0 for fewer than 2 points."""
         if len(self.points) < 2:
             return 0.0
         subset = self.points[:: max(len(self.points) // 2000, 1)]
@@ -68,7 +68,7 @@ class SceneCloud:
 
         Args:
             points: (..., 3) query points [m, world].
-            reach: Larger distances are returned as this one [m]. A smaller reach is faster.
+            reach: Upper limit of the returned distance [m]. A smaller reach is faster.
         """
         distance, _ = self._tree.query(points, distance_upper_bound=reach)
         return np.minimum(distance, reach)

@@ -65,8 +65,8 @@ def depth_normals(
         K: (3, 3) intrinsic matrix [px], without skew.
         step: Distance s of the compared neighbours from the pixel [px]. Larger steps average noise.
         smoothing: Half width of a box over which g is averaged [px]; 0 for no averaging. At most
-            twice the step: a strip of this width along a depth jump has no normals, so the box
-            never reaches the other surface.
+            twice the step, which is the width of the strip without normals along a depth jump. The
+            box then never reaches the other surface.
         relative_jump: A neighbour is on another surface if its depth differs from the pixel's by
             more than this fraction for each pixel of the step.
 
@@ -109,7 +109,7 @@ def depth_normals(
 
 
 def _plus(step: int) -> np.ndarray:
-    """Returns a kernel of the centre and its four neighbours at a distance of `step` pixels."""
+    """Returns a kernel for `cv2.dilate`: the centre and its four neighbours `step` pixels away."""
     kernel = np.zeros((2 * step + 1, 2 * step + 1), dtype=np.uint8)
     kernel[step, [0, step, -1]] = kernel[[0, -1], step] = 1
     return kernel

@@ -34,11 +34,11 @@ class TrackedPoints(SharedOnCopy):
         wrong = np.flatnonzero(~np.isfinite(self.positions).all(axis=1) & (confidence > 0.0))
         if wrong.size:
             raise InvalidValueError(
-                f"TrackedPoints has confidence in points without a position: {wrong.tolist()}.",
-                remedy="Set the confidence of points that were not observed to 0.",
+                f"TrackedPoints has confidence > 0 for points without position: {wrong.tolist()}.",
+                remedy="Set the confidence to 0 where the position is not finite.",
             )
 
     @classmethod
     def lost(cls, count: int, stamp: float) -> "TrackedPoints":
-        """Returns `count` points that no image shows at time `stamp` [s]."""
+        """Returns `count` points, none of them observed at time `stamp` [s]."""
         return cls(np.full((count, 3), np.nan), np.zeros(count), stamp)

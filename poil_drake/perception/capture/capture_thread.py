@@ -18,12 +18,12 @@ class CaptureThread:
     """Opens a camera, reads it, and keeps the newest usable image.
 
     An image is unusable if the device rejects it with a `NoImageError`, if it has the wrong size or
-    no valid depth, or if its stamp is not finite or not later than that of the last usable image
-    since the device was opened. `problem` then gives the reason, and `newest` stays, so that its
-    age reveals a frozen camera. The next usable image clears `problem`.
+    no valid depth, or if its stamp is not finite. An image is also unusable if its stamp is not
+    later than that of the last usable image since the device was opened. `problem` then gives the
+    reason, and `newest` stays the last usable image. The next usable image clears `problem`.
 
-    If the device raises any other error, it is closed and opened again after `reopen_period`. The
-    pause limits how often this happens, because some libraries hold the interpreter meanwhile.
+    After any other error of the device, the thread waits for `reopen_period`, then closes and opens
+    the device. A short period is harmful: some libraries hold the interpreter while opening.
 
     Any thread may read the attributes, without a lock.
 
@@ -105,18 +105,18 @@ class CaptureThread:
         if image.depth.shape != self._size:
             height, width = image.depth.shape
             return (
-                f"it delivers {width} x {height} pixels, but the scenario has "
+                f"the images have {width} x {height} pixels, but the scenario has "
                 f"{self._size[1]} x {self._size[0]}"
             )
         if not math.isfinite(image.stamp):
-            return f"an image has the stamp {image.stamp}"
+            return f"an image has the stamp {image.stamp}, which is not finite"
         if image.stamp <= self._last_stamp:
             return (
                 f"an image stamped {image.stamp:.3f} s came after one stamped "
                 f"{self._last_stamp:.3f} s: the camera is frozen, or its clock has jumped"
             )
         if not image.depth.any():
-            return "its depth images are empty: the lens is covered, or everything is too close"
+            return "the depth images are empty: the lens is covered, or everything is too close"
         return ""
 
 

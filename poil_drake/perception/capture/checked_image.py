@@ -6,7 +6,7 @@ from poil_drake.errors import NoImageError
 from poil_drake.perception.images import RgbdImage
 
 _TOO_FAR = 65535
-"""The 16-bit depth with which Drake's images and saturated cameras mean "too far"."""
+"""The 16-bit depth that means "too far" in the images of Drake and of saturated cameras."""
 
 
 def checked_image(

@@ -22,8 +22,8 @@ class CaptureDevice(Protocol):
         """Opens the camera; this may take seconds. After `close` it may be opened again.
 
         Raises:
-            CaptureError: if the camera cannot be opened. It names the camera and what was found
-                instead.
+            CaptureError: if the camera cannot be opened. The error names the camera and
+                what was found instead.
         """
 
     def read(self) -> RgbdImage | None:

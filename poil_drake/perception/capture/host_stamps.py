@@ -7,8 +7,8 @@ from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.device import Clock
 
 _LARGEST_OFFSET = 1.0
-"""Largest difference between a stamp and now [s]. Beyond it, the image is too old or its stamp is
-from another clock."""
+"""Largest difference between a stamp and now [s]. If it is larger, the image is too old, or its
+stamp is from another clock."""
 
 _MAX_OLD = 30
 """This many old stamps in a row mean a wrong clock. After a stall, a library delivers at most the
@@ -40,16 +40,16 @@ class HostStamps:
     def convert(self, stamp: float) -> float | None:
         """Returns a stamp converted to `clock` [s], or None if the image is useless.
 
-        An image is useless if its stamp is not later than the last one, because a frozen camera may
-        deliver an image repeatedly, or if it is more than a second old, because this program may
-        have been suspended.
+        An image is useless if its stamp is not later than the last one: a frozen camera may repeat
+        an image. An image is also useless if it is more than a second old, e.g. because this
+        program was suspended.
 
         Args:
             stamp: The stamp of an image [s, by `host_clock`].
 
         Raises:
             CaptureError: if the stamp is not finite or more than a second in the future, or if it
-                is the 30th in a row that is too old.
+                is the 30th stamp in a row that is too old.
         """
         age = self._host_clock() - stamp
         if not (math.isfinite(stamp) and age >= -_LARGEST_OFFSET):

@@ -185,7 +185,7 @@ class ZedDevice:
             )
 
     def _output_size(self, camera: Any) -> Any:
-        """Returns the scenario's size as an `sl.Resolution`, to which images must be scalable."""
+        """Returns the scenario's size (`sl.Resolution`); checks that the camera can provide it."""
         height, width = self._model.height, self._model.width
         configuration = camera.get_camera_information().camera_configuration
         native = configuration.resolution
@@ -203,7 +203,7 @@ class ZedDevice:
 
 
 def _scaled(lens: Any, scale: float) -> np.ndarray:
-    """Returns the intrinsic matrix (3, 3) of a scaled image, with pixel centres at integers."""
+    """Returns the intrinsic matrix (3, 3) of a lens (`sl.CameraParameters`) for a scaled image."""
     return np.array(
         [
             [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],
@@ -214,7 +214,7 @@ def _scaled(lens: Any, scale: float) -> np.ndarray:
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:
-    """Returns the member `name` of an enumeration of the SDK."""
+    """Returns the member `name` of the SDK's enumeration `kinds`; `field` of `Zed` holds `name`."""
     names = [kind.name for kind in kinds if kind.name != "LAST"]
     if name not in names:
         raise InvalidValueError(

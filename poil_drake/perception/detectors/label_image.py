@@ -29,8 +29,8 @@ class LabelImageDetector:
         if len(labels) < len(frame.images) or not frame.label_ids:
             raise DetectionError(
                 f"The detector 'label_image' needs render labels, but {len(labels)} of "
-                f"{len(frame.images)} images have labels, and {len(frame.label_ids)} labels have "
-                "a name.",
+                f"{len(frame.images)} images have labels, and `label_ids` has "
+                f"{len(frame.label_ids)} names.",
                 remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
                 "the metadata 'label_ids'.",
             )

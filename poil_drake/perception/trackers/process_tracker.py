@@ -1,7 +1,7 @@
 """Runs a tracker in another process, so that it does not share the control loop's interpreter.
 
 Python runs one thread at a time. On a second thread, a tracker with many small array operations
-takes its time from the first thread; in another process it uses a second core.
+would slow down the first thread. In another process it uses a second core.
 """
 
 import weakref
@@ -22,7 +22,7 @@ class RemoteState(SharedOnCopy):
     """Refers to a tracker's state in the worker, which keeps the state while this object lives.
 
     Attributes:
-        worker: Number of the worker process, counted over all that the `ProcessTracker` started.
+        worker: Number of the worker process among all that the `ProcessTracker` has started.
         key: Number of the state in that process.
     """
 

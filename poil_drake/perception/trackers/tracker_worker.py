@@ -19,7 +19,7 @@ class TrackerService:
     def __call__(
         self, request: tuple[str, int | None, tuple, list[int]]
     ) -> tuple[int, TrackedPoints, bool]:
-        """Answers a request (method, key of the state or None, arguments, keys to forget).
+        """Answers a request (method, state's key or None, other arguments, keys to forget).
 
         Returns:
             The key of the new state, the points, and whether the object is lost.

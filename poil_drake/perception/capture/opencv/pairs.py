@@ -107,7 +107,7 @@ class LiveSource:
         self._thread.start()
 
     def stop(self) -> None:
-        """Tells the thread to end. A thread that its source blocks may end after this returns."""
+        """Tells the thread to end. A thread that its source blocks may end later."""
         self._stopped.set()
         self._thread.join(_JOIN_TIMEOUT)
 
@@ -191,5 +191,5 @@ class LivePair:
         return CaptureError(
             f"{self._source}: {reason}; last images: {', '.join(ages)}.",
             remedy="Check that both sources are plugged in or their senders are running"
-            f"{'' if ended else ', and that their images arrive within `largest_gap`'}.",
+            f"{'' if ended else ', and that their images arrive at most `largest_gap` apart'}.",
         )

@@ -44,8 +44,8 @@ def open_source(
     if not capture.isOpened():
         raise CaptureError(
             f"{camera}: OpenCV cannot open '{source}'.",
-            remedy="Check its name, its permissions (group video), and that no other program "
-            "uses it. A pipeline needs an OpenCV that was built with GStreamer.",
+            remedy="Check the source's name and permissions (group video), and that no other "
+            "program uses it. A pipeline needs an OpenCV that was built with GStreamer.",
         )
     if is_file(source):
         return capture

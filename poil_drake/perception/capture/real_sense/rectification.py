@@ -14,8 +14,8 @@ _GRID = 9
 """Number of points along each image side that OpenCV and the library project for comparison."""
 
 _TOLERANCE = 0.5
-"""Largest accepted difference between the two projections [px]. With pyrealsense2 2.59 and the
-coefficients of a D455 they differ by 0.02 px."""
+"""Largest accepted difference between OpenCV's and the library's projections [px]. With
+pyrealsense2 2.59 and the coefficients of a D455, they differ by 0.02 px."""
 
 
 class Rectification:
@@ -78,7 +78,7 @@ class Rectification:
         return cv2.remap(pixels, *self._maps, cv2.INTER_NEAREST)
 
     def _agrees(self, rs: Any, intrinsics: Any, u: np.ndarray, v: np.ndarray) -> bool:
-        """Returns whether the library's projection agrees with maps u and v (H, W) [px]."""
+        """Returns whether the library's projection fits OpenCV's maps u and v (H, W) [px]."""
         rows, columns = (np.linspace(0, size - 1, _GRID).astype(int) for size in u.shape)
         for row, column in product(rows, columns):
             ray = np.linalg.solve(self.K, [column, row, 1.0])

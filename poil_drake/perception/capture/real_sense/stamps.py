@@ -22,9 +22,8 @@ class FramePairStamps:
 
     The time of a frame depends on the library's time domain. `global_time` is the time of capture
     by this computer's clock. `system_time` is the time of arrival. `hardware_clock` is the camera's
-    clock, shifted so that the frame with the fastest arrival so far is stamped with its arrival. In
-    the last two domains, the latency is subtracted. In every domain, a frame that is fetched late
-    keeps its old time.
+    clock, shifted so that the frame with the shortest delay so far gets its time of arrival. In the
+    last two domains, the latency is subtracted. A frame that is fetched late keeps its time.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class FramePairStamps:
         """Returns when a pair was captured [s, by `clock`], or None if the pair is unusable.
 
         A pair is unusable if a frame is missing or not new, if its frames have different time
-        domains or times too far apart, or if `HostStamps.convert` rejects its time.
+        domains or times too far apart, or if `HostStamps.convert` rejects the pair's time.
 
         Args:
             frames: What the library's pipeline delivers, an `rs.composite_frame`.
@@ -88,7 +87,7 @@ class FramePairStamps:
         return stamp if domain == self._domains.global_time else stamp - self._latency
 
     def _hardware_offset(self, time: float) -> float:
-        """Returns the offset from the camera's clock to the computer's [s].
+        """Returns the offset from the camera's clock to the computer's [s] after a frame at `time`.
 
         The offset never increases. If the camera's clock is slow by 50 ppm, images therefore look
         0.2 s too old after an hour. The offset restarts when the clock wraps, every 72 minutes.

@@ -134,7 +134,7 @@ def _is_on_surface(depth: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarra
 
 
 def _histogram(rgb: np.ndarray) -> np.ndarray:
-    """Returns how many colours (M, 3) are in each bin, smoothed over neighbouring bins."""
+    """Returns the number of colours (M, 3) in each bin, of shape `_BINS`, smoothed over bins."""
     counts = np.bincount(_bin(rgb), minlength=int(np.prod(_BINS))).reshape(_BINS)
     smooth = [cv2.GaussianBlur(layer.astype(np.float32), (0, 0), 1.0) for layer in counts]
     flat = np.stack(smooth).reshape(_BINS[0], -1)
@@ -149,7 +149,7 @@ def _bin(rgb: np.ndarray) -> np.ndarray:
 
 
 def _box(camera: CameraModel, centres_W: np.ndarray, reach: float) -> list[int]:
-    """Returns the pixel bounds [u0, v0, u1, v1] of spheres; empty if the camera sees none."""
+    """Returns pixel bounds [u0, v0, u1, v1] of balls of radius `reach`; empty if none is seen."""
     uv, z = project(centres_W, camera.K, camera.X_WC)
     uv, z = uv[z > reach], z[z > reach]
     if len(uv) == 0:

@@ -1,8 +1,8 @@
 """Where the object is known not to be: the space that a camera saw through in the first frame.
 
 Depth may agree with a wrong pose. A mug, for example, looks the same from all sides apart from its
-handle. Points in the object's colours may then contradict the pose: when it moves them back to the
-first frame, the handle's points lie in space that a camera saw through. Background of the first
+handle. Points in the object's colours may then contradict the pose: moved with the object to its
+first pose, the handle's points lie in space that a camera saw through. Background of the first
 frame, such as a rod that the object hangs on, never contradicts a pose.
 """
 
@@ -80,8 +80,8 @@ class FreeSpaceGrid(SharedOnCopy):
             radius: Radius of the object [m].
 
         Returns:
-            explained: (P,) weight of the points that may be on the object's surface.
-            conflicting: (P,) weight of those that lie near the object, but in free space.
+            explained: (P,) weight of the points near the object that are not in free space.
+            conflicting: (P,) weight of the points near the object that lie in free space.
         """
         X_OW = inverse(poses).astype(np.float32)
         R = np.ascontiguousarray(X_OW[:, :3, :3])

@@ -63,7 +63,7 @@ class Keyframe(SharedOnCopy):
 
     @classmethod
     def at(cls, eye_O: np.ndarray, X_WO: np.ndarray) -> "Keyframe":
-        """Returns the keyframe of a camera at eye_O (3,) [m, object] and an object at X_WO."""
+        """Returns the keyframe of a camera at eye_O (3,) or (4,) [m] and an object at X_WO."""
         return cls(eye_O[:3] / np.linalg.norm(eye_O[:3]), X_WO[:3, 3])
 
 
@@ -124,7 +124,7 @@ def grow_model(
 
 
 def _reachable(known: np.ndarray, solid: np.ndarray) -> np.ndarray:
-    """Returns which pixels (h, w) bool `_REACH` steps over solid pixels reach from known ones."""
+    """Returns which pixels (h, w) bool at most `_REACH` solid pixels connect to a known pixel."""
     reached, allowed = known.astype(np.uint8), solid.astype(np.uint8)
     for _ in range(_REACH):
         reached = cv2.dilate(reached, square_kernel(1)) & allowed

@@ -148,7 +148,7 @@ def _stable_choice(jacobian: np.ndarray, count: int) -> np.ndarray:
 
     Half of them are chosen by leverage, a point's share of the information on the pose. The few
     points of a mug's handle, for example, determine how far the mug has turned (cf. Gelfand et al.
-    2003, "Geometrically stable sampling for the ICP algorithm"). The other half is uniform.
+    2003, "Geometrically stable sampling for the ICP algorithm"). The other half is spread evenly.
     """
     if len(jacobian) <= count:
         return np.arange(len(jacobian))

@@ -82,7 +82,10 @@ class ReferenceView(SharedOnCopy):
         return (depth > 0.0) & (np.abs(z - depth) < CLEARANCE) & ~on_object
 
     def _look_up(self, points: np.ndarray, X: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Returns points' z, and `nearest`, `depth` and `mask` at their pixels (0 if outside)."""
+        """Looks up points (M, 3), which X (4, 4) takes to the camera's frame.
+
+        Returns their z [m], and `nearest`, `depth` and `mask` at their pixels (0 if outside).
+        """
         points_C = transform_points(X, points)
         z = points_C[:, 2]
         uv = (points_C @ self.camera.K.T)[:, :2] / np.maximum(z, 1e-3)[:, None]

@@ -107,7 +107,7 @@ def take_patches(
 
 
 def facing_patches(patches: TexturePatches, eye: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool a camera sees about as they were seen when they were taken.
+    """Returns which patches (P,) bool face a camera and were taken from a similar direction.
 
     Args:
         patches: The patches.
@@ -140,7 +140,7 @@ patch. Shading looks like a plane of grey levels; texture does not."""
 def _on_plane(
     window: ViewWindow, u: np.ndarray, v: np.ndarray, centres: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Returns where lines of sight meet the patches' tangent planes: (P, k, 3) [m, camera]."""
+    """Returns where the sight lines of pixels (P, k) meet the P planes: (P, k, 3) [m, camera]."""
     rays = window.unproject(u, v, np.ones(u.shape))
     offsets = np.einsum("pi,pi->p", normals, centres)
     return rays * (offsets[:, None] / np.einsum("pki,pi->pk", rays, normals))[..., None]

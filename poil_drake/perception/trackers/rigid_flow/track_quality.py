@@ -32,9 +32,8 @@ MAX_CONFLICT = 0.04
 """Largest share of observed points that lie in free space at an accepted pose."""
 
 RETRY_CONFLICT = 0.02
-"""If more observed points lie in free space, other poses are tried and the model does not grow.
-
-After a motion close to its prediction, other poses are tried only above `MAX_CONFLICT`."""
+"""Above this share of observed points in free space, the model does not grow, and other poses are
+tried. After a motion close to its prediction, other poses are tried only above `MAX_CONFLICT`."""
 
 LOST_AGREEMENT = 0.7
 """If `Evidence.agreement` is lower, the object is lost."""
@@ -69,7 +68,7 @@ class Evidence:
     them.
 
     Attributes:
-        seen: Points with the surface measured where the pose places them.
+        seen: Points that lie on the measured surface.
         other_color: Seen points whose colour differs.
         seen_through: Points that the camera sees through.
         in_front: Points with something a little nearer to the camera. Either the pose is wrong, or
@@ -77,7 +76,7 @@ class Evidence:
         occluded: Points with something much nearer to the camera.
         enough: Number of compared points below which the pose scores less.
         support: Number of the model's support points that any view shows.
-        edges: Share of the unoccluded outline pixels whose edge is where it should be.
+        edges: Share of the unoccluded outline pixels near which the views show a depth edge.
         conflict: Share of the observed points around the object that lie in free space.
         deviation: Largest standard deviation of a part point [m].
     """

@@ -132,7 +132,7 @@ class RigidFlowTracker:
         return TrackerOutput(new_state, TrackedPoints(positions, confidence, frame.stamp), False)
 
     def _learn(self, state: RigidFlowState, windows: Sequence[ViewWindow]) -> RigidFlowState:
-        """Returns the state with a model that has grown by the views that need a keyframe."""
+        """Returns the state after the model has learnt from the views that need a keyframe."""
         X_WO = state.pose.X_WO
         keyframes = [Keyframe.at(window.at(X_WO).eye, X_WO) for window in windows]
         needed = [needs_keyframe(new, state.keyframes) for new in keyframes]

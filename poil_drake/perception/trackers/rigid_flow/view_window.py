@@ -105,7 +105,7 @@ class PosedView:
     def pixel_gradient(
         self, du: np.ndarray | float, dv: np.ndarray | float, points_O: np.ndarray
     ) -> np.ndarray:
-        """Returns the gradient (..., 3) [px/m] of du u + dv v at points (..., 3) [m, object]."""
+        """Returns the gradient (..., 3) [px/m] of du u + dv v with respect to the points [m]."""
         x, y, z = np.moveaxis(self.to_camera(points_O), -1, 0)
         inverse_z = 1.0 / z
         gx = du * self.window.focal[0] * inverse_z
@@ -155,7 +155,7 @@ def square_kernel(radius: int) -> np.ndarray:
 
 
 def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Returns pixel bounds (u0, v0, u1, v1) around projected points, or None if too small."""
+    """Returns a box (u0, v0, u1, v1) of pixels around projected points, or None if it is small."""
     uv, z = project(points_W, camera.K, camera.X_WC)
     uv = uv[z > 0.05]
     if len(uv) == 0:

@@ -41,7 +41,7 @@ class ContourMatches:
     Attributes:
         points: (K, 3) outline points in the object's frame [m].
         directions: (K, 2) unit normals of the outline in the image, away from the object.
-        targets: (K,) coordinate of each edge along its direction [px].
+        targets: (K,) coordinate that each point should have along its direction [px].
         displacements: (K,) distance of each edge from the rendered outline, positive outward [px].
         searched: Number of outline pixels that were searched and not occluded.
         rendering: (h, w) float32 rendered depth of the model [m].
@@ -95,7 +95,7 @@ def add_contour_term(
     """Adds the distances between the model's outline and the edges found for it, as residuals.
 
     Args:
-        equations: The sums to add to.
+        equations: The equations to add to.
         matches: Matches in this view, which may have been found at another pose.
         view: The view.
         gate: Residuals above this do not count [px].
@@ -160,15 +160,15 @@ def _search_edges(
     dv: np.ndarray,
     z: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Searches along the direction of each outline pixel for a step back in depth.
+    """Searches the measured depth for the object's edge near each outline pixel.
 
-    The edge is where most pixels before it have the model's depth and most pixels after it are
-    farther. Holes and flying pixels have little influence on its position.
+    The search runs outward along (du, dv). Most pixels before the edge have the model's depth z
+    [m]; most pixels after the edge are farther. Holes and flying pixels hardly shift the edge.
 
     Returns:
         found: (K,) bool, whether an edge was found.
         occluded: (K,) bool, whether something is in front of the model.
-        shift: (K,) position of the edge along the direction [px].
+        shift: (K,) distance from the outline pixel outward to the edge [px].
     """
     steps = np.arange(-SEARCH_REACH, SEARCH_REACH + 1)
     uu = np.rint(u[:, None] + du[:, None] * steps).astype(np.intp)

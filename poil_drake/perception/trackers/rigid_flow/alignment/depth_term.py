@@ -108,7 +108,7 @@ def add_depth_term(
     """Adds the point-to-plane residuals of one view.
 
     Args:
-        equations: The sums to add to.
+        equations: The equations to add to.
         surface: Model points in the object's frame.
         view: The view.
         gate: Residuals above this do not count [m].

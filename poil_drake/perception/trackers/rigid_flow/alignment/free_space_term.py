@@ -1,7 +1,7 @@
 """The free-space term: observed points against the space where the object is known not to be.
 
-If a view shows a mug's handle beside the model's handle, the seen points lie in free space. This
-term then turns the model's handle towards them, even if the views show nothing of it in its place.
+If a view shows a mug's handle beside the model's handle, the points observed on the mug's handle
+lie in free space. This term then turns the model's handle towards these points.
 """
 
 import numpy as np
@@ -32,10 +32,10 @@ def add_free_space_term(
     X_WO: np.ndarray,
     radius: float,
 ) -> None:
-    """Adds the depths of the observed points in free space, as residuals.
+    """Adds how deep the observed points lie in free space, as residuals.
 
     Args:
-        equations: The sums to add to.
+        equations: The equations to add to.
         free_space: Where the object is known not to be.
         observed: Points that have the object's colours.
         X_WO: (4, 4) pose of the object.

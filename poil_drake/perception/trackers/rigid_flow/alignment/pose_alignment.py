@@ -73,9 +73,9 @@ class PoseEstimate(SharedOnCopy):
 
     Attributes:
         X_WO: (4, 4) pose of the object.
-        prior_covariance: (6, 6) covariance of the error (ω [rad], v [m]) in the object's frame, as
-            the next alignment assumes it. It counts spurious information (see `NormalEquations`),
-            because the pose would otherwise drift in directions that the data do not determine.
+        prior_covariance: (6, 6) covariance of the error (ω [rad], v [m]) in the object's frame, for
+            use by the next alignment. It includes spurious information (see `NormalEquations`),
+            which keeps the pose from drifting in directions that the views do not determine.
         covariance: (6, 6) covariance of the same error, without spurious information.
     """
 

@@ -27,8 +27,8 @@ from poil_drake.perception.trackers.rigid_flow.track_quality import (
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow, make_window
 
 _MAX_INNOVATION = 3.0
-"""If the last innovation was larger than this, the object is not expected to follow the motion
-prior in the next step [standard deviations]."""
+"""Largest `RigidFlowState.innovation`, in standard deviations of the motion prior, after which the
+object is expected to follow the motion prior in the next step."""
 
 _VELOCITY_DAMPING = 0.95  # share of the velocity that continues in the next step
 _MAX_EXTRAPOLATION = 0.5  # longest time over which the velocity is extrapolated [s]
@@ -85,7 +85,7 @@ def predict(
 
 
 def _prior_deviations(elapsed: float, config: RigidFlowConfig) -> np.ndarray:
-    """Returns the standard deviations (2,) [rad, m] of a motion from its motion prior."""
+    """Returns the standard deviations (2,) [rad, m] of the error of a motion prior."""
     return np.array([config.prior_angular_speed, config.prior_linear_speed]) * elapsed
 
 
@@ -100,8 +100,8 @@ def locate(
 ) -> Location:
     """Aligns the model with a frame, and returns the best location.
 
-    The alignment of a tracked object starts from the predicted pose. If it is not certain, or if
-    the object is lost, alignments start from poses that are found by search.
+    The alignment of a tracked object starts from the predicted pose. If the result is not
+    certain, or if the object is lost, alignments also start from the poses that `search` finds.
     """
     model = state.model
     best: Location | None = None
@@ -149,7 +149,7 @@ def _is_certain(location: Location, max_conflict: float) -> bool:
 def _search_regions(
     state: RigidFlowState, stamp: float, predicted: PoseEstimate
 ) -> list[SearchRegion]:
-    """Returns regions around the prediction, a tracked object's last pose, and any candidate."""
+    """Returns regions around the prediction, a tracked object's last pose, and the candidate."""
     missed = 0.0 if state.lost_since is None else stamp - state.lost_since
     angular, linear = (
         min(near + growth * missed, far)

@@ -107,8 +107,8 @@ def score_poses(
         gate: Points farther than this from the measured surface count as missing [m].
 
     Returns:
-        (P,) the mean score of the points that face a camera and have depth. If these points are
-        few, the sum of their scores is divided by ENOUGH_SHARE of all points instead. A point
+        (P,) the sum of the scores of the points that face a camera and have depth, divided by the
+        number of these points or, if that is larger, by `ENOUGH_SHARE` of all points. A point
         scores up to 1 if it is measured in its place and colour, 0 to -1 if its colour differs, 0
         if it is occluded, -1/2 if something just in front of it may touch the object, and -1 if the
         camera sees through it.

@@ -124,7 +124,7 @@ def add_texture_term(
     """Adds the differences in grey level between patches and the image, as residuals.
 
     Args:
-        equations: The sums to add to.
+        equations: The equations to add to.
         patches: Patches that the view shows.
         view: The view.
         min_correlation: Patches whose correlation with the image is lower are left out.
@@ -182,7 +182,7 @@ def _add_patches(
     """Adds patches, each given by the normal equations of its displacement in the image.
 
     Args:
-        equations: The sums to add to.
+        equations: The equations to add to.
         centres: (P, 3) centres of the patches [m, object].
         tensor: (P, 2, 2) matrices of the displacements' normal equations.
         pull: (P, 2) right-hand sides of the displacements' normal equations.
@@ -196,7 +196,7 @@ def _add_patches(
 
 
 def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Returns which patches (P,) bool agree with the depth measured at most of their samples."""
+    """Returns for which patches (P,) bool most samples u, v, z (P, k) fit the measured depth."""
     measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     valid = measured > 0.0
     wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
