@@ -98,6 +98,7 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
     rows = summarize({"bare loop": bare, "commands": commanded}, period)
     ticks = np.array(timing.starts)
     late = np.array(timing.lateness)[(ticks >= stalled[0]) & (ticks <= stalled[1])]
+    loop = timing.figures()
     figures = {
         "period_ms": 1e3 * period,
         "duration_s": duration,
@@ -105,10 +106,12 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
         "missed_ticks": timing.missed,
         "missed_ticks_while_stalled": int((late > period).sum()),
         "rows": [asdict(row) for row in rows],
-        "loop": timing.figures(),
+        "loop": loop,
     }
     write_json(figures, json_path)
     _print_table(rows)
+    work = [loop[f"tick_duration_{name}_ms"] for name in ("p50", "p99")]
+    print(f"work of a period: p50 {work[0]:.3f} ms, p99 {work[1]:.3f} ms")
     print(
         f"missed ticks: {timing.missed} of {len(ticks)}, "
         f"{figures['missed_ticks_while_stalled']} of {late.size} while the tracker was stalled"
