@@ -266,8 +266,8 @@ class SafetySupervisor(LeafSystem):
             context: The system's context.
             motion: The commanded motion.
             offset: The arm's position minus the commanded position.
-            cleared: (43,) the last check: the least clearance [m] of six postures, then these
-                postures (6, 7) [rad]; updated in place.
+            cleared: (43,) least clearance [m] of the six postures that were checked last, then
+                these postures (6, 7) [rad], flattened; updated in place.
         """
         present = np.repeat([motion.position, motion.position + offset], 3, axis=0)
 
