@@ -12,7 +12,7 @@ _RESTING_LINKS = (0, 1)
 """Links that do not move or only turn about their own axis; they may touch the robot's stand."""
 
 _SHOULDER_LINKS, _WRIST_LINKS = (0, 1, 2), (5, 6, 7, 8)
-"""The two groups of the Panda's links that can collide with each other within the joint limits."""
+"""Links of the first group can touch links of the second group within the joint limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class RobotCollisionChecker:
         self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
     def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Returns the robot's clearance (B,) [m], the smaller of scene and self-clearance, capped.
+        """Returns the smaller of scene and self-clearance (B,) [m], at most `max_distance`.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -73,14 +73,14 @@ class RobotCollisionChecker:
         return np.minimum(self.scene_clearance(poses), self.self_clearance(poses))
 
     def is_free(self, q: np.ndarray) -> np.ndarray:
-        """Returns whether each configuration (B, 7) keeps the margins: (B,) bool."""
+        """Returns (B,) bool: whether each `q` (B, 7) keeps `robot_margin` and clear of itself."""
         poses = self._model.link_poses(q)
         free = self.self_clearance(poses) > 0.0
         free[free] = self.scene_clearance(poses[free]) > self._config.robot_margin
         return free
 
     def scene_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the clearance (B,) [m] from the scene at link poses (B, 9, 4, 4), capped."""
+        """Returns the scene clearance (B,) [m], at most `max_distance`, at poses (B, 9, 4, 4)."""
         reach = self._config.max_distance
         clearance = np.full(len(link_poses), reach)
         for group in self._moving:
@@ -96,7 +96,10 @@ class RobotCollisionChecker:
         return clearance
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:
-        """Returns the capped shoulder-wrist clearance (B,) [m] at link poses (B, 9, 4, 4)."""
+        """Returns the clearance (B,) [m] between shoulder and wrist, at most `max_distance`.
+
+        The link poses are (B, 9, 4, 4), as from `PandaModel.link_poses`.
+        """
         links, centers, radii = self._shoulder
         centers = _to_world(link_poses[:, links], centers)
         bounds = _to_world(

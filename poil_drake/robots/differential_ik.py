@@ -24,7 +24,7 @@ class DifferentialInverseKinematicsConfig:
     """Margins and gains of the differential inverse kinematics.
 
     Attributes:
-        nominal_posture: (n,) joint positions towards which the null space pulls [rad].
+        nominal_posture: (n,) joint positions towards which the null-space motion pulls [rad].
         centering_gain: Speed of the pull per distance [1/s]; slow compared with the task.
         centering_speed: Largest speed of the pull [rad/s].
         position_margin: Distance to keep from the joint limits [rad]; the Panda's own controller
@@ -70,8 +70,8 @@ def resolve_twist(
 ) -> ResolvedTwist:
     """Returns the next joint velocities to command.
 
-    There are two steps. (1) `direction_preserving_velocity`: J qdot = a V with the largest a in
-    [0, 1] that the joints' speed limits (reduced near position limits) allow, and a pull to the
+    There are two steps. (1) `direction_preserving_velocity`: J qdot = a V_WG with the largest a
+    in [0, 1] that the joints' speed limits (reduced near position limits) allow, and a pull to the
     nominal posture in the null space of J. (2) `approach_velocity`: ONE factor shortens the change
     from `previous` to that velocity until every joint respects its acceleration limit. So the
     twist has the desired direction if the arm starts from rest and the direction is steady. When
@@ -116,9 +116,9 @@ def direction_preserving_velocity(
 ) -> tuple[np.ndarray, float]:
     """Returns qdot (n,) [rad/s] and the largest a in [0, 1] with J qdot = a V within bounds.
 
-    Of all such qdot this is the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
+    Of all such qdot it is the one closest to `pull`. Drake's `DoDifferentialInverseKinematics`
     poses the same problem, but its solver, OSQP, takes milliseconds and fails near joint limits.
-    With one redundant joint, qdot = a J^+ V + z n, where n spans the null space of J. A linear
+    With one redundant joint, qdot = a J^+ V + z w, where w spans the null space of J. A linear
     program in the plane (a, z) remains; eliminating z (Fourier-Motzkin) solves it exactly.
 
     Args:
@@ -127,8 +127,8 @@ def direction_preserving_velocity(
         pull: (n,) desired velocities in the null space [rad/s].
         lowest: (n,) lowest joint velocities, at most 0 [rad/s].
         highest: (n,) highest joint velocities, at least 0 [rad/s].
-        pull_speed: Largest speed in the null space [rad/s]. It is also limited to |J^+ V|, so that
-            the pull fades out with the twist.
+        pull_speed: Largest speed in the null space [rad/s]. It never exceeds |J^+ V|, so that the
+            pull fades out with the twist.
     """
     rows, n = J.shape
     U, S, Vt = np.linalg.svd(J)
@@ -172,7 +172,7 @@ def direction_preserving_velocity(
 def approach_velocity(
     previous: np.ndarray, wanted: np.ndarray, acceleration: np.ndarray, time_step: float
 ) -> np.ndarray:
-    """Returns the velocity (n,) [rad/s] nearest to `wanted` on the line from `previous` to it.
+    """Returns the velocity (n,) [rad/s] after one step on the line from `previous` to `wanted`.
 
     Args:
         previous: (n,) current velocities, at which the line begins [rad/s].
@@ -188,7 +188,7 @@ def approach_velocity(
 def achieved_fraction(wanted: np.ndarray, achieved: np.ndarray) -> float:
     """Returns the fraction, in [0, 1], of the twist `wanted` (6,) that `achieved` (6,) attains.
 
-    It projects `achieved` onto `wanted`, with angular speeds multiplied by a length of 0.1 m. The
+    The function projects `achieved` onto `wanted`, with angular speeds multiplied by 0.1 m. The
     fraction is 1 if `wanted` is zero. Twists are (ω [rad/s], v [m/s]).
     """
     square = _LENGTH**2 * float(wanted[:3] @ wanted[:3]) + float(wanted[3:] @ wanted[3:])

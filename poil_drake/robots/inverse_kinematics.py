@@ -12,7 +12,7 @@ _WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
 """Offsets of joint 7 from the nominal posture where searches start [rad]."""
 
 _ELBOW_SEEDS = (0.0, 0.7, -0.7)
-"""Offsets of joint 1, and of joint 3 with the opposite sign [rad]; they swing the elbow aside."""
+"""Start offsets of joint 1, and of joint 3 with the opposite sign [rad]; they move the elbow."""
 
 ROTATION_SCALE = 0.15
 """Length that converts radians to metres in pose errors [m]: about the hand's size."""
@@ -50,7 +50,7 @@ class InverseKinematicsConfig:
 
 
 def pose_error(X_target: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """Returns the error (..., 6): rotation vector [rad] and translation [m] from X to the target.
+    """Returns the error (..., 6) of X: rotation vector [rad] and translation [m] to the target.
 
     Args:
         X_target: (..., 4, 4) desired poses.
@@ -69,9 +69,9 @@ def damped_step(
 ) -> np.ndarray:
     """Returns the configurations (B, 7) after one damped least-squares step towards the targets.
 
-    The step is J+ e + (I - J+ J) k (q_nominal - q) with the damped pseudo-inverse
-    J+ = J^T (J J^T + d^2 I)^-1. A joint that would leave its limits stops at the limit, and the
-    step is solved again for the other joints, so that these compensate as far as they can.
+    The step is J+ e + (I - J+ J) k (nominal - q), with the pose error e, k = `posture_gain` and
+    J+ = J^T (J J^T + d^2 I)^-1, d = `damping`. A joint that would leave its limits stops there, and
+    the step is solved again for the other joints, so that these compensate as far as they can.
 
     Args:
         model: The arm.
@@ -151,7 +151,7 @@ def distinct_solutions(model: PandaModel, X_WG: np.ndarray) -> tuple[np.ndarray,
         X_WG: (B, 4, 4) target poses of the gripper in the world.
 
     Returns:
-        The configurations (S, 7) [rad] and the index (S,) of the pose that each one reaches,
+        The configurations (S, 7) [rad] and the index (S,) of the pose that each reaches,
         ordered by pose and then by seed.
     """
     offsets = np.array(

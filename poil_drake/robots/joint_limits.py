@@ -45,7 +45,7 @@ class JointLimits(SharedOnCopy):
 
         Args:
             positions: (n,) joint positions [rad].
-            margin: Distance from the position limits [rad].
+            margin: Distance to keep from the position limits [rad].
             braking_gain: Speed per remaining distance [1/s].
         """
         highest = braking_gain * (self.upper - margin - positions)

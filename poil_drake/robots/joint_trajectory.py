@@ -37,7 +37,7 @@ class JointTrajectory(SharedOnCopy):
         return float(self.times[-1])
 
     def slowed(self, speed: float) -> "JointTrajectory":
-        """Returns the same path, followed at the fraction `speed`, in (0, 1], of its speed."""
+        """Returns the motion along the same path with all velocities times `speed`, in (0, 1]."""
         return JointTrajectory(self.times / speed, self.positions, speed * self.velocities)
 
     def sample(self, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +64,7 @@ def follow_joint_trajectory(
 
     Args:
         trajectory: The motion.
-        time: Time since its start [s].
+        time: Time since the motion's start [s].
         positions: (J,) measured joint positions [rad].
         gain: Feedback gain [1/s].
     """

@@ -25,7 +25,7 @@ class PandaModel:
     """
 
     def __init__(self, *, X_WB: np.ndarray | None = None):
-        """Reads the description.
+        """Reads the URDF.
 
         Args:
             X_WB: (4, 4) pose of the robot's base; None places it at the world's origin.
@@ -55,7 +55,7 @@ class PandaModel:
         self._X_7G = arm.frames[arm.getFrameId(GRIPPER_FRAME)].placement.homogeneous
         frames = [*self._placements, self._X_7G]
         self.link_lengths = np.array([np.linalg.norm(X[:3, 3]) for X in frames])
-        """(8,) distances of the successive frames' origins, from panda_link0 to the gripper [m]."""
+        """(8,) distances [m] between successive frame origins, from panda_link0 to the gripper."""
 
     def link_poses(self, q: np.ndarray) -> np.ndarray:
         """Returns the world poses (..., 9, 4, 4) of panda_link0 to panda_link7 and the gripper.

@@ -18,7 +18,7 @@ class RobotSpheresConfig:
     """How finely the robot's shape is covered.
 
     Attributes:
-        arm_spacing: Distance between spheres along an arm cylinder [m]; closer spheres bulge less.
+        arm_spacing: Largest distance of centres along a cylinder [m]; closer spheres bulge less.
         hand_cell: Largest edge of the cells into which the hand's box is divided [m]. A sphere
             encloses each cell, so with smaller cells the spheres bulge less.
         finger_cell: Largest edge of the fingers' cells [m]; the fingers come closest to objects.
@@ -119,7 +119,7 @@ def cover_cylinder(length: float, radius: float, spacing: float) -> tuple[np.nda
 
     Args:
         length: The cylinder's length [m].
-        radius: Its radius [m].
+        radius: The cylinder's radius [m].
         spacing: Largest distance between centres [m].
     """
     count = max(int(np.ceil(length / spacing)), 1)

@@ -23,7 +23,7 @@ _FIRST_LINK = 2
 """The first link to check; links 0 and 1 at most turn about their axis, and may touch the table."""
 
 _SELF_REACH = 0.05
-"""Cap on the self-clearance minus its margin [m]; a smaller cap makes the check faster."""
+"""Cap on the self-clearance minus `self_margin` [m]; a smaller cap makes the check faster."""
 
 _ROUNDING = 1e-9
 """Clearances that differ by no more than this count as equal [m]."""
@@ -48,10 +48,10 @@ class PostureGuardConfig:
 
     Attributes:
         gripper_lower: Lower corner of the box for the gripper point, between the finger tips.
-        gripper_upper: Its upper corner.
+        gripper_upper: Upper corner of that box.
         body_lower: Lower corner of the box for the arm from panda_link2 on, including the elbow.
             The box keeps the arm away from walls and people.
-        body_upper: Its upper corner.
+        body_upper: Upper corner of that box.
         table_height: Height of the table, an infinite plane, in the world [m]; None without one.
         table_margin: Distance that the arm, the hand and the tips of the closed fingers keep from
             the table [m]. It must be less than the 6 mm that planned grasps keep. It can be small
@@ -89,9 +89,9 @@ class PostureGuardConfig:
 class PostureGuard:
     """Checks postures against the rules of `PostureGuardConfig`.
 
-    The spheres of motion planning represent the arm. For the boxes and the table, the corners of
-    the hand's box and of the closed finger tips represent the hand. The tips of open fingers reach
-    up to 4 cm times the sine of the hand's tilt farther down. Held objects are ignored.
+    `RobotSpheres` represent the arm. For the boxes and the table, the corners of the hand's box and
+    of the closed finger tips represent the hand. Open fingers reach farther down than closed ones,
+    by up to 4 cm times the sine of the hand's tilt. Held objects are ignored.
     """
 
     def __init__(self, *, model: PandaModel, config: PostureGuardConfig | None = None):
@@ -138,9 +138,9 @@ class PostureGuard:
         return clearances
 
     def _joint_reaches(self) -> np.ndarray:
-        """Returns bounds (7,) on the distance of the arm's points from each joint's axis [m].
+        """Returns for each joint a bound (7,) [m] on the distance from its axis to points it moves.
 
-        The chain from a joint to a link is at most as long as all its parts together.
+        A bound adds up the lengths of all links between the joint and such a point.
         """
         extents = np.linalg.norm(self._centers[:, :3], axis=1) + self._radii[:, 0]
         extents = np.concatenate([np.zeros(_FIRST_LINK - 1), extents.max(axis=1)])
@@ -148,9 +148,9 @@ class PostureGuard:
         return np.array([(lengths + extents)[k:].max() - lengths[k] for k in range(NUM_JOINTS)])
 
     def largest_displacement(self, turns: np.ndarray) -> float:
-        """Returns a bound on how far any point of the arm moves [m].
+        """Returns an upper bound on how far any point of the arm moves [m].
 
-        It also bounds how much the distance between two points of the arm changes.
+        The distance between two points of the arm changes by no more than the bound, too.
 
         Args:
             turns: (B, 7) changes of the joint positions [rad]; the bound covers all B.
@@ -161,7 +161,7 @@ class PostureGuard:
         """Returns how far each posture is inside each face of the boxes, (B, 12) [m].
 
         A distance is negative beyond its face; the smallest is the first column of `clearances`.
-        The order is that of (lower or upper faces, gripper or arm, axis), row-major.
+        The columns are ordered by side (lower, upper), then body (gripper, arm), then axis.
 
         Args:
             q: (B, 7) joint positions [rad].
@@ -212,7 +212,7 @@ class PostureGuard:
     def broken_rule(self, q: np.ndarray, present: np.ndarray) -> PostureRule | None:
         """Returns the first rule that any of the postures breaks, or None.
 
-        An arm that already breaks a rule may move back, but not break the rule by more.
+        If `present` already breaks a rule, a posture breaks it only if its clearance is smaller.
 
         Args:
             q: (B, 7) next postures [rad].
@@ -227,9 +227,9 @@ class PostureGuard:
 
 
 def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) of the moving links' spheres.
+    """Returns homogeneous centres (7, 4, P) and radii (7, 1, P) for links 2 to 7 and the hand.
 
-    Spheres are repeated until every link has P. Those of the hand are its corners, of radius zero.
+    Spheres are repeated until every link has P. The hand's are its corners, with radius zero.
     """
     corners = _hand_corners(gripper)
     own = [np.flatnonzero(spheres.links == link) for link in range(_FIRST_LINK, GRIPPER_LINK)]
@@ -242,7 +242,7 @@ def _outline(spheres: RobotSpheres, gripper: GripperGeometry) -> tuple[np.ndarra
 
 
 def _hand_corners(gripper: GripperGeometry) -> np.ndarray:
-    """Returns the corners (12, 3) of the hand's box and of the closed fingers' ends [m, G]."""
+    """Returns the corners (12, 3) of the hand's box and of the closed fingers' ends [m], in G."""
     x, y, z = (np.ravel(values) for values in np.meshgrid(*zip(*gripper.hand_box(), strict=True)))
     half, thickness, end = 0.5 * gripper.finger_width, gripper.tip_thickness, gripper.tip_end
     tips = [(i * half, j * thickness, end) for i in (-1, 1) for j in (-1, 1)]

@@ -63,7 +63,7 @@ class VelocityLimiterConfig:
         velocity_scale: Share of the speed limits.
         acceleration_scale: Share of the acceleration limits.
         jerk_scale: Share of the jerk limits.
-        position_margin: Distance from the position limits [rad].
+        position_margin: Distance to keep from the position limits [rad].
     """
 
     jerk: tuple[float, ...] = JERK_LIMITS
@@ -97,7 +97,7 @@ class VelocityLimiter:
     share one scale, which keeps the direction where possible. After every step the arm can brake
     within the position limits: the limiter also plans the braking that would follow the step. If
     the arm would stop outside the limits, the limiter chooses a smaller share of the velocity, or
-    brakes. So if the arm can stop at the first step, it can stop at every later step.
+    brakes. So an arm that can stop within the limits at first can always do so.
 
     The limiter has no state; callers pass the last commanded motion.
 
@@ -179,9 +179,9 @@ class VelocityLimiter:
         Args:
             motion: The current command.
             wanted: (n,) desired velocity [rad/s]; one that is not finite means rest.
-            refuse: Returns why one of three postures (3, n) [rad] is forbidden, or None: the
-                postures after the step, halfway through the braking that would follow, and at the
-                end of the braking. It is called only for steps that the joints' limits allow.
+            refuse: Takes three postures (3, n) [rad]: after the step, halfway through the braking
+                that would follow, and at its end. Returns why one of them is forbidden, or None.
+                It is called only for steps that the joints' limits allow.
             offset: (n,) position of the real arm relative to its command [rad]; the step keeps the
                 real arm within the joints' limits, too.
         """
@@ -211,10 +211,10 @@ class VelocityLimiter:
         return JointMotion(np.array(position), np.array(reached), np.array(acceleration))
 
     def _stays_inside(self, braking: Trajectory, start: np.ndarray, before: np.ndarray) -> bool:
-        """Returns whether braking from K positions (K, n) [rad] obeys the position limits.
+        """Returns whether an arm that brakes from `start` (K, n) [rad] obeys the position limits.
 
-        A joint that was outside at `before` (K, n), one period before `start` (K, n), may get no
-        farther outside. `braking` is relative to `start`.
+        `start` holds K positions; the motion `braking` is added to each. A joint that was outside
+        the limits one period earlier, at `before` (K, n), may get no farther outside.
         """
         extrema = braking.position_extrema
         lowest = start + [one.min for one in extrema]

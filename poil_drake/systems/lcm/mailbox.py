@@ -10,7 +10,7 @@ from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
 
 _SET_BACK = 10
-"""This many consecutive late messages with rising stamps mean that a clock was set back."""
+"""This many late messages in a row with rising stamps mean that the sender's clock went back."""
 
 _CHANGES, _WITHIN = 10, 1.0
 """This many changes of sender within this time [s] mean two senders; a restart makes one change."""
@@ -38,8 +38,8 @@ class LcmMailbox(Generic[S]):
         newest: The newest message; None before the first.
         late: Number of late messages.
         malformed: Number of messages that could not be decoded.
-        offset: How far `clock` was ahead of the stamp of the last message when that arrived [s];
-            NaN before the first. Late messages count, too.
+        offset: Time of arrival, by `clock`, minus stamp of the last message, late or not [s];
+            NaN before the first message.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class LcmMailbox(Generic[S]):
         same_sender: Callable[[S, S], bool] = lambda before, after: True,
         clock: Clock = time.time,
     ):
-        """Subscribes to the channel; the owner of `lcm` handles the subscriptions.
+        """Subscribes to the channel; the owner of `lcm` calls `HandleSubscriptions`.
 
         Args:
             lcm: The network.

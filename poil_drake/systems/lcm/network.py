@@ -30,7 +30,7 @@ def check_channel(name: str, key: str) -> None:
         key: The setting that holds the name, for the error.
 
     Raises:
-        InvalidValueError: if LCM does not accept it.
+        InvalidValueError: if LCM does not accept the name.
     """
     if not 0 < len(name.encode()) <= _LONGEST_CHANNEL:
         raise InvalidValueError(
@@ -46,10 +46,10 @@ class MessageNetwork(Protocol):
         """Sends a message."""
 
     def Subscribe(self, channel: str, handler: Callable[[bytes], None]) -> None:
-        """Calls the handler with each message from now on; the handler must not raise."""
+        """Makes `HandleSubscriptions` call `handler` for each message; `handler` must not raise."""
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
-        """Waits up to the timeout for a message, then handles all; returns their number."""
+        """Waits up to the timeout [ms] for a message, handles all, and returns their number."""
 
 
 class LcmNetwork:
@@ -96,14 +96,14 @@ class LcmNetwork:
         self._subscriptions.append(subscription)
 
     def Close(self) -> None:
-        """Ends all subscriptions, which drops their queues."""
+        """Ends all subscriptions, and drops the messages in their queues."""
         while self._subscriptions:
             self._lcm.unsubscribe(self._subscriptions.pop())
 
     def HandleSubscriptions(self, timeout_millis: int) -> int:
         """See `MessageNetwork`.
 
-        A call with a positive timeout is not urgent: it waits its turn (see `InterpreterTurns`).
+        If the timeout is positive, the call also waits its turn (see `InterpreterTurns.wait`).
         """
         if timeout_millis > 0:
             select.select([self._lcm.fileno()], [], [], 1e-3 * timeout_millis)

@@ -22,7 +22,7 @@ from poil_drake.systems.statuses import RobotMode
 HAND_PERIOD = 0.1
 """Period of the hand driver's loop [s]."""
 
-_OTHER_SENDERS = "Keep other senders off this channel."
+_OTHER_SENDERS = "Stop other programs that send on the channel of this message."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +139,8 @@ def encode_panda_status(status: PandaStatus, commanded_velocity: np.ndarray) -> 
 
 
 _MAX_JUMP, _MAX_SPEED = 0.1, 3.0
-"""Between two statuses of the same robot, a joint moves by at most this offset [rad] plus this
-speed [rad/s] times the elapsed time."""
+"""Between two statuses of the same robot, a joint moves by at most `_MAX_JUMP` [rad] plus
+`_MAX_SPEED` [rad/s] times the elapsed time."""
 
 _MAX_CLOCK_JUMP = 0.5
 """Between two statuses, the robot's clock drifts from the driver's clock by at most this [s]."""
@@ -264,7 +264,7 @@ def encode_hand_status(opening: HandOpening, moving: bool) -> bytes:
 
     Args:
         opening: The measured opening.
-        moving: Whether the hand is moving; the driver then reports 5 mm/s, whatever its speed.
+        moving: Whether the hand is moving; if so, the message says 5 mm/s, whatever the speed is.
     """
     message = lcmt_schunk_wsg_status()
     message.utime = round(1e6 * opening.stamp)

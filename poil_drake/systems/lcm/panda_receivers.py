@@ -13,7 +13,7 @@ from poil_drake.systems.lcm.panda_messages import HandOpening, PandaStatus
 from poil_drake.systems.statuses import RobotMode
 
 _MAX_HAND_AGE = 0.5
-"""Largest age of a valid hand status [s]; the driver sends ten a second."""
+"""Largest age of a valid hand status [s]; the driver sends ten statuses a second."""
 
 _HAND_GRACE = 0.1
 """How long an opening stays valid once its status is too old [s], so that the supervisor detects a
@@ -40,7 +40,7 @@ class FrankaStatusReceiver(LeafSystem):
     [rad/s] and `torque_external` [N m] are (7,), NaN before the first status. `status` (3,) holds
     the `RobotMode`, the age [s] and the share of commands that reach the robot in time. The age is
     the time by `clock` at the last update minus the stamp of the newest status; it is negative if
-    the driver's clock is ahead. Before the first status, `status` is OTHER, infinity and 0. An
+    the driver's clock is ahead. Before the first status, `status` holds OTHER, infinity and 0. An
     update raises a StationError if two drivers alternate on the channel.
     """
 

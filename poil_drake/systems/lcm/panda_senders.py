@@ -35,7 +35,7 @@ _GRIP_FORCE = 40.0
 
 
 class FrankaCommandSender(LeafSystem):
-    """Sends joint velocities to the Panda's driver, which stops the arm when they cease.
+    """Sends joint velocities to the Panda's driver, which stops the arm when commands cease.
 
     .. pydrake_system::
 
@@ -59,7 +59,7 @@ class FrankaCommandSender(LeafSystem):
     Attributes:
         commanding: Whether the sender has sent a command since `SendRest` last brought the arm to
             rest.
-        channel: The channel of the commands.
+        channel: The `SharedChannel` of the commands.
     """
 
     def __init__(
@@ -82,13 +82,13 @@ class FrankaCommandSender(LeafSystem):
             lcm: The network.
             channel: The driver's channel for commands.
             mailbox: Receives the driver's statuses.
-            limiter: Computes the braking, at the same period.
+            limiter: Plans the braking; its period must be `period`.
             period: Time between two commands [s].
             offset: Time of the first command [s]. With a fraction of the period, each command goes
                 out this long after the update that computed it.
-            expiry: How long the driver follows a command [s of the context's time].
-            outdated: Returns whether the last update was so long ago that its results must not be
-                sent, as after the process was suspended.
+            expiry: How long the driver follows a command [s by `clock`].
+            outdated: Returns whether the diagram's last update was so long ago that its results
+                must not be sent, as after the process was suspended.
             clock: Returns the current time [s since the epoch]; the driver's clock must agree.
             time_scale: Seconds by `clock` per second of real time.
         """
@@ -107,14 +107,14 @@ class FrankaCommandSender(LeafSystem):
         self.DeclareForcedPublishEvent(self._send)
 
     def SendRest(self, duration: float) -> None:
-        """Brakes from the last command, then sends zero velocities; returns when both are done.
+        """Brakes from the last command, then sends zero velocities; blocks until the end.
 
         The limiter plans the same braking as after a fault, so the arm stays in its allowed space.
         If the last command is so old that the driver has stopped the arm, there is no braking.
         Unix signals such as Ctrl-C take effect only at the end.
 
         Args:
-            duration: How long to send zeros [s], longer than the driver's expiry.
+            duration: How long to send zeros [s], longer than `expiry`.
         """
         with HeldSignals():
             if self._mailbox.newest is None:
@@ -145,10 +145,9 @@ class FrankaCommandSender(LeafSystem):
         self._publish(wanted, stamp, now)
 
     def _motion(self) -> JointMotion:
-        """Returns the last commanded motion; rest if the driver has stopped the arm since.
+        """Returns the last commanded motion, at position zero; rest if the command has expired.
 
-        Its acceleration is the mean over the last period, clipped to the limiter's largest. A
-        period is long enough for the allowed jerk to reach that acceleration.
+        The acceleration is the mean over the last period, clipped to the limiter's largest.
         """
         newest, before = self._sent
         followed = self._time_scale * (time.monotonic() - self._sent_at) <= self._expiry
@@ -173,8 +172,8 @@ class HandCommandSender(LeafSystem):
         input_ports:
         - width
 
-    The driver accepts the messages of Drake's `SchunkWsgCommandSender`, but that also sends
-    openings that are outdated or not finite.
+    The driver accepts the messages of Drake's `SchunkWsgCommandSender`, but that system also
+    sends openings that are outdated or not finite.
 
     A publish event sends `width` (1,) [m] once per period. It sends nothing before the hand's first
     status, while `width` is not connected or not finite, and while `outdated` returns true; the
@@ -185,7 +184,7 @@ class HandCommandSender(LeafSystem):
     has commanded the hand.
 
     Attributes:
-        channel: The channel of the commands.
+        channel: The `SharedChannel` of the commands.
     """
 
     def __init__(

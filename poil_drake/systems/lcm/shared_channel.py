@@ -6,7 +6,7 @@ from poil_drake.errors import StationError
 from poil_drake.systems.lcm.network import MessageNetwork
 
 _REMEMBERED = 1024
-"""Number of sent messages that a channel recognizes on reception: the last four seconds'."""
+"""Number of own messages that a channel recognizes on reception: those of four seconds."""
 
 
 class SharedChannel:
@@ -17,7 +17,7 @@ class SharedChannel:
     """
 
     def __init__(self, lcm: MessageNetwork, channel: str, *, what: str):
-        """Subscribes to the channel; the owner of `lcm` handles the subscriptions.
+        """Subscribes to the channel; the owner of `lcm` calls `HandleSubscriptions`.
 
         Args:
             lcm: The network.
@@ -39,8 +39,8 @@ class SharedChannel:
         """Raises a StationError if another sender has sent anything."""
         if self.foreign:
             raise StationError(
-                f"Another process commands {self._what} on {self._channel}.",
-                remedy="End the other run first; it may be suspended in the background.",
+                f"Another process commands {self._what} on the LCM channel {self._channel}.",
+                remedy="End that process first; it may be suspended in the background.",
             )
 
     def _receive(self, message: bytes) -> None:

@@ -32,8 +32,8 @@ class SimulatedDriverConfig:
     Attributes:
         expire_sec: The driver drops a command whose stamp differs from its clock by more than this
             [s], as the real one does.
-        torque_limit: External torque on a joint at which the robot's reflex stops it [N m]; the
-            real driver's default is 100, Franka's examples use 20.
+        torque_limit: External torque on a joint at which the robot's reflex stops the arm [N m];
+            the real driver's default is 100, Franka's examples use 20.
         status_period: Time between two statuses [s]. The real driver sends 1000 statuses a second;
             1/1024 s is exact in binary.
     """
@@ -63,15 +63,15 @@ class SimulatedDriver(LeafSystem):
 
     Once per period of the plant, the driver reads the last command. A command that is not in
     velocity mode, or does not hold seven velocities, ends the driver with a StationError, as it
-    ends the real driver. The driver drops a command whose stamp differs from its clock by more than
-    `expire_sec`. It sends an `lcmt_panda_status` every `status_period`; between two steps of the
-    plant it extrapolates the positions with the velocities.
+    ends the real driver. The driver drops a command that is not finite, or whose stamp differs from
+    its clock by more than `expire_sec`. It sends an `lcmt_panda_status` every `status_period`;
+    between two steps of the plant it extrapolates the positions with the velocities.
 
-    `velocity` (7,) [rad/s] is the velocity in the last command, zero before the first command.
-    `velocity_time` (1,) [s] is the simulation time at the command's stamp, minus infinity before
-    the first command; from it the arm's interface detects an old command. An external torque above
-    the limit triggers the robot's reflex: `velocity` is zero from then on, the driver reports the
-    mode REFLEX, and ends with a StationError 0.1 s later.
+    `velocity` (7,) [rad/s] is the velocity in the last accepted command, zero before the first.
+    `velocity_time` (1,) [s] is the simulation time at that command's stamp, minus infinity before
+    the first; from it `PandaVelocityDriver` detects an old command. An external torque above
+    `torque_limit` triggers the robot's reflex: `velocity` is zero from then on, the driver reports
+    the mode REFLEX, and ends with a StationError 0.1 s later.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class SimulatedDriver(LeafSystem):
         """Constructs the driver.
 
         Args:
-            lcm: The network; its owner handles the subscriptions.
+            lcm: The network; its owner calls `HandleSubscriptions`.
             command_channel: The channel of the commands.
             status_channel: The channel of the statuses.
             period: Period of the plant, and of reading commands [s].

@@ -46,7 +46,7 @@ class SimulatedHand(LeafSystem):
         """Constructs the driver.
 
         Args:
-            lcm: The network; its owner handles the subscriptions.
+            lcm: The network; its owner calls `HandleSubscriptions`.
             command_channel: The channel of the commands.
             status_channel: The channel of the statuses.
             clock: The driver's time [s since the epoch].

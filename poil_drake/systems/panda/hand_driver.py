@@ -13,7 +13,7 @@ def step_width(*, width: float, wanted: float, speed: float, time_step: float) -
     """Returns the commanded width [m] after one time step.
 
     Args:
-        width: The commanded width before [m].
+        width: The commanded width before the step [m].
         wanted: The width to move to [m]; it is clipped to the hand's range.
         speed: Largest rate of change [m/s].
         time_step: Duration of the step [s].
@@ -24,7 +24,7 @@ def step_width(*, width: float, wanted: float, speed: float, time_step: float) -
 
 
 class HandDriver(LeafSystem):
-    """Converts a width command to the desired state of the actuated finger; the other mirrors it.
+    """Converts a width command to the desired state of one finger, which the other finger mirrors.
 
     .. pydrake_system::
 
@@ -42,8 +42,8 @@ class HandDriver(LeafSystem):
     opening.
 
     `finger_position` (1,) [m] is half of the commanded width, and `finger_velocity` (1,) [m/s] is
-    half of its rate. Before the first step, and until `width_measured` is finite, they are half of
-    `width_measured` and zero.
+    half of its rate. Until the first step with a finite `width_measured`, the position is half of
+    `width_measured` and the velocity is zero.
     """
 
     def __init__(self, *, speed: float = PandaDriver.hand_speed, time_step: float = 1 / 512):

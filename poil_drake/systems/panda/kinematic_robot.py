@@ -36,12 +36,11 @@ class KinematicRobot(LeafSystem):
         - width_measured
 
     `position_measured` (7,) [rad] and `width_measured` (1,) [m] pass on `real_position` and
-    `real_width` until an update finds the input finite. From that update on, the position
-    integrates `velocity` (7,) [rad/s], and rests while `velocity` is not connected or not finite.
-    The hand moves at 0.1 m/s towards `width` (1,) [m], and rests while `width` is not connected or
-    not finite. It never closes beyond 5 mm, as if it held an object. `velocity_measured` (7,)
-    [rad/s] is the velocity of the last update, zero before the first. The robot ignores
-    `velocity_time`, and `torque_external` (7,) [N m] is zero.
+    `real_width` until the first update at which that input is finite. From then on, the position
+    integrates `velocity` (7,) [rad/s], and the hand moves at 0.1 m/s towards `width` (1,) [m]. Arm
+    and hand rest while their input is not connected or not finite. The hand never closes beyond
+    5 mm, as if it held an object. `velocity_measured` (7,) [rad/s] is the velocity of the last
+    update, zero before the first. The robot ignores `velocity_time`; `torque_external` is zero.
     """
 
     def __init__(self, *, period: float = CONTROL_PERIOD):
@@ -69,7 +68,7 @@ class KinematicRobot(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._step)
 
     def _declare_output(self, name: str, own_index: int, real: InputPort) -> None:
-        """Declares an output port for a state; until that is finite, the port passes on `real`."""
+        """Declares an output port for a state; it passes on `real` until the state is finite."""
 
         def calc(context: Context, output: BasicVector) -> None:
             own = context.get_discrete_state(own_index).value()

@@ -47,15 +47,14 @@ class RecordedRobot(LeafSystem):
 
     The inputs match those of the other robots, and are ignored. `position_measured` [rad],
     `velocity_measured` [rad/s] and `torque_external` [N m] are (7,), `width_measured` (1,) [m] is
-    the hand's opening, and `status` (3,) holds the mode, the age [s] and the share of commands in
-    time. `position_commanded` (7,) [rad] is the commanded posture of the recorded run; it cannot be
-    computed from the commands of the replay, which the robot does not follow.
+    the hand's opening, and `status` (3,) is that of `FrankaStatusReceiver`. `position_commanded`
+    (7,) [rad] is the commanded posture of the recorded run; it cannot be computed from the commands
+    of the replay, which the robot does not follow.
 
     Each output shows the newest sample at or before the context's time, and NaN before the first
-    sample. The signals that `leading` names show the newest sample at or before the end of the
-    present period instead. The reason is that a sample holds the values before the updates at its
-    time. In the recorded run, an unrestricted update then changed these signals, and the discrete
-    updates at the same time saw the new values, which only the next sample holds.
+    sample. The signals in `leading` show the newest sample at or before the end of the present
+    period instead. In the recorded run, an unrestricted update changed these signals before the
+    discrete updates read them, but the sample of that time was taken before both updates.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class RecordedRobot(LeafSystem):
         Args:
             joints: (T, 21) positions [rad], velocities [rad/s] and external torques [N m].
             hand: (T, 1) openings of the hand [m].
-            status: (T, 4) mode, age [s], share of commands in time, and the clock's time [s].
+            status: (T, 4) values of the port `status`, and the clock's time [s].
             postures: (T, 7) commanded positions [rad].
             period: The control period [s].
             clock: The run's clock, which the robot sets at the beginning of each period.

@@ -28,11 +28,11 @@ class PandaDriver:
         low_pass_hz: Cut-off of the first-order filter on commands [Hz], as in the real driver.
         leash: Largest difference between a joint's commanded and measured position [rad]: a blocked
             arm pushes no harder than stiffness * leash, and does not run away when it comes free.
-        limit_margin: Distance from the joints' position limits [rad].
+        limit_margin: Distance that the joints keep from their position limits [rad].
         stiffness: Joint stiffness [N m / rad]; libfranka's default joint impedance.
         damping: Joint damping [N m s / rad]; about critical for the arm's own inertia.
         hand_stiffness: Stiffness of the fingers' drive [N / m], so high that the force limit
-            determines the grip.
+            determines the force of the grip.
         hand_damping: Damping of the fingers' drive [N s / m].
         hand_speed: Rate of change of the hand's opening [m / s].
     """
@@ -78,10 +78,9 @@ def step_joints(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Advances the joints' commanded positions by one step.
 
-    A low-pass filter smooths the desired velocity. As in libfranka's rate limiter, each joint's
-    velocity is then limited to its largest speed, to a speed from which it can brake before its
-    position limits, and to its largest acceleration. Finally, the commanded position is clipped to
-    at most `config.leash` from the measured position.
+    A low-pass filter smooths the desired velocity. Then, as in libfranka's rate limiter, each joint
+    respects its largest speed and acceleration, and can brake before its position limits. Finally,
+    the commanded position is clipped to at most `config.leash` from the measured position.
 
     Args:
         position: (7,) commanded positions [rad].
@@ -120,11 +119,11 @@ def step_joints(
 def eval_velocity(
     context: Context, velocity: InputPort, velocity_time: InputPort, *, max_age: float
 ) -> np.ndarray | None:
-    """Returns the velocity at a port if there is a valid one, else None.
+    """Returns the velocity at the port `velocity` if there is a valid one, else None.
 
     A velocity is valid if it is finite and not more than `max_age` [s] old. Its age is the
-    context's time minus the time [s] at the port `velocity_time`, where a NaN makes it invalid. If
-    `velocity_time` is not connected, the age does not matter.
+    context's time minus the value [s] of `velocity_time`; if that value is NaN, the velocity is
+    invalid. If `velocity_time` is not connected, the age does not matter.
     """
     if not velocity.HasValue(context):
         return None
@@ -153,8 +152,8 @@ class PandaVelocityDriver(LeafSystem):
 
     Port `velocity` (7,) [rad/s] is the command; the optional `velocity_time` (1,) [s] is the time
     at which it was computed. A command counts as zero if it is not connected, not finite or more
-    than `expire_sec` old, or if its time is NaN: the arm then brakes within its acceleration limits
-    and holds still, as with the real driver. `position_measured` is (7,) [rad].
+    than `PandaDriver.expire_sec` old, or if its time is NaN: the arm then brakes within its
+    acceleration limits and holds still, as with the real driver. `position_measured` is (7,) [rad].
 
     Before the first step, `position_commanded` (7,) [rad] is the measured position and
     `velocity_commanded` (7,) [rad/s] is zero: the arm holds still. `status` (3,) holds the robot

@@ -32,7 +32,7 @@ class SafetyFault(DescribedEnum):
 
 
 POSTURE_FAULTS = {rule: SafetyFault[rule.name] for rule in PostureRule}
-"""The fault that stops the arm when it is about to break a rule, for each rule."""
+"""For each rule, the fault that stops an arm that is about to break this rule."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +41,9 @@ class SafetyConfig:
 
     Attributes:
         limiter: Shares of the joints' limits that the arm may use. The default acceleration share
-            is larger than the 0.8 of the inverse kinematics, whose commands thus pass unchanged.
-            The default jerk share delays a velocity by at most 4 ms. `velocity_scale` is the speed
-            override.
+            exceeds that of `DifferentialInverseKinematicsConfig`, whose commands pass unchanged.
+            The default jerk share delays a velocity by at most 4 ms. The option `--speed`
+            multiplies `velocity_scale`.
         posture: The workspace that the arm must stay in.
         status_age_limit: Largest difference between the clock and the stamp of the robot's status
             [s]: a dozen control periods.
@@ -51,8 +51,8 @@ class SafetyConfig:
             that is off, not a slow network.
         min_success_rate: Smallest share of commands that must reach the robot in time; Franka's
             communication test rejects a network with less.
-        success_rate_time: How long the share may stay below `min_success_rate` [s]. The share
-            is low at first, because the robot counts the commands of its last 0.1 s.
+        success_rate_time: How long the share may stay below `min_success_rate` [s]. At first the
+            share is low, because the robot computes it over its last 0.1 s.
         command_age_limit: Largest age of the desired velocity [s]: a dozen control periods.
         external_torque: Largest external torque on each joint [N m], as in the motion examples
             of Franka's library. Grasping and hanging a mug takes up to 7 N m.
@@ -62,7 +62,7 @@ class SafetyConfig:
             [rad]. At 1 rad/s the status may lag by 0.05 rad, and the driver may hold back an arm in
             contact by another 0.05 rad.
         rest_speed: An arm with all measured joint speeds below this is at rest [rad/s].
-        image_age_limit: Largest age of a camera's newest image [s]: more than a tracker can bridge.
+        image_age_limit: Largest age of a camera's newest image [s]: more than trackers can bridge.
         image_ahead_limit: How far the stamp of an image may be in the future [s].
         stall_limit: Longest time between two updates by the supervisor's clock [s]: shorter than
             the time for which the driver follows a command. Without a clock it has no effect.

@@ -61,9 +61,9 @@ class SafetySupervisor(LeafSystem):
     The inputs `velocity_time`, `stop`, `reset`, `position_commanded` and those of the cameras are
     optional. `velocity` (7,) [rad/s] is the desired velocity, computed at `velocity_time` (1,) [s];
     `position_measured` (7,) [rad], `velocity_measured` (7,) [rad/s], `torque_external` (7,) [N m]
-    and `status` (3,) come from the station; `stop` and `reset` (1,) count requests, and every
-    increase is a request; `<camera>.image_time` (1,) [s] is the capture time of the camera's newest
-    image, NaN before the first.
+    and `status` (3,) come from the robot, as in `FrankaStatusReceiver`; `stop` and `reset` (1,) are
+    the numbers of requests so far; `<camera>.image_time` (1,) [s] is the capture time of the
+    camera's newest image, NaN before the first.
 
     Outputs, all discrete state that is updated every control period:
 
@@ -78,17 +78,17 @@ class SafetySupervisor(LeafSystem):
     - `scale` (1,): the share of the desired velocity that the arm heads for, usually 1; 0 while it
       brakes or rests because of a fault.
     - `updated_at` (1,) [s]: when the last update took place, by `clock`; NaN without a clock.
-    - `position` (7,) [rad]: the commanded posture; NaN before the start.
+    - `position` (7,) [rad]: the commanded posture; NaN at first, see below.
 
-    A status is fresh if it is not older than `status_age_limit` and its position is finite. Before
-    the first update, and until the robot has been measured at rest with a fresh status, `velocity`
-    is zero, `velocity_time` minus infinity, and `scale` 0. While the status is not fresh, the arm
-    brakes to rest. A NaN in `velocity`, `torque_external` or `stop` is a fault.
+    A status is fresh if its absolute age is at most `status_age_limit` and the measured position is
+    finite. Until an update has found the robot at rest with a fresh status, `velocity` is zero,
+    `velocity_time` minus infinity, `scale` 0 and `position` NaN. While the status is not fresh, the
+    arm brakes to rest. A NaN in `velocity`, `torque_external` or `stop` is a fault.
 
     While the arm is at rest, each update sets the commanded posture to the measured one. While the
-    arm moves, the commanded posture integrates the commanded velocities, each over the time by
-    `clock` for which it was commanded, even if updates are late. If `position_commanded` (7,) [rad]
-    is connected, each update starts from that posture instead. It is a fault if the posture guard
+    arm moves, the commanded posture integrates the commanded velocities. If an update is late by
+    `clock`, the last velocity counts for that much longer. If `position_commanded` (7,) [rad] is
+    connected, each update starts from that posture instead. It is a fault if the `PostureGuard`
     refuses the desired velocity even at an eighth of its speed.
     """
 
@@ -170,7 +170,7 @@ class SafetySupervisor(LeafSystem):
         )
 
     def posture_problem(self, context: Context) -> str | None:
-        """Returns a clause on the rule behind a posture fault, or None without such a fault.
+        """After a posture fault, returns a clause on the rule closest to being broken; else None.
 
         Args:
             context: The system's context.
@@ -221,7 +221,7 @@ class SafetySupervisor(LeafSystem):
         state["memory"][:] = memory
 
     def _time_since_update(self, updated_at: np.ndarray) -> float:
-        """Returns the time since the last update by the clock [s], and records this update's."""
+        """Sets `updated_at` to the clock's time; returns its increase [s], 0 without a clock."""
         if self._clock is None:
             return 0.0
         before, updated_at[0] = float(updated_at[0]), self._clock()
@@ -230,9 +230,9 @@ class SafetySupervisor(LeafSystem):
     def _motion_after(self, stalled: float, motion: JointMotion, context: Context) -> JointMotion:
         """Returns the present motion of an arm that was last commanded `stalled` seconds ago.
 
-        After a suspension the measurements may be older than they look, because the process handles
-        old messages first. So the measured velocity counts only if the status is fresh and
-        `stalled` is not longer than an arm takes to come to rest.
+        Up to `stall_limit`, the motion continues as commanded. Later, the measured velocity counts
+        if the status is fresh and the arm may still be moving. Without a fresh status, the motion
+        continues as commanded until the command expires. In all other cases the arm is at rest.
         """
         driven_on = motion.position + (stalled - self._period) * motion.velocity
         if stalled <= self._config.stall_limit:
@@ -259,15 +259,15 @@ class SafetySupervisor(LeafSystem):
     ) -> GuardedStep[PostureRule]:
         """Returns the limiter's step for an arm that is `offset` (7,) [rad] from its command.
 
-        Postures are checked only if they may have used up the clearance of the postures that were
-        checked last.
+        The posture guard is asked only if the arm may have moved by the clearance `cleared[0]`
+        since the last check.
 
         Args:
             context: The system's context.
             motion: The commanded motion.
-            offset: The measured position relative to the command.
-            cleared: (43,) the least clearance [m] of the postures that were checked last, then
-                those six postures (6, 7) [rad]; updated in place.
+            offset: The arm's position minus the commanded position.
+            cleared: (43,) least clearance [m] of the six postures that were checked last, then
+                these postures (6, 7) [rad], flattened; updated in place.
         """
         present = np.repeat([motion.position, motion.position + offset], 3, axis=0)
 
@@ -285,7 +285,7 @@ class SafetySupervisor(LeafSystem):
     def _observe(
         self, context: Context, motion: JointMotion, stalled: float, image_times: np.ndarray
     ) -> SafetyObservation:
-        """Returns the observation, and updates the times of the cameras' newest images."""
+        """Returns the observation; updates `image_times` [s], one per camera, in place."""
         inputs, now = self._inputs, context.get_time()
         mode, age, success_rate = inputs["status"].Eval(context).tolist()
         measured = inputs["position_measured"].Eval(context)

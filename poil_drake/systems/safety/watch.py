@@ -20,8 +20,8 @@ class SafetyObservation(NamedTuple):
             while the arm is at rest, and NaN before the first command.
         standing: Whether the arm is at rest, both as commanded and as measured.
         command_finite: Whether the desired velocity is finite.
-        command_age: Age of the desired velocity [s]: infinity before the first one; zero without
-            stamps.
+        command_age: Age of the desired velocity [s]: infinity before the first one; zero if
+            `velocity_time` is not connected.
         image_age: Largest age of any camera's newest image [s]; zero without images.
         image_ahead: How far the newest stamp of an image is in the future [s]; zero if it is not.
         stalled: Time since the last update by the clock [s]; zero without a clock.
@@ -52,9 +52,9 @@ class SafetyMemory(NamedTuple):
         fault: The latched `SafetyFault`.
         received: 1 once a status has arrived.
         fresh: 1 while the robot's status is fresh.
-        last_age: Age of the status in the last period [s]; NaN before the first.
+        last_age: Age of the status in the last period [s]; NaN before the first status.
         silent_for: How long no newer status has arrived [s].
-        off_for: How long the status's stamp has differed too much from the clock [s].
+        off_for: How long the absolute age of the status has exceeded its limit [s].
         rate_low_for: How long the success rate has been below its limit [s].
         torque_high_for: How long an external torque has been above its limit [s].
         commanded: 1 once the controller has computed a velocity.
@@ -84,7 +84,7 @@ def watch(
     reset has no effect. Before the first status, only a stop request causes a fault.
 
     Args:
-        memory: The memory before.
+        memory: The memory after the last period.
         observation: The current observation.
         config: Thresholds and times.
         period: The control period [s].
@@ -155,11 +155,11 @@ def _cause(
 def _status_fault(
     memory: SafetyMemory, observation: SafetyObservation, config: SafetyConfig
 ) -> SafetyFault:
-    """Distinguishes a driver that fell silent from one whose clock is off.
+    """Returns the fault of a status that is not fresh: NO_STATUS, CLOCK_OFF, or NONE so far.
 
-    With a silent driver, the age of its status grows with time; with a wrong clock, it stays
-    constant. A single jump of the age is no fault yet, because a delay of this process may have
-    caused the jump; the next periods decide.
+    If the driver is silent, the age of its status grows with time; if its clock is off, the age
+    stays constant. A single jump of the age is no fault yet, because a delay of this process may
+    have caused the jump.
     """
     if not math.isfinite(observation.status_age) or not observation.position_known:
         return SafetyFault.NO_STATUS
